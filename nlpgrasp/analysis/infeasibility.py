@@ -17,7 +17,7 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.formatting import format_wrench_direction
-from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, shortest_step, step_bounds
+from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, quadratic_step, step_bounds
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
     ON_FINGERTIP,
@@ -192,7 +192,7 @@ class _Relaxation:
         """Return the iterate after the step of least weighted violation; None where the solver finds none."""
         bounds = step_bounds(iterate.z, self.functions.program.bounds, radius)
         linearised = Linearised(iterate.values, iterate.jacobian, self.low, self.high, *bounds)
-        solution = shortest_step(linearised, damping=DAMPING, slack=self.slack)
+        solution = quadratic_step(linearised, damping=DAMPING, slack=self.slack)
         return None if solution is None else self.at(iterate.z + solution.d)
 
     def worst_violations(self, iterate: _RelaxationIterate) -> RelaxationResult:

@@ -108,7 +108,7 @@ def edge_price(
         return None
     h = STEP * problem.body.size
     more, less = (
-        lagrangian(compiled.snapped(replace(candidate, points=candidate.points + s * h * directions)))
+        lagrangian(compiled.projected_onto_faces(replace(candidate, points=candidate.points + s * h * directions)))
         for s in (1.0, -1.0)
     )
     return ShadowPrice("GraspProblem.edge_margin", problem.margin, EDGE_STEP, "1 mm", (more - less) / (2.0 * h) * 1e-3)

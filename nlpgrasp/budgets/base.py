@@ -50,7 +50,7 @@ class ForceSet(ABC):
         """Return the exact support ``max <z, x>`` over x in B n K, (m,), and maximisers (m, n), for z (m, n)."""
 
     @abstractmethod
-    def used(self, x: FloatArray) -> FloatArray:
+    def gauge(self, x: FloatArray) -> FloatArray:
         """Return the gauge of B, the least f with x in f B, (m,), for forces x of K (m, n)."""
 
     @abstractmethod

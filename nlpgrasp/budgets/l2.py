@@ -24,7 +24,7 @@ class L2Set(ForceSet):
         size = np.linalg.norm(x, axis=1)
         return size, x / np.where(size > 0.0, size, 1.0)[:, None]
 
-    def used(self, x: FloatArray) -> FloatArray:
+    def gauge(self, x: FloatArray) -> FloatArray:
         """Return the norms ``|x|``, (m,), of forces (m, n)."""
         return np.asarray(np.linalg.norm(x, axis=1))
 

@@ -28,7 +28,7 @@ class PerFingerSet(ForceSet):
         values, forces = contact_supports(z, self.contacts, self.space)
         return np.sum(values, axis=1), forces
 
-    def used(self, x: FloatArray) -> FloatArray:
+    def gauge(self, x: FloatArray) -> FloatArray:
         """Return the largest normal forces (m,) of forces (m, n)."""
         return np.asarray(np.max(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 

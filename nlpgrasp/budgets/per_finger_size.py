@@ -30,7 +30,7 @@ class PerFingerSizeSet(ForceSet):
             x[:, block] /= np.where(size > 0.0, size, 1.0)[:, None]
         return total, x
 
-    def used(self, x: FloatArray) -> FloatArray:
+    def gauge(self, x: FloatArray) -> FloatArray:
         """Return the largest finger forces (m,) of forces (m, n)."""
         return np.asarray(np.max([np.linalg.norm(x[:, r], axis=1) for r in self.ranges], axis=0))
 

@@ -32,7 +32,7 @@ class SharedSet(ForceSet):
             result[best == i, block] = forces[best == i, block]
         return values[np.arange(len(z)), best], result
 
-    def used(self, x: FloatArray) -> FloatArray:
+    def gauge(self, x: FloatArray) -> FloatArray:
         """Return the sums of normal forces (m,) of forces (m, n)."""
         return np.asarray(np.sum(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 

@@ -89,7 +89,7 @@ class TorqueSet(ForceSet):
             forces[:, columns], prices[:, rows] = cone.maximise_with_prices(z[:, columns])
         return forces, prices
 
-    def used(self, x: FloatArray) -> FloatArray:
+    def gauge(self, x: FloatArray) -> FloatArray:
         """Return the largest ratios of torque to limit (m,) of forces (m, n)."""
         return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
 

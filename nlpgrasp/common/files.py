@@ -79,7 +79,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     return target
 
 
-def spare_sources(field: str, target: Path, ending: str = "") -> None:
+def refuse_overwriting_source(field: str, target: Path, ending: str = "") -> None:
     """Raise if a write would replace an existing mesh, hand file or script with another kind of file.
 
     Parameters
@@ -115,7 +115,7 @@ def writable_place(field: str, target: Path, ending: str = "") -> Path:
         raise InputError(field, f"{target} (no folder {target.parent})", "a file in a folder that exists")
     if path.exists() and not path.is_file():
         raise InputError(field, f"{target} (not a regular file)", "a file name")
-    spare_sources(field, target, ending)
+    refuse_overwriting_source(field, target, ending)
     if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise InputError(field, f"{target} (not writable)", "a file that can be written")
     return path

@@ -34,7 +34,7 @@ class Slack(Protocol):
     def columns(self, rows: IntArray) -> FloatArray:
         """Return the columns (m, slacks) of the slack variables for these constraints."""
 
-    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the linear and quadratic penalties of the slacks, (count,) each."""
 
 
@@ -50,7 +50,7 @@ class NoSlack:
         """Return an empty matrix, (m, 0)."""
         return np.zeros((len(rows), 0))
 
-    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return empty penalties, (0,) each."""
         return np.zeros(0), np.zeros(0)
 
@@ -77,7 +77,7 @@ class ConstraintSlack:
         """Return one column per constraint."""
         return -np.eye(len(rows))
 
-    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return zero linear penalties and the quadratic penalty for each slack, (count,) each."""
         return np.zeros(count), np.full(count, self.penalty)
 
@@ -105,7 +105,7 @@ class GroupSlack:
         columns[np.arange(len(rows)), self.member[rows]] = -1.0
         return columns
 
-    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the groups' weights as linear penalties, and tiny quadratic ones, (count,) each."""
         return self.weights, np.full(count, LEAST_CURVATURE)
 
@@ -170,7 +170,7 @@ class QuadraticStep:
     bound_multipliers: FloatArray
 
 
-def shortest_step(
+def quadratic_step(
     rows: Linearised,
     cost: FloatArray | None = None,
     damping: float = 1.0,
@@ -229,7 +229,7 @@ def _solve_subset(
     if slack.at_least_zero:
         A[count + 2 * n :, n:] = -np.eye(m)
         b.append(np.zeros(m))
-    linear, quadratic = slack.prices(m)
+    linear, quadratic = slack.penalties(m)
     rhs = np.concatenate(b)
     cones = [clarabel.ZeroConeT(len(indices[0])), clarabel.NonnegativeConeT(len(rhs) - len(indices[0]))]
     P = np.zeros((n + m, n + m))
@@ -334,7 +334,7 @@ def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rul
     for remaining in reversed(range(rules.steps)):
         if rows.violation <= rules.enough or stalled > rules.patience:
             break
-        step = shortest_step(rows, slack=rules.slack)
+        step = quadratic_step(rows, slack=rules.slack)
         if step is None:
             contradicted = True
             break

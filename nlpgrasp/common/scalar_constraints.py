@@ -19,7 +19,7 @@ CLEARANCE = "clearance from the body"
 ON_FINGERTIP = "on fingertip"  # the only kind shown together with its link
 SELF_COLLISION = "self-collision"
 TIPS_APART = "fingertip distance"
-ROOM = "room for the fingertip"
+FINGERTIP_CLEARANCE = "room for the fingertip"
 EDGE_MARGIN = "edge margin"
 UNIT_QUATERNION = "palm quaternion of unit length"
 

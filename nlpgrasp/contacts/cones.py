@@ -1,7 +1,7 @@
 """Box and elliptic friction cones: projections, their Jacobians and support functions.
 
 ``RangeContact`` is the base class of contacts with a box, ``|x_j| <= c_j x_n`` for each block j of components. The
-functions ``project``, ``derivative`` and ``extreme`` are those of the elliptic cone of soft contacts,
+functions ``project``, ``elliptic_projection_jacobian`` and ``extreme`` are those of the elliptic cone of soft contacts,
 ``(|f_t| / mu)^2 + (tau / mu_t)^2 <= f_n^2``.
 """
 
@@ -148,7 +148,7 @@ def project_elliptic(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     return result
 
 
-def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
+def elliptic_projection_jacobian(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     """Return the Jacobian of the projection onto the elliptic cone, (..., 4, 4).
 
     On the boundary ``x = (I + t D)^-1 z`` with ``D = diag(-1, 1/mu^2, 1/mu^2, 1/mu_t^2)`` and ``<x, D x> = 0``;

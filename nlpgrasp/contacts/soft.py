@@ -76,7 +76,7 @@ class SoftContact(RangeContact):
         """Return the Jacobian's upper triangle, (n_i (n_i + 1) / 2, ...), for the box or the elliptic cone."""
         if self.model == "box":
             return super().derivative_entries(z)
-        matrix = elliptic_cone.derivative(z, self.friction, self.torsional_friction)
+        matrix = elliptic_cone.elliptic_projection_jacobian(z, self.friction, self.torsional_friction)
         return np.stack([matrix[..., a, b] for a, b in upper_triangle(4)])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -40,11 +40,11 @@ def run_job(job: Job) -> Outcome:
     with _solver_lock:
         try:
             lazy, offer, seed = job.payload.unpack(), job.offer, job.solve.seed
-            compiled, starts = lazy.compiled, lazy.case.starts
+            compiled, starts = lazy.compiled, lazy.problem_with_options.starts
             if offer is not None:
                 improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
                 return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
-            solution = solve_compiled(compiled, starts, seed, lazy.case.keeping)
+            solution = solve_compiled(compiled, starts, seed, lazy.problem_with_options.keeping)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(solution_json(solution.to_dict()))
@@ -209,7 +209,7 @@ def improve_solution(
         best = best_of([grasp for grasp in grasps if _is_no_worse(grasp.record.mu, incumbent)])
         if best is None:
             return None
-        search.take_as_answer(best)
+        search.accept_unchanged(best)
         answer = search.answer()
     return answer if _is_no_worse(answer.mu, incumbent) else None
 

@@ -14,7 +14,7 @@ from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.quality_record import SCHEMA, is_small, reference, write_bound
+from nlpgrasp.solution.quality_record import SCHEMA, bound_file_reference, is_small, write_bound
 
 LARGEST = 512 * 2**20  # bytes, largest bound file
 
@@ -158,7 +158,7 @@ class BestPossible:
             When no file is named and the certificate is larger than 200 kB, or the file cannot be read.
         """
         if file is not None:
-            return reference(file)
+            return bound_file_reference(file)
         if not self.is_small:
             raise InputError("file", None, "the name of the saved bound, for a certificate of more than 200 kB")
         return self.certificate

@@ -22,7 +22,7 @@ TORSION = 3  # component of a contact-frame wrench that is the moment about the 
 
 
 @dataclass(frozen=True)
-class Measure:
+class CombinationRule:
     """Rule by which a force budget bounds a grasp's support by those of its contacts, ``phi_G^p <= sum_i s_i^p``.
 
     Parameters
@@ -40,7 +40,7 @@ class Measure:
     exact: bool = True
 
     @classmethod
-    def of(cls, budget: ForceBudget) -> Measure:
+    def of(cls, budget: ForceBudget) -> CombinationRule:
         """Return the measure of a force budget.
 
         Raises
@@ -88,11 +88,11 @@ class Measure:
         return np.asarray(np.sum(supports**self.power, axis=axis) ** (1.0 / self.power))
 
 
-MEASURES: dict[type[ForceBudget], Measure] = {
-    L2Budget: Measure(2.0, lengths=True),
-    PerFingerBudget: Measure(1.0, lengths=False),
-    PerFingerSizeBudget: Measure(1.0, lengths=True),
-    SharedBudget: Measure(SHARED_POWER, lengths=False, exact=False),
+MEASURES: dict[type[ForceBudget], CombinationRule] = {
+    L2Budget: CombinationRule(2.0, lengths=True),
+    PerFingerBudget: CombinationRule(1.0, lengths=False),
+    PerFingerSizeBudget: CombinationRule(1.0, lengths=True),
+    SharedBudget: CombinationRule(SHARED_POWER, lengths=False, exact=False),
 }
 
 
@@ -124,7 +124,7 @@ class Supports:
         Whether any cell has curved parts.
     """
 
-    def __init__(self, contact: ContactModel, measure: Measure, origin: FloatArray) -> None:
+    def __init__(self, contact: ContactModel, measure: CombinationRule, origin: FloatArray) -> None:
         space = len(origin)
         self.contact, self.measure, self.origin, self.space = contact, measure, origin, space
         components = contact.components(space)

@@ -15,7 +15,7 @@ from nlpgrasp.common.scalar_constraints import EDGES
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.allowed_regions import AllowedRegion, allowed_regions
-from nlpgrasp.global_bound.cell_supports import Measure, Supports
+from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.cells.cell import CellFace
 from nlpgrasp.global_bound.cells.cell_faces import cell_faces
 from nlpgrasp.global_bound.contact_cells import BundleLevel, ContactCells, ContactClusters, RootCells
@@ -43,7 +43,7 @@ class BoundScope:
     """
 
     problem: GraspProblem
-    measure: Measure
+    measure: CombinationRule
     contact_cells: tuple[ContactCells, ...]
     symmetries: tuple[Symmetry, ...]
     dropped: tuple[str, ...]
@@ -120,9 +120,9 @@ def _relax(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...]]
     return regions, (*dropped, EDGES) if has_margin else dropped
 
 
-def _check_coverage(problem: GraspProblem) -> tuple[Measure, Sequence[CellFace]]:
+def _check_coverage(problem: GraspProblem) -> tuple[CombinationRule, Sequence[CellFace]]:
     """Return the measure and the body's faces; raise for a problem that the bound does not cover."""
-    measure, faces = Measure.of(problem.budget), cell_faces(problem.body, problem.margin)
+    measure, faces = CombinationRule.of(problem.budget), cell_faces(problem.body, problem.margin)
     if faces is None:
         raise NotCoveredError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
     for i, contact in enumerate(problem.models):
@@ -135,7 +135,7 @@ def _create_cells(
     problem: GraspProblem,
     faces: Sequence[CellFace],
     regions: Sequence[AllowedRegion],
-    measure: Measure,
+    measure: CombinationRule,
     level: BundleLevel,
     rotated: Sequence[RotatedRoots],
 ) -> list[ContactCells]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.global_bound.cell_supports import Measure, Supports
+from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.cells.cell import IntArray
 from nlpgrasp.global_bound.contact_cells import ContactCells
 from nlpgrasp.quality.ratio_minimisation import iterate_inverse
@@ -181,7 +181,7 @@ class FractionalContacts:
     """
 
     contact: ContactModel
-    measure: Measure
+    measure: CombinationRule
     maps: FloatArray
     weights: FloatArray
 

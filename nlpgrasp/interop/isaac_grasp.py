@@ -169,7 +169,7 @@ def _read_joints(field: str, data: object) -> dict[str, float]:
     return {str(joint): number(f"{field}.{joint}", value) for joint, value in data.items()}
 
 
-def _write_kept_grasps(solution: GraspSolution, options: ExportOptions) -> str:
+def _kept_grasps_text(solution: GraspSolution, options: ExportOptions) -> str:
     """Return the text of a file with all kept grasps; without a grasp, raise the format's error."""
     if solution.grasp is None:
         return isaac_grasp({"grasp_0": solution}, options)
@@ -178,6 +178,6 @@ def _write_kept_grasps(solution: GraspSolution, options: ExportOptions) -> str:
 
 
 ISAAC_GRASP = ExportFormat(
-    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _write_kept_grasps, Need.NOTHING),
+    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _kept_grasps_text, Need.NOTHING),
     takes=("object", "gripper", "joints"),
 )

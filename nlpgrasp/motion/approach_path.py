@@ -57,12 +57,12 @@ def find_free_approach(
         if path.blocked_by:
             return ApproachPath(f"the fingers cannot open: {path.blocked_by}", (), opening)
         opening = opening or path
-        for direction in _closer_directions(directions, blocked):
+        for direction in _refined_directions(directions, blocked):
             length = distance(path.values, direction)
-            section = _free_section(model, path.values, direction, length, locate)
+            section = _free_retreat(model, path.values, direction, length, locate)
             if not section.blocked_by:
                 return ApproachPath("", tuple(blocked), path, direction, length, section.postures)
-            blocked.append(BlockedDirection(direction, section.free * length, factor, section.blocked_by))
+            blocked.append(BlockedDirection(direction, section.free_share * length, factor, section.blocked_by))
     count = sum(b.times == OPENING_FACTORS[0] for b in blocked)
     return ApproachPath(_blocking_reason(blocked, count, length), tuple(blocked), opening)
 
@@ -238,7 +238,7 @@ def opening_distances(model: CollisionModel, values: Values, grasp: Values) -> F
     return np.asarray(np.linalg.norm(open_tips - grasp_tips, axis=1))
 
 
-def _closer_directions(directions: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
+def _refined_directions(directions: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
     """Yield the directions, then ever closer neighbours of the farthest free one; the caller extends ``blocked``."""
     count = len(blocked)
     yield from directions
@@ -251,7 +251,7 @@ def _closer_directions(directions: Sequence[FloatArray], blocked: Sequence[Block
         yield from directions_beside(best.direction, angle, CLOSER_COUNT)
 
 
-def _free_section(
+def _free_retreat(
     model: CollisionModel, start: Values, direction: FloatArray, distance: float, locate: bool
 ) -> StraightPath:
     """Return the collision-free part of the open hand's straight retreat from the grasp, against a direction."""
@@ -292,10 +292,10 @@ def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callabl
 
 def _drop_penetrating(model: CollisionModel, postures: list[PathPosture]) -> None:
     """Remove the last postures as long as they penetrate deeper than the first, even by less than the tolerance."""
-    while len(postures) > 1 and _least_clearance(model, postures[-1]) < min(0.0, _least_clearance(model, postures[0])):
+    while len(postures) > 1 and _least_slack(model, postures[-1]) < min(0.0, _least_slack(model, postures[0])):
         postures.pop()
 
 
-def _least_clearance(model: CollisionModel, posture: PathPosture) -> float:
+def _least_slack(model: CollisionModel, posture: PathPosture) -> float:
     """Return the least excess of a posture's clearances over the least admissible ones, metres."""
     return float(np.min(posture.clearances - model.least_clearances(), initial=np.inf))

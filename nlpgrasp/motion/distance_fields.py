@@ -49,13 +49,13 @@ def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint]
             kind, number = constraint.kind, next(numbers)
             label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
             names = {f.name for f in fields}
-            fields.append(DistanceField(f"{label} {number}" if label in names else str(label), _least_of(distances)))
+            fields.append(DistanceField(f"{label} {number}" if label in names else str(label), _minimum(distances)))
     return fields
 
 
 def distance_to_all(fields: Sequence[DistanceField]) -> Distance:
     """Return the minimum of several distance fields."""
-    return _least_of([field.distance for field in fields])
+    return _minimum([field.distance for field in fields])
 
 
 def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
@@ -93,7 +93,7 @@ def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Di
         yield lambda points: upper - value(points)[0]
 
 
-def _least_of(distances: Sequence[Distance]) -> Distance:
+def _minimum(distances: Sequence[Distance]) -> Distance:
     return lambda points: np.min([distance(points) for distance in distances], axis=0)
 
 

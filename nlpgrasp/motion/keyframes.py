@@ -58,7 +58,7 @@ def plan_keyframes(
         "lift": lift_distance(model, problem, grasp),
     }
     if pregrasp is None:
-        return {"approach": _without_phases(NO_PREGRASP), **entries}
+        return {"approach": _missing_approach_record(NO_PREGRASP), **entries}
     open_posture = pregrasp  # narrowed type for the closure
     palm_model = model.for_palm_motion()
     path = find_free_approach(
@@ -69,14 +69,14 @@ def plan_keyframes(
         locate=False,
     )
     if path.fingers is None:
-        return {"approach": _without_phases(path.reason), **entries}
+        return {"approach": _missing_approach_record(path.reason), **entries}
     corners = [*(posture.values for posture in path.outside[-1:]), path.fingers.values]
     links = links or PenetrationModel(problem, hand)
     if links.has_shapes:
         entries["way_in"] = links.on_approach(corners, grasp).to_dict()
     open_hand = hand.describe(path.fingers.values)
     if path.direction is None:
-        approach = _without_phases(path.reason)
+        approach = _missing_approach_record(path.reason)
         phases = [Phase.of(PREGRASP, open_hand), grasp_phase]
     else:
         approach = {"direction": path.direction.tolist(), "distance": path.distance}
@@ -172,6 +172,6 @@ def _free_height(
     return LIFT_HEIGHT, ""
 
 
-def _without_phases(reason: str) -> Json:
+def _missing_approach_record(reason: str) -> Json:
     """Return the record of a missing approach, as JSON data."""
     return {"direction": None, "distance": None, "reason": reason}

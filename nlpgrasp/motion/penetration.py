@@ -85,7 +85,7 @@ class PenetrationModel:
         """Whether any link has a collision shape."""
         return bool(self._links)
 
-    def at(self, values: Values) -> LinkPenetration:
+    def in_posture(self, values: Values) -> LinkPenetration:
         """Return the deepest penetration in a posture, given by values of the hand's variables."""
         worst = LinkPenetration(tolerance=self.tolerance)
         poses, centres = self._link_centres(values)
@@ -100,9 +100,9 @@ class PenetrationModel:
                     worst = LinkPenetration(depth, name, obstacle.name, self.tolerance)
         return worst
 
-    def along(self, postures: Iterable[Values]) -> LinkPenetration:
+    def over_postures(self, postures: Iterable[Values]) -> LinkPenetration:
         """Return the deepest penetration over several postures."""
-        penetrations = [self.at(values) for values in postures]
+        penetrations = [self.in_posture(values) for values in postures]
         deepest = max(
             penetrations, key=lambda penetration: penetration.depth, default=LinkPenetration(tolerance=self.tolerance)
         )
@@ -128,7 +128,7 @@ class PenetrationModel:
             count = min(max(int(np.ceil(float(np.max(distances, initial=0.0)) / POSTURE_SPACING)), 1), MAX_POSTURES)
             shares = np.arange(count) / count
             samples += [{n: start[n] + s * (end[n] - start[n]) for n in start} for s in shares.tolist()]
-        return self.along(samples)
+        return self.over_postures(samples)
 
     def _link_centres(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
         """Return the poses of links with shapes, and their bounding spheres' centres (m, 3), metres, body frame."""

@@ -54,7 +54,7 @@ class StraightPath:
     moving_joints: BoolArray
 
     @property
-    def free(self) -> float:
+    def free_share(self) -> float:
         """Share of the path that is collision-free."""
         return self.postures[-1].share if self.postures else 0.0
 

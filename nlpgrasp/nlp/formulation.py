@@ -34,7 +34,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.blocks import HAND, FaceConstraints
 from nlpgrasp.nlp.program import ForceCopy, Program
 from nlpgrasp.nlp.scaling import Scaling
-from nlpgrasp.nlp.virtual_work import joint_torque_rows
+from nlpgrasp.nlp.virtual_work import joint_torque_constraints
 from nlpgrasp.problem.candidate_constraints import build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -222,7 +222,7 @@ def _add_forces(program: Program, problem: GraspProblem, scaling: Scaling, conta
     budget = problem.budget.rows(problem.models, copy.of_contacts, contacts.normals)
     if problem.budget.follows_hand:
         hand, p = program.hand_symbols, contacts.positions
-        budget = joint_torque_rows(hand, problem, p, contacts.normals, copy.of_contacts)
+        budget = joint_torque_constraints(hand, problem, p, contacts.normals, copy.of_contacts)
     copy.rows.extend(("(2.5-2)", row) for row in budget)
     return copy
 

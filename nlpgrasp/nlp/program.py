@@ -114,7 +114,7 @@ class Program:
             )
         expression: ca.SX = constraint.expression
         self._g.append(ca.vec(expression / self._applied(constraint.scale)))
-        self._add_rows(
+        self._add_constraints(
             constraint, constraint.expression.numel(), (constraint.lower, constraint.upper), constraint.scale
         )
 
@@ -145,7 +145,7 @@ class Program:
         function = ca.Function("slot", inputs, [constraint.expression / self._applied(constraint.scale)])
         for j in range(count):
             label = replace(constraint.label, part=f"{constraint.part} {j}")
-            self._add_rows(label, 1, (constraint.lower, np.inf), constraint.scale)
+            self._add_constraints(label, 1, (constraint.lower, np.inf), constraint.scale)
         self.slots = ConstraintSlots(function, columns, np.concatenate(indices))
 
     def constrain_copies(self, copy: ForceCopy, symbols: dict[str, ca.SX], count: int, differentiated: bool) -> None:
@@ -173,7 +173,9 @@ class Program:
             begin = _next_index(self.rows)
             for self.equation, row in copy.rows:
                 part = ", ".join(filter(None, (row.part, f"direction {j}")))
-                self._add_rows(replace(row.label, part=part), row.expression.numel(), (row.lower, row.upper), row.scale)
+                self._add_constraints(
+                    replace(row.label, part=part), row.expression.numel(), (row.lower, row.upper), row.scale
+                )
             if differentiated:
                 self.copies.append(
                     ConstraintCopy(
@@ -208,20 +210,20 @@ class Program:
         part = self.distance_parts[-1]
         part.points.append(clearance.point)
         part.scales.append(self._applied(clearance.scale))
-        self._add_rows(clearance, 1, (clearance.lower, np.inf), clearance.scale)
+        self._add_constraints(clearance, 1, (clearance.lower, np.inf), clearance.scale)
 
     def constrain_face(
         self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
     ) -> None:
         """Add surface constraints ``function(position) + linear`` of a contact; call last."""
         for row in rows:
-            self._add_rows(row.label, row.size, (row.lower, 0.0), row.scale)
+            self._add_constraints(row.label, row.size, (row.lower, 0.0), row.scale)
         self.face_parts.append(FacePart(function, position, linear))
 
     def _applied(self, scale: float) -> float:
         return scale if self.scaled else 1.0
 
-    def _add_rows(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
+    def _add_constraints(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
         """Add a block of ``size`` scalar constraints with common limits, without their expressions."""
         start = _next_index(self.rows)
         self.rows.append(ConstraintBlock(start, start + size, scale, label=label.label, equation=self.equation))
@@ -247,11 +249,11 @@ class Program:
         """Hand's variables by name, in the hand's units."""
         return {name: self._values[self.variables.index(block)] for name, block in self.hand_blocks}
 
-    def rows_of(self, kind: str) -> list[int]:
+    def constraint_indices(self, kind: str) -> list[int]:
         """Return the indices of all scalar constraints of a kind."""
         return [i for b in self.rows if b.kind == kind for i in range(b.start, b.stop)]
 
-    def row_name(self, row: int) -> str:
+    def constraint_name(self, row: int) -> str:
         """Return the name of a scalar constraint, with its index in a block of several."""
         block = next(b for b in self.rows if b.start <= row < b.stop)
         return block.name if block.stop - block.start == 1 else f"{block.name} [{row - block.start}]"

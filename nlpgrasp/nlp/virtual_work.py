@@ -90,7 +90,7 @@ class VirtualWork:
         return np.asarray(slopes.full()).T
 
 
-def joint_torque_rows(
+def joint_torque_constraints(
     variables: Mapping[str, ca.SX],
     problem: GraspProblem,
     positions: Sequence[ca.SX],

@@ -89,7 +89,7 @@ class CompiledProblem:
         return result
 
     @cached_property
-    def with_l2_budget(self) -> CompiledProblem | None:
+    def l2_variant(self) -> CompiledProblem | None:
         """The compiled problem under the L2 budget, for a first refinement; None if its own is L2 or follows the hand.
 
         Only the cutting-plane program differs.
@@ -100,9 +100,9 @@ class CompiledProblem:
         return self._share_with(CompiledProblem(problem.unchecked(force_budget=L2Budget()), self.options))
 
     @cached_property
-    def without_hand(self) -> CompiledProblem:
+    def handless_variant(self) -> CompiledProblem:
         """The compiled problem without the hand and the constraints on it, over the same samples."""
-        problem, depends_on_hand = self.problem, self.rows.dependence[:, -1]
+        problem, depends_on_hand = self.problem, self.rows.dependence_mask[:, -1]
         constraints = tuple(
             constraint
             for constraint, indices in zip(problem.constraints, self.rows.sources, strict=False)
@@ -193,7 +193,7 @@ class CompiledProblem:
         """Return the inward unit normals of the smoothed surface, (k, space)."""
         return inward_normals(self.problem, candidate.points, candidate.faces)
 
-    def snapped(self, candidate: GraspCandidate) -> GraspCandidate:
+    def projected_onto_faces(self, candidate: GraspCandidate) -> GraspCandidate:
         """Return the candidate with its contacts projected onto their faces, to rounding accuracy."""
         points, faces = candidate.points.copy(), np.array(candidate.faces)
         for face in set(candidate.faces):
@@ -225,7 +225,7 @@ class CompiledProblem:
             return np.inf
         return float(self.rows.violations(candidate.points[None], normals[None], candidate.repeated_hand(1))[0])
 
-    def row_values(self, candidate: GraspCandidate, normals: FloatArray) -> FloatArray:
+    def constraint_values_at(self, candidate: GraspCandidate, normals: FloatArray) -> FloatArray:
         """Return the values of the constraints, (rows,), in their own units, for inward normals (k, space).
 
         Distances of links from a mesh are those from the mesh itself.
@@ -261,7 +261,9 @@ def set_contacts(
 
 def candidate_of(compiled: CompiledProblem, program: Program, faces: tuple[str, ...], z: FloatArray) -> GraspCandidate:
     """Return the candidate of a program's variables, its contacts projected exactly onto their faces."""
-    return compiled.snapped(GraspCandidate(faces, contact_points(compiled, program, z), hand_of(program, z)))
+    return compiled.projected_onto_faces(
+        GraspCandidate(faces, contact_points(compiled, program, z), hand_of(program, z))
+    )
 
 
 def contact_points(compiled: CompiledProblem, program: Program, z: FloatArray) -> FloatArray:

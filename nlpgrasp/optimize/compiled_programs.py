@@ -94,7 +94,7 @@ class CuttingPlaneProgram:
         self._problem, self._options = problem, options
 
     @cached_property
-    def linearises(self) -> bool:
+    def uses_linearised_steps(self) -> bool:
         """Whether steps solve the program's linearisation: finger forces are not among its variables."""
         return self.has_closed_form or has_pieces(self._problem) or self._problem.budget.follows_hand
 
@@ -106,28 +106,30 @@ class CuttingPlaneProgram:
     @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
-        return SLOTS if self.linearises else SLOTS_WITH_FORCES
+        return SLOTS if self.uses_linearised_steps else SLOTS_WITH_FORCES
 
     @cached_property
     def functions(self) -> CompiledProgram:
         """The compiled program with its solver."""
         slots = 0 if self._problem.budget.follows_hand else self.slots
-        program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
+        program = optimal_grasp_program(
+            self._problem, SUPPORT, slots, eliminated=True, pieces=self.uses_linearised_steps
+        )
         return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     @cached_property
-    def confirming(self) -> CompiledProgram:
+    def confirmation_program(self) -> CompiledProgram:
         """The program for starts at a local optimum: few iterations, no second derivatives, so quick to compile."""
         settings: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
         return self.functions.with_options(settings | dict(self._options.ipopt))
 
     @cached_property
-    def closing(self) -> CompiledProgram:
+    def final_program(self) -> CompiledProgram:
         """The program for starts near a local optimum, with tight tolerances.
 
         Where finger forces are variables it has no warm start: neither multipliers nor forces are known.
         """
-        settings: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
+        settings: Ipopt = CLOSING if self.uses_linearised_steps else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
         return self.functions.with_options(settings | dict(self._options.ipopt))
 
     def with_hand_bounds(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
@@ -142,7 +144,7 @@ class CuttingPlaneProgram:
         """Return the cutting-plane program with functions that differ in their limits alone."""
         result = copy(self)
         result.functions = functions
-        for name in ("confirming", "closing"):
+        for name in ("confirmation_program", "final_program"):
             result.__dict__.pop(name, None)
         return result
 

@@ -59,13 +59,13 @@ class ConstraintValues:
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
         """Return each placement's largest constraint violation, relative to its scale, (b,), without face extents."""
-        return self.excess(self.values(points, normals, hand))
+        return self.largest_violations(self.values(points, normals, hand))
 
-    def excess(self, values: FloatArray) -> FloatArray:
+    def largest_violations(self, values: FloatArray) -> FloatArray:
         """Return the largest violation of constraint values (b, m), relative to their scales, (b,)."""
-        return np.asarray(np.max(self.each_excess(values), axis=1, initial=0.0))
+        return np.asarray(np.max(self.each_violation(values), axis=1, initial=0.0))
 
-    def each_excess(self, values: FloatArray, band: float = 0.0) -> FloatArray:
+    def each_violation(self, values: FloatArray, band: float = 0.0) -> FloatArray:
         """Return the violation of each constraint value (b, m), relative to its scale, (b, m).
 
         Constraints with nearly equal limits may be violated by a ``band``, relative to their scales.
@@ -75,7 +75,7 @@ class ConstraintValues:
         return np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf)
 
     @cached_property
-    def dependence(self) -> NDArray[np.bool_]:
+    def dependence_mask(self) -> NDArray[np.bool_]:
         """Sparsity: the contacts, and in the last column the hand, that each constraint depends on, (rows, k + 1)."""
         k, space = len(self.problem.models), self.problem.body.space
         result = np.zeros((len(self.named), k + 1), dtype=bool)
@@ -84,12 +84,12 @@ class ConstraintValues:
             result[rows, np.array(columns, dtype=int) // space if i < 2 else k] = True
         return result
 
-    def broken(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
+    def user_violation_sums(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
         """Return the summed violation of the user's inequalities by each placement, relative to their scales, (b,)."""
         users = {index for indices in self.sources[: len(self.problem.constraints)] for index in indices}
-        return self.blocked(points, normals, hand, users) if users else np.zeros(len(points))
+        return self.violation_sums(points, normals, hand, users) if users else np.zeros(len(points))
 
-    def blocked(
+    def violation_sums(
         self, points: FloatArray, normals: FloatArray, hand: Values, indices: Collection[int] | None = None
     ) -> FloatArray:
         """Return the summed violation of all or some inequalities by each placement, relative to their scales, (b,).
@@ -215,14 +215,14 @@ class HandPoints:
         """Return the links' signed distances to the mesh itself, (m,), one per clearance constraint, metres."""
         return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
-    def link_places(self, values: Values) -> FloatArray:
+    def link_sphere_centres(self, values: Values) -> FloatArray:
         """Return the centres of the link spheres, (b, s, 3), for values (b, m) of the hand's variables."""
         count = len(next(iter(values.values())))
         centres = self._function.map(count)(*[v.T for v in values.values()])[1]
         return np.asarray(centres.full()).reshape(3, count, -1).transpose(1, 2, 0)
 
     @cached_property
-    def tip_motion(self) -> ca.Function:
+    def tip_jacobian_function(self) -> ca.Function:
         """Function of the hand's variables: fingertip positions (3, k) and their Jacobian (3 k, variables)."""
         symbols = self.hand.symbols(self._problem.body.bounds)
         positions = ca.horzcat(*self.posed_hand.tip_places(symbols))

@@ -76,7 +76,7 @@ def exchanged_candidates(
     if has_jaws:
         tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
-        tuples = visited[select_incongruent(compiled, tables.places(visited)[0])[: PER_CANDIDATE * count]]
+        tuples = visited[select_incongruent(compiled, tables.contacts_of(visited)[0])[: PER_CANDIDATE * count]]
     candidates = [search.candidate(samples) for samples in tuples]
     if tables.coupled:
         repairs = (_repair(compiled, candidate) for candidate in candidates)
@@ -152,7 +152,7 @@ class CoordinateExchange:
         best = self.best(np.concatenate(tuples), 4 * self._population)
         self.add_weakest_directions(best[: 2 * self._population])
         best = self.best(best, len(best))
-        incongruent = select_incongruent(self._compiled, self._tables.places(best)[0])
+        incongruent = select_incongruent(self._compiled, self._tables.contacts_of(best)[0])
         congruent = [b for b in range(len(best)) if b not in incongruent]
         return self.rerank_by_certificates(best[sorted((incongruent + congruent)[: self._population])])
 
@@ -166,9 +166,9 @@ class CoordinateExchange:
         """Return the largest violation of coupled constraints by tuples (b, k), relative to their scales, (b,)."""
         if not self._tables.coupled:
             return np.zeros(len(tuples))
-        rows, (points, normals) = self._compiled.rows, self._tables.places(tuples)
+        rows, (points, normals) = self._compiled.rows, self._tables.contacts_of(tuples)
         values = rows.values(points, normals, self._compiled.hand_points.start(points, normals))
-        return np.asarray(np.max(rows.each_excess(values, BAND), axis=1))
+        return np.asarray(np.max(rows.each_violation(values, BAND), axis=1))
 
     def best(self, tuples: IntArray, count: int) -> IntArray:
         """Return the best ``count`` of tuples (b, k), without duplicates."""
@@ -214,7 +214,9 @@ class CoordinateExchange:
         ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
         initial = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
-        stack = GraspStack(*self._tables.places(tuples), self._compiled.problem.models, self._compiled.problem.origin)
+        stack = GraspStack(
+            *self._tables.contacts_of(tuples), self._compiled.problem.models, self._compiled.problem.origin
+        )
         minimisers, values = minimise_locally(stack, self._compiled.problem.task, initial, self._tables.budget, STEPS)
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
         self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
@@ -228,7 +230,7 @@ class CoordinateExchange:
             if self._key(tuples[0]) in self._certified:
                 break
             value = float(self.values(tuples[:1])[0])
-            grasp = self._compiled.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
+            grasp = self._compiled.grasp_at(*(part[0] for part in self._tables.contacts_of(tuples[:1])))
             certificate = (
                 ResumableCertificate.of(grasp, self._compiled.problem.task, self._tables.budget, LOOSE)
                 if value > 0.0
@@ -254,7 +256,7 @@ class CoordinateExchange:
 
     def candidate(self, samples: IntArray) -> GraspCandidate:
         """Return the candidate of a tuple (k,) of samples, with its hand."""
-        points, normals = self._tables.places(samples[None])
+        points, normals = self._tables.contacts_of(samples[None])
         hand = self._compiled.hand_points.start(points, normals)
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
         return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
@@ -420,7 +422,7 @@ def _repair(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[Grasp
     on_faces, repaired = fix_to_triangles(compiled, candidate)
     if on_faces.violation(repaired) > FEASIBLE:
         moved, residual = project_onto_constraints(on_faces, repaired)
-        repaired = on_faces.snapped(moved)
+        repaired = on_faces.projected_onto_faces(moved)
         if residual > TOUCHING or on_faces.violation(repaired) > FEASIBLE:
             return None
     return GraspCandidate(candidate.faces, repaired.points, repaired.hand), on_faces.inward_normals(repaired)

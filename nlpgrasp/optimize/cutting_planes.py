@@ -15,7 +15,13 @@ from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.quality.containment import condition
-from nlpgrasp.quality.ratio_minimisation import descend, iterate, newton, random_directions, select_separated
+from nlpgrasp.quality.ratio_minimisation import (
+    descend,
+    descend_by_inverse_iteration,
+    newton,
+    random_directions,
+    select_separated,
+)
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.weakest_directions import (
     BEGUN,
@@ -29,7 +35,7 @@ from nlpgrasp.quality.weakest_directions import (
     THOROUGH,
     DescentSettings,
     WeakestDirections,
-    _unit_reach,
+    scale_to_unit_support,
     to_coordinates,
     weaker_in_polytope,
     weakest_directions,
@@ -38,7 +44,7 @@ from nlpgrasp.quality.weakest_directions import (
 SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
 
 
-def weakest_at(
+def weakest_directions_of(
     compiled: CompiledProblem,
     candidate: GraspCandidate,
     rng: np.random.Generator,
@@ -51,7 +57,7 @@ def weakest_at(
     )
 
 
-def minimise_nearby(
+def exact_minimisers(
     compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator, directions: FloatArray
 ) -> WeakestDirections:
     """Return the weakest directions of a candidate as exact local minimisers, also where these are close together.
@@ -63,16 +69,18 @@ def minimise_nearby(
         return WeakestDirections(0.0, directions[:0])
     start = np.concatenate([to_coordinates(problem, directions), random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(compiled.budget(candidate), L2Budget)
-    y, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
+    y, values = descend_by_inverse_iteration(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)
     chosen = select_separated(y, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
     y, values = newton(problem, y[chosen], NEWTON_STEPS)
     order = np.argsort(values)
     chosen = select_separated(y, order, DIFFERENT, KEEP)
-    return WeakestDirections(float(values[chosen[0]]), _unit_reach(compiled.problem.task, y[chosen] @ problem.matrix))
+    return WeakestDirections(
+        float(values[chosen[0]]), scale_to_unit_support(compiled.problem.task, y[chosen] @ problem.matrix)
+    )
 
 
-def find_weaker(
+def missed_directions(
     compiled: CompiledProblem, candidate: GraspCandidate, value: float
 ) -> tuple[WeakestDirections | None, ResumableCertificate | None]:
     """Return directions in which a candidate is weaker than its known value, or None, and the certificate's state.
@@ -84,13 +92,13 @@ def find_weaker(
     if value <= 0.0:
         return None, None
     if not isinstance(budget, L2Budget):
-        weakest = weakest_at(compiled, candidate, np.random.default_rng(0))
+        weakest = weakest_directions_of(compiled, candidate, np.random.default_rng(0))
         return (weakest if weakest.value < value * (1.0 - NEWS) else None), None
     certificate = ResumableCertificate.of(compiled.grasp(candidate), compiled.problem.task, budget, LOOK)
     return (None if certificate is None else weaker_in_polytope(certificate, value)), certificate
 
 
-def most_relevant(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> FloatArray:
+def nearest_to_binding(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> FloatArray:
     """Return the cuts (m, d) that are nearest to binding at a candidate, at most one for each slot of the program."""
     if len(cuts) <= compiled.cutting_planes.slots:
         return cuts

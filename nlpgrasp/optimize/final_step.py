@@ -41,14 +41,14 @@ def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: D
     return best.with_message(message and f"no last step: {message}") if result is None else result
 
 
-def keep_off_optimum(compiled: CompiledProblem, start: StartGrasp, reason: str) -> StartGrasp:
+def keep_unconverged(compiled: CompiledProblem, start: StartGrasp, reason: str) -> StartGrasp:
     """Return a start unchanged, with its KKT residuals and the reason why it is not at a local optimum."""
     with single_thread():
-        kkt, message = attempt(lambda: residuals_at(*_on_faces(compiled, start)))
+        kkt, message = attempt(lambda: residuals_at(*_with_start_faces(compiled, start)))
     return start.with_message(message) if kkt is None else replace(start, kkt=replace(kkt, reason=reason))
 
 
-def _on_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledProblem, GraspCandidate]:
+def _with_start_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledProblem, GraspCandidate]:
     """Return the compiled problem with a start's faces and joint margins, and the candidate on these faces."""
     candidate = start.on_body.candidate
     if np.array_equal(start.refined_candidate.points, candidate.points):  # the triangle of a contact on an edge
@@ -63,9 +63,9 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
     again: with the edge margin required there, too, or with the missing link clearance added.
     """
-    on_faces, candidate = _on_faces(compiled, best)
+    on_faces, candidate = _with_start_faces(compiled, best)
     initial = candidate
-    reason, history = _reason_for_none(compiled), [candidate.points]
+    reason, history = _reason_against_step(compiled), [candidate.points]
     increase = np.zeros(len(compiled.rows.named))
     if compiled.hand_points.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
@@ -90,7 +90,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     return replace(best, kkt=replace(residuals_at(on_faces, candidate), reason=reason))
 
 
-def _reason_for_none(compiled: CompiledProblem) -> str:
+def _reason_against_step(compiled: CompiledProblem) -> str:
     """Return the reason why the problem or its options rule out a final step, as text; empty where they do not."""
     if compiled.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"

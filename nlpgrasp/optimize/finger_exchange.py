@@ -58,7 +58,7 @@ def exchange_fingers(
     rng : numpy.random.Generator
     deadline : Deadline
     """
-    best = initial = MeshTouch(candidate, normals)
+    best = initial = MeshContacts(candidate, normals)
     search, reach = _FingerSearch(compiled, initial, rng), FIRST_REACH
     for _ in range(SWEEPS):
         if deadline.is_requested() or reach < LAST_REACH:
@@ -74,7 +74,7 @@ def exchange_fingers(
 
 
 @dataclass(frozen=True)
-class MeshTouch:
+class MeshContacts:
     """Contacts on a mesh, and the hand in contact there.
 
     Parameters
@@ -88,7 +88,7 @@ class MeshTouch:
     normals: FloatArray
 
 
-class LearnedScore:
+class AdaptiveScore:
     """Sampled quality over a growing set of weak directions.
 
     Parameters
@@ -119,9 +119,9 @@ class LearnedScore:
 class _FingerSearch:
     """State of a hand's local search on a mesh, one finger at a time."""
 
-    def __init__(self, compiled: CompiledProblem, initial: MeshTouch, rng: np.random.Generator) -> None:
+    def __init__(self, compiled: CompiledProblem, initial: MeshContacts, rng: np.random.Generator) -> None:
         self.compiled, self.current, self.rng = compiled, initial, rng
-        self._learned = LearnedScore(compiled, rng)
+        self._learned = AdaptiveScore(compiled, rng)
         self.add_weak_directions()
         hand = compiled.hand_points.posed_hand
         variables = hand.variables(compiled.problem.body.bounds)
@@ -134,7 +134,7 @@ class _FingerSearch:
         """Add the weak directions of the current grasp."""
         self._learned.add_weak_directions(self.current.candidate.points, self.current.normals)
 
-    def score(self, grasp: MeshTouch) -> float:
+    def score(self, grasp: MeshContacts) -> float:
         """Return the sampled quality of a grasp over the known directions, less the penalty for sharp edges."""
         violation = float(np.sum(edge_margin_violation(self.compiled.problem, grasp.candidate)))
         quality = float(self._learned.score(grasp.candidate.points[None], grasp.normals[None])[0])
@@ -169,7 +169,7 @@ class _FingerSearch:
                 self.current = moved
                 return
 
-    def _touching_at(self, i: int, goal: FloatArray) -> MeshTouch | None:
+    def _touching_at(self, i: int, goal: FloatArray) -> MeshContacts | None:
         """Return the hand with the centre of tip i at a point, in contact with the mesh; None where infeasible."""
         compiled, current = self.compiled, self.current
         hand = self._nearest_posture(i, goal)
@@ -181,7 +181,7 @@ class _FingerSearch:
             return None
         points, normals = current.candidate.points.copy(), current.normals.copy()
         points[i], normals[i] = contact, (contact - centre) / distance
-        moved = MeshTouch(replace(current.candidate, points=points, hand=hand), normals)
+        moved = MeshContacts(replace(current.candidate, points=points, hand=hand), normals)
         return moved if self._violation(moved) <= self._allowed else None
 
     def _nearest_posture(self, i: int, goal: FloatArray) -> Values:
@@ -200,13 +200,13 @@ class _FingerSearch:
 
     def _tip(self, hand: Values, i: int) -> tuple[FloatArray, FloatArray]:
         """Return the centre of tip i, (3,), and its Jacobian in the hand's variables, (3, m)."""
-        positions, jacobian = self.compiled.hand_points.tip_motion(*hand.values())
+        positions, jacobian = self.compiled.hand_points.tip_jacobian_function(*hand.values())
         return positions.full()[:, i], jacobian.full()[3 * i : 3 * i + 3]
 
-    def _violation(self, grasp: MeshTouch) -> float:
+    def _violation(self, grasp: MeshContacts) -> float:
         """Return the largest constraint violation, with distances from the mesh itself."""
-        values = self.compiled.row_values(grasp.candidate, grasp.normals)
-        return float(self.compiled.rows.excess(values[None])[0])
+        values = self.compiled.constraint_values_at(grasp.candidate, grasp.normals)
+        return float(self.compiled.rows.largest_violations(values[None])[0])
 
 
 def _least_improvement(score: float) -> float:
@@ -216,7 +216,7 @@ def _least_improvement(score: float) -> float:
 
 def _single_finger_variables(compiled: CompiledProblem, candidate: GraspCandidate) -> NDArray[np.bool_]:
     """Return the mask of the hand's variables that move only one finger, for each finger, (k, m)."""
-    jacobian = np.abs(compiled.hand_points.tip_motion(*candidate.hand.values())[1].full())
+    jacobian = np.abs(compiled.hand_points.tip_jacobian_function(*candidate.hand.values())[1].full())
     moves = jacobian.reshape(len(candidate.points), 3, -1).max(axis=1) > FIXED
     return np.asarray(moves & (np.sum(moves, axis=0) == 1))
 

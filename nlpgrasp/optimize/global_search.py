@@ -150,7 +150,7 @@ def _better_certified(
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
 
 
-def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
+def new_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
     """Return a branch and bound without nodes; None where the options omit it or it does not cover the problem."""
     if not options.global_bound:
         return None
@@ -163,7 +163,7 @@ def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound 
 def node_count(problem: GraspProblem, starts: int) -> int:
     """Return the largest number of nodes of the short branch and bound for a number of starts."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
-    share = _share(problem, starts)
+    share = _effort_share(problem, starts)
     if follows_contacts(problem):
         return int(share * (MESH_NODES if mesh else FLAT_NODES if flat else NODES))
     smooth = flat or isinstance(problem.budget, L2Budget)
@@ -172,10 +172,10 @@ def node_count(problem: GraspProblem, starts: int) -> int:
 
 def effort_limit(problem: GraspProblem, starts: int) -> float:
     """Return the largest effort of the short branch and bound for a number of starts."""
-    return _share(problem, starts) * EFFORT
+    return _effort_share(problem, starts) * EFFORT
 
 
-def _share(problem: GraspProblem, starts: int) -> float:
+def _effort_share(problem: GraspProblem, starts: int) -> float:
     """Return the share of the limits of the short branch and bound for a number of starts, at most 1."""
     flat = isinstance(problem.body, Box | Prism)
     return min(1.0, (FIRST_SHARE_FLAT if flat else FIRST_SHARE) + FURTHER_SHARE * (starts - 1))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.scalar_constraints import EDGE_MARGIN, ROOM, Label
+from nlpgrasp.common.scalar_constraints import EDGE_MARGIN, FINGERTIP_CLEARANCE, Label
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
@@ -53,10 +53,10 @@ class GraspOnBody:
         cls, compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, surface: SurfaceMatch | None = None
     ) -> GraspOnBody:
         """Return a grasp with its constraint values and largest violation."""
-        values = compiled.row_values(candidate, grasp.normals)
+        values = compiled.constraint_values_at(candidate, grasp.normals)
         limits = tuple(contact_constraints(compiled.problem, candidate, grasp.normals))
         excess = max((limit.lower - limit.value for limit in limits), default=0.0) / compiled.problem.body.size
-        violation = max(float(compiled.rows.excess(values[None])[0]), excess)
+        violation = max(float(compiled.rows.largest_violations(values[None])[0]), excess)
         return cls(candidate, grasp, values, violation, surface, limits)
 
     @property
@@ -139,7 +139,9 @@ def contact_constraints(problem: GraspProblem, candidate: GraspCandidate, normal
         for i, radius in enumerate(hand.tip_radii):
             if radius > 0.0:
                 centre = candidate.points[i] - radius * normals[i]
-                yield LowerLimit(Label(ROOM, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius)
+                yield LowerLimit(
+                    Label(FINGERTIP_CLEARANCE, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius
+                )
 
 
 def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:

@@ -147,14 +147,14 @@ def find_pregrasp(compiled: CompiledProblem, on_body: GraspOnBody, clearance: fl
     clearance : float
         Metres.
     """
-    opening = _OpeningConstraints(compiled, on_body)
+    opening = _HandOpening(compiled, on_body)
     best = opening.open(clearance, ("joints",))
     if best.clearance < ENOUGH * clearance:
         best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
     return best
 
 
-class _OpeningConstraints:
+class _HandOpening:
     """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
 
     def __init__(self, compiled: CompiledProblem, on_body: GraspOnBody) -> None:
@@ -167,7 +167,7 @@ class _OpeningConstraints:
         touching = {i for i in of_hand if compiled.rows.named[i].kind == ON_FINGERTIP}
         self.indices = np.array([i for i in range(len(compiled.rows.named)) if i not in touching], int)
         self.clearances = np.flatnonzero(np.isin(self.indices, compiled.rows.clearances))
-        self.tip_motion = compiled.hand_points.tip_motion
+        self.tip_motion = compiled.hand_points.tip_jacobian_function
         self.contact_tips = self.tip_motion(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:

@@ -124,7 +124,7 @@ class HandWorkspace:
         """Return the centres of the link spheres in the palm frame, (b, s, 3), for joints (b, m)."""
         count = len(joints)
         palm = {"palm_position": np.zeros((count, 3)), "palm_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))}
-        return self._hand.link_places(palm | {"joints": joints} | self._tree.initial_slides(count))
+        return self._hand.link_sphere_centres(palm | {"joints": joints} | self._tree.initial_slides(count))
 
 
 class _Links:

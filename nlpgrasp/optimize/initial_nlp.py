@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
-from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.projection import fix_to_triangles, project_onto_body
 
 FIRST_BETA = 0.1  # initial value of beta, solver units
@@ -85,4 +85,4 @@ def _score(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.
         and candidate.faces[0] in compiled.problem.body.face_names
     ):
         on_faces, projected, violation = compiled, candidate, compiled.violation(candidate)  # on the smoothed surface
-    return -violation if violation > FEASIBLE else weakest_at(on_faces, projected, rng).value
+    return -violation if violation > FEASIBLE else weakest_directions_of(on_faces, projected, rng).value

@@ -16,7 +16,13 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
-from nlpgrasp.optimize.cutting_planes import append_new, minimise_nearby, most_relevant, piece_parameters, weakest_at
+from nlpgrasp.optimize.cutting_planes import (
+    append_new,
+    exact_minimisers,
+    nearest_to_binding,
+    piece_parameters,
+    weakest_directions_of,
+)
 from nlpgrasp.optimize.local_search import RefinementPoint, refine
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
@@ -69,27 +75,32 @@ def local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline
     if compiled.problem.budget.follows_hand:
         return None
     rounds = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
-    refined = refine(compiled, candidate, deadline, rounds if compiled.cutting_planes.linearises else 0, 0.0)
+    refined = refine(compiled, candidate, deadline, rounds if compiled.cutting_planes.uses_linearised_steps else 0, 0.0)
     if refined.point.value <= 0.0:
         return None
-    rng, step = np.random.default_rng(0), LEAST_RADIUS if not compiled.cutting_planes.linearises else refined.length
+    rng, step = (
+        np.random.default_rng(0),
+        LEAST_RADIUS if not compiled.cutting_planes.uses_linearised_steps else refined.length,
+    )
     optimum = _solve_program(compiled, refined.point, max(LEAST_RADIUS, RADIUS * step), rng, deadline)
     return replace(optimum, effort=refined.effort + optimum.effort)
 
 
 def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
     """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
-    cuts = most_relevant(compiled, candidate, weakest_at(compiled, candidate, np.random.default_rng(0)).directions)
+    cuts = nearest_to_binding(
+        compiled, candidate, weakest_directions_of(compiled, candidate, np.random.default_rng(0)).directions
+    )
     linear = Linearisation(compiled, candidate, cuts)
-    step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) and compiled.cutting_planes.linearises else None
+    step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) and compiled.cutting_planes.uses_linearised_steps else None
     rows = linear.rows()
     zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
     multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
     constraints = rows.values, rows.lower, rows.upper
     kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.functions.program.bounds, multipliers)
-    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
+    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.cut_multipliers(step.multipliers), 0.0)
     weights /= max(float(weights.sum()), 1e-300)
-    return _binding_directions(kkt, cuts, weights)
+    return _with_binding_directions(kkt, cuts, weights)
 
 
 def _solve_program(
@@ -97,16 +108,16 @@ def _solve_program(
 ) -> LocalOptimum:
     """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
     cuts, effort, solutions = point.cuts, Effort(), list[LocalOptimum]()
-    for _ in range(PROGRAM_ROUNDS if compiled.cutting_planes.linearises else ROUNDS_WITH_FORCES):
-        cuts = most_relevant(compiled, point.candidate, cuts)
-        is_first = compiled.cutting_planes.linearises and not solutions
-        functions = compiled.cutting_planes.confirming if is_first else compiled.cutting_planes.closing
+    for _ in range(PROGRAM_ROUNDS if compiled.cutting_planes.uses_linearised_steps else ROUNDS_WITH_FORCES):
+        cuts = nearest_to_binding(compiled, point.candidate, cuts)
+        is_first = compiled.cutting_planes.uses_linearised_steps and not solutions
+        functions = compiled.cutting_planes.confirmation_program if is_first else compiled.cutting_planes.final_program
         optimum = _solve_in_trust_region(compiled, functions, point, cuts, radius, rng)
         solutions.append(optimum)
         effort += optimum.effort
         if deadline.is_requested() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
-        cuts = append_new(compiled, cuts, minimise_nearby(compiled, optimum.candidate, rng, cuts).directions)
+        cuts = append_new(compiled, cuts, exact_minimisers(compiled, optimum.candidate, rng, cuts).directions)
         radius = WIDE
     return replace(min(solutions, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
@@ -129,11 +140,11 @@ def _solve_in_trust_region(
         z, theta, program.trust_region_bounds(z, radius), _initial_multipliers(compiled, point, cuts, radius)
     )
     candidate = candidate_of(compiled, program, faces, result.z)
-    weights = np.maximum(-result.multipliers[program.rows_of(SUPPORT)][: len(cuts)], 0.0)
+    weights = np.maximum(-result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)], 0.0)
     scales = np.array([constraint.scale for constraint in compiled.rows.named])
     optimum = LocalOptimum(
         candidate,
-        minimise_nearby(compiled, candidate, rng, cuts).value,
+        exact_minimisers(compiled, candidate, rng, cuts).value,
         cuts,
         weights / max(float(weights.sum()), 1e-300),
         result.multipliers[program.placement] / (scale * scales),
@@ -151,7 +162,7 @@ def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> 
     themselves: where the program has one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
     constraint may bind though its inequality does not.
     """
-    kkt = _binding_directions(optimum.kkt, optimum.cuts, optimum.weights)
+    kkt = _with_binding_directions(optimum.kkt, optimum.cuts, optimum.weights)
     slack = compiled.wrench_set(optimum.candidate).support(optimum.cuts)[0] - beta
     slack_error = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
     excess = (beta - optimum.value) / max(abs(beta), 1e-300)
@@ -162,7 +173,7 @@ def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> 
     )
 
 
-def _binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
+def _with_binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
     """Return KKT residuals to which the binding directions among cuts (m, d) and their weights are added."""
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
@@ -173,7 +184,7 @@ def _initial_multipliers(
     compiled: CompiledProblem, point: RefinementPoint, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the multipliers of constraints and bounds of the linearised program at a point; None without a step."""
-    if not compiled.cutting_planes.linearises:
+    if not compiled.cutting_planes.uses_linearised_steps:
         return None
     step = Linearisation(compiled, point.candidate, cuts).quadratic_step(radius)
     return None if step is None else (step.multipliers, step.bound_multipliers)

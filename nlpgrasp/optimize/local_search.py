@@ -17,7 +17,12 @@ from nlpgrasp.common.quadratic_program import QuadraticStep
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, pack_variables
-from nlpgrasp.optimize.cutting_planes import find_weaker, minimise_nearby, most_relevant, weakest_at
+from nlpgrasp.optimize.cutting_planes import (
+    exact_minimisers,
+    missed_directions,
+    nearest_to_binding,
+    weakest_directions_of,
+)
 from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, TrustRegionStep, program_step, reduced_hessian
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.weakest_directions import MISSED
@@ -94,7 +99,7 @@ def evaluate_candidate(
     compiled: CompiledProblem, candidate: GraspCandidate, directions: FloatArray, rng: np.random.Generator
 ) -> RefinementPoint:
     """Return a candidate with its weakest directions, searched from given directions (m, d) and random ones."""
-    weakest = minimise_nearby(compiled, candidate, rng, directions)
+    weakest = exact_minimisers(compiled, candidate, rng, directions)
     return RefinementPoint(candidate, weakest.value, weakest.directions, weakest.directions[:0])
 
 
@@ -116,7 +121,7 @@ def refine(
     for _ in range(LOOKS):
         result = _iterate_steps(compiled, result, rng, deadline, rounds, least)
         point = result.point
-        missed, certificate = find_weaker(compiled, point.candidate, point.value)
+        missed, certificate = missed_directions(compiled, point.candidate, point.value)
         if missed is None:
             return replace(result, certificate=certificate)
         directions = np.concatenate([missed.directions, point.minimisers])
@@ -144,7 +149,7 @@ def advance(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Dead
 
 def _initial_result(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
     """Return a candidate as the result of a refinement without steps."""
-    point = evaluate_candidate(compiled, candidate, weakest_at(compiled, candidate, rng).directions, rng)
+    point = evaluate_candidate(compiled, candidate, weakest_directions_of(compiled, candidate, rng).directions, rng)
     return RefinementResult(point, RADIUS, np.zeros(len(compiled.rows.named)), (point.value,))
 
 
@@ -195,9 +200,9 @@ class _TrustRegionSearch:
     def try_step(self) -> bool:
         """Accept or reject one step from the current point; return whether there was one to try."""
         compiled, point = self.compiled, self.result.point
-        cuts = most_relevant(compiled, point.candidate, point.cuts)
+        cuts = nearest_to_binding(compiled, point.candidate, point.cuts)
         step: TrustRegionStep | None
-        if compiled.cutting_planes.linearises:
+        if compiled.cutting_planes.uses_linearised_steps:
             linear = Linearisation(compiled, point.candidate, cuts)
             first = linear.quadratic_step(self.radius, self.curvature)
             if first is None or self._is_stationary(first):
@@ -249,7 +254,7 @@ class _TrustRegionSearch:
     def _accept(self, step: TrustRegionStep, trial: RefinementPoint, cuts: FloatArray, length: float) -> None:
         """Move to the candidate of a step; the cuts that bound the step stay."""
         point = self.result.point
-        binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
+        binding = cuts[np.flatnonzero(step.cut_multipliers > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
         self.radius = min(EXPANSION * self.radius, LARGEST_RADIUS)
         self.result = replace(
             self.result,

@@ -178,14 +178,14 @@ class LazyCompiledProblem(Generic[Case]):
     make: Callable[[], Case]
 
     @cached_property
-    def case(self) -> Case:
+    def problem_with_options(self) -> Case:
         """Problem and options, made in this process."""
         return self.make()
 
     @cached_property
     def compiled(self) -> CompiledProblem:
         """Compiled problem."""
-        return CompiledProblem(self.case.problem, self.case.options)
+        return CompiledProblem(self.problem_with_options.problem, self.problem_with_options.options)
 
 
 @dataclass(frozen=True)

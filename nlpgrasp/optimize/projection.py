@@ -73,8 +73,10 @@ def project_onto_body(
     moved, violation = project_onto_constraints(on_faces, snapped)
     if violation > TOUCHING and on_faces is not compiled and compiled.hand_points.has_flat_tips:
         on_faces, faces = compiled, compiled.problem.body.face_names * len(candidate.points)
-        moved, violation = project_onto_constraints(on_faces, on_faces.snapped(replace(candidate, faces=faces)))
-    return on_faces, on_faces.snapped(moved), violation
+        moved, violation = project_onto_constraints(
+            on_faces, on_faces.projected_onto_faces(replace(candidate, faces=faces))
+        )
+    return on_faces, on_faces.projected_onto_faces(moved), violation
 
 
 def fix_to_triangles(

@@ -27,7 +27,7 @@ from nlpgrasp.optimize.coordinate_exchange import (
     sampled_quality,
     select_incongruent,
 )
-from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.hand_workspace import ReachableSamples
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
 from nlpgrasp.quality.weakest_directions import QUICK
@@ -56,10 +56,10 @@ def propose(
     if compiled.follows_contacts:
         return exchanged_candidates(compiled, rng, known_contacts, starts * PROPOSED)
     tries = TRIES if len(compiled.problem.models) < MANY else MANY_TRIES
-    return reachable_candidates(compiled.with_l2_budget or compiled, rng, starts * tries)
+    return reachable_candidates(compiled.l2_variant or compiled, rng, starts * tries)
 
 
-def shares(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
+def deal_candidates(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
     """Return the candidates dealt in turn to so many starts, so that each begins with one of the best."""
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
@@ -73,7 +73,7 @@ def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, co
     """
     random_poses = _random_hand_poses(compiled, rng)
     if len(compiled.problem.models) < MANY:
-        search = CoordinateExchange(compiled.without_hand, compiled.without_hand.sample_tables, rng)
+        search = CoordinateExchange(compiled.handless_variant, compiled.handless_variant.sample_tables, rng)
         pose_sets = (random_poses, _fit_poses(compiled, search, rng))
         rankings = zip(
             *(poses.hands(_pose_penalties(compiled, poses))[:MOST_PALMS] for poses in pose_sets), strict=False
@@ -81,7 +81,7 @@ def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, co
         candidates = _exchange_within_reach(compiled, search, [hand for pair in rankings for hand in pair], rng)
         if candidates:
             return candidates[:count]
-    blocked = compiled.rows.blocked(random_poses.points, random_poses.normals, random_poses.values)
+    blocked = compiled.rows.violation_sums(random_poses.points, random_poses.normals, random_poses.values)
     merit = (
         sampled_quality(compiled, random_poses.points, random_poses.normals)
         - _pose_penalties(compiled, random_poses)
@@ -90,7 +90,7 @@ def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, co
     return [random_poses.candidate(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
 
 
-def touch_candidates(
+def candidates_in_contact(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, deadline: Deadline
 ) -> list[GraspCandidate]:
     """Return hand poses moved until all fingertips touch the body, best first, then the nearest few that fail to.
@@ -105,7 +105,7 @@ def touch_candidates(
             break
         on_faces, moved, violation = project_onto_body(compiled, proposed)
         if violation <= TOUCHING and on_faces.violation(moved) <= FEASIBLE:
-            touching.append((moved, -weakest_at(on_faces, moved, rng, descents=QUICK).value))
+            touching.append((moved, -weakest_directions_of(on_faces, moved, rng, descents=QUICK).value))
         else:
             apart.append((moved, violation))
     best, rest = (
@@ -119,7 +119,7 @@ def _exchange_within_reach(
     compiled: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
 ) -> list[GraspCandidate]:
     """Return candidates by coordinate exchange within reach of the first palm poses whose tips all reach the body."""
-    tables = compiled.without_hand.sample_tables
+    tables = compiled.handless_variant.sample_tables
     hands, reaches = _reachable_palms(compiled, palms)
     if not hands:
         return []
@@ -134,8 +134,8 @@ def _exchange_within_reach(
         [compiled.workspace.joints_at(reach, samples, hand["joints"]) for reach, samples, hand in reached]
     )
     values = {name: np.stack([hand[name] for hand in hands]) for name in hands[0]} | {"joints": joints}
-    points, normals = tables.places(tuples)
-    blocked = compiled.rows.blocked(points, normals, values)
+    points, normals = tables.contacts_of(tuples)
+    blocked = compiled.rows.violation_sums(points, normals, values)
     value = search.values(tuples)
     merit = value / max(float(np.max(value)), 1e-300) - COLLISION_WEIGHT * blocked
     return [
@@ -146,7 +146,7 @@ def _exchange_within_reach(
 
 def _reachable_palms(compiled: CompiledProblem, palms: Sequence[Values]) -> tuple[list[Values], list[ReachableSamples]]:
     """Return the first palm poses from which all fingertips reach the body, and the samples in their reach."""
-    tables, space = compiled.without_hand.sample_tables, compiled.workspace
+    tables, space = compiled.handless_variant.sample_tables, compiled.workspace
     clouds = [tables.samples(i) for i in range(len(compiled.problem.models))]
     tree, hands, reaches = compiled.hand_points.posed_hand.tree, list[Values](), list[ReachableSamples]()
     for hand in palms:
@@ -206,8 +206,8 @@ def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator) -> _
 
 def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
     """Return poses fitted to exchanged tuples of free contacts, in several assignments of fingers to contacts."""
-    hand, tables = compiled.hand_points.posed_hand, compiled.without_hand.sample_tables
-    points, normals = tables.places(search.exchange(search.draw()))
+    hand, tables = compiled.hand_points.posed_hand, compiled.handless_variant.sample_tables
+    points, normals = tables.contacts_of(search.exchange(search.draw()))
     interchangeable = len(set(tables.of_contact)) == 1
     orders = np.array(list(permutations(range(hand.count))) if interchangeable else [range(hand.count)])
     radii = np.asarray(hand.tip_radii)[:, None]
@@ -236,5 +236,5 @@ def _nearest_samples(compiled: CompiledProblem, values: Values, tips: FloatArray
 
 def _pose_penalties(compiled: CompiledProblem, poses: _HandPoses) -> FloatArray:
     """Return the weighted sum of the fingertips' distance from the body and violated constraints, (b,)."""
-    violations = compiled.rows.broken(poses.points, poses.normals, poses.values)
+    violations = compiled.rows.user_violation_sums(poses.points, poses.normals, poses.values)
     return DISTANCE_WEIGHT * poses.distances / compiled.scaling.length + VIOLATION_WEIGHT * violations

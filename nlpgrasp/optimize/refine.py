@@ -22,7 +22,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import exchange_nearby
-from nlpgrasp.optimize.cutting_planes import most_relevant
+from nlpgrasp.optimize.cutting_planes import nearest_to_binding
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.local_search import RefinementResult, advance, refine
@@ -52,7 +52,7 @@ def refine_on_body(
     """
     body = compiled.problem.body
     if not isinstance(body, Mesh):
-        return refine_on_triangles(compiled, compiled.snapped(candidate), deadline)
+        return refine_on_triangles(compiled, compiled.projected_onto_faces(candidate), deadline)
     if compiled.follows_contacts:
         candidate = replace(candidate, points=body.closest(candidate.points)[0])
     else:
@@ -110,13 +110,13 @@ def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadli
     """Return a candidate after a few rounds of refinement on the body; a hand's on the smooth surface of a mesh."""
     body = compiled.problem.body
     if not isinstance(body, Mesh):
-        return advance(compiled, compiled.snapped(candidate), deadline, ROUNDS)
+        return advance(compiled, compiled.projected_onto_faces(candidate), deadline, ROUNDS)
     if not compiled.follows_contacts:
         moved, violation = project_onto_constraints(
-            compiled, compiled.snapped(replace(candidate, faces=body.face_names * len(candidate.faces)))
+            compiled, compiled.projected_onto_faces(replace(candidate, faces=body.face_names * len(candidate.faces)))
         )
         if violation <= TOUCHING:
-            return advance(compiled, compiled.snapped(moved), deadline, ROUNDS)
+            return advance(compiled, compiled.projected_onto_faces(moved), deadline, ROUNDS)
     return advance(
         *fix_to_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0])), deadline, ROUNDS
     )
@@ -201,10 +201,10 @@ class JointLimitMargins:
 
 def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> GraspCandidate:
     """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
-    moved, violation = project_onto_constraints(compiled, compiled.snapped(candidate))
+    moved, violation = project_onto_constraints(compiled, compiled.projected_onto_faces(candidate))
     if violation > TOUCHING:
         return candidate
-    return refine_with_margins(compiled, compiled.snapped(moved), deadline)[1].point.candidate
+    return refine_with_margins(compiled, compiled.projected_onto_faces(moved), deadline)[1].point.candidate
 
 
 def _exchange_contacts(
@@ -228,7 +228,7 @@ def _joints_with_margin(
         hand = {**candidate.hand, "joints": clipped}
         moved, violation = project_onto_constraints(narrowed, replace(candidate, hand=hand))
         if violation <= TOUCHING:
-            return keeps_margin, narrowed.snapped(moved)
+            return keeps_margin, narrowed.projected_onto_faces(moved)
     return ~lacking, candidate
 
 
@@ -236,9 +236,9 @@ def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins
     """Return the mask of joints, (m,), whose margins are dropped to keep the cost in mu within ``room_price``."""
     point, program = result.point, compiled.cutting_planes.functions.program
     costly = np.zeros(len(margins), dtype=bool)
-    if point.value <= 0.0 or not compiled.cutting_planes.linearises:
+    if point.value <= 0.0 or not compiled.cutting_planes.uses_linearised_steps:
         return costly
-    linear = Linearisation(compiled, point.candidate, most_relevant(compiled, point.candidate, point.cuts))
+    linear = Linearisation(compiled, point.candidate, nearest_to_binding(compiled, point.candidate, point.cuts))
     step = linear.quadratic_step(NEARBY)
     if step is None:
         return costly

@@ -24,7 +24,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, edge_distances
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp, GraspStack
@@ -128,7 +128,7 @@ def worst_displacement(
             if weakest.value <= 0.0:
                 break
             y = np.concatenate([y, weakest.directions])[-300:]
-            if not _slide(compiled, models, positions, indices, y):
+            if not _worsen_positions(compiled, models, positions, indices, y):
                 break
     return worst, y
 
@@ -179,7 +179,7 @@ def _contacts_near_edges(compiled: CompiledProblem, candidate: GraspCandidate) -
     return tuple(np.flatnonzero(distances < SLIP_SHARE * compiled.options.robust_offset).tolist())
 
 
-def _slide(
+def _worsen_positions(
     compiled: CompiledProblem,
     models: Sequence[ContactModel],
     positions: ContactPositions,
@@ -236,7 +236,7 @@ class _RobustSearch:
         indices, directions = worst_displacement(
             compiled, self.models, self._positions(), compiled.budget(candidate), rng
         )
-        nominal = weakest_at(compiled, candidate, np.random.default_rng(0), directions, QUICK)
+        nominal = weakest_directions_of(compiled, candidate, np.random.default_rng(0), directions, QUICK)
         self.directions = np.concatenate([self.directions, directions, nominal.directions])[-MOST_DIRECTIONS:]
         if tuple(indices) not in self.displacements:
             self.displacements.append(tuple(indices))

@@ -16,7 +16,7 @@ from nlpgrasp.optimize.initial_nlp import InitialGrasp, solve_initial_nlp
 from nlpgrasp.optimize.local_search import RefinementResult, refine
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import fix_to_triangles
-from nlpgrasp.optimize.propose import propose, touch_candidates
+from nlpgrasp.optimize.propose import candidates_in_contact, propose
 from nlpgrasp.optimize.refine import advance_on_body, refine_on_body
 from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
@@ -91,10 +91,10 @@ def _best_of_candidates(
     """Return the best result over a start's candidates, with the total effort."""
     origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
     # hand poses are compared under the L2 budget
-    comparing = compiled if compiled.follows_contacts else compiled.with_l2_budget or compiled
+    comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
     if not compiled.follows_contacts:
-        proposed = touch_candidates(comparing, proposed, rng, deadline)
+        proposed = candidates_in_contact(comparing, proposed, rng, deadline)
     clock.mark("propose")
     results, unpromising, initial_effort = list[StartGrasp](), list[InitialGrasp](), Effort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
@@ -107,9 +107,9 @@ def _best_of_candidates(
             continue
         for promising in _sort_by_promise(comparing, batch, deadline):
             results.append(_result_of_candidate(compiled, index, promising, origin, deadline, clock))
-            if _has_enough(results):
+            if _can_stop(results):
                 break
-        if deadline.is_requested() or _has_enough(results):
+        if deadline.is_requested() or _can_stop(results):
             break
         batch = []
     for initial in sorted(unpromising, key=lambda grasp: -grasp.score) if not results else ():
@@ -140,7 +140,7 @@ def _refine_candidates(
     edges. Every other start does so, and with a hand that has a pose all; the grasp refined under L2 is then yielded as
     well.
     """
-    under_l2 = compiled.with_l2_budget if index % 2 or not compiled.follows_contacts else None
+    under_l2 = compiled.l2_variant if index % 2 or not compiled.follows_contacts else None
     if under_l2 is not None:
         on_body, result = refine_on_body(under_l2, candidate, deadline)
         candidate = result.point.candidate
@@ -149,7 +149,7 @@ def _refine_candidates(
     yield refine_on_body(compiled, candidate, deadline)
 
 
-def _has_enough(results: Sequence[StartGrasp]) -> bool:
+def _can_stop(results: Sequence[StartGrasp]) -> bool:
     """Return whether further candidates are not needed: a result is solved, or too many have colliding links."""
     colliding = sum(result.record.status is Status.TOUCHES for result in results)
     return any(result.solved for result in results) or colliding >= MOST_COLLIDING

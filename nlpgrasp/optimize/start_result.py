@@ -105,7 +105,7 @@ class StartGrasp(StartResult):
         """Return the result of a start with its record: solved if certified, feasible and free of collisions."""
         depth, gaps, links = None, list[float | None](), compiled.link_depths
         if links is not None:
-            depth = links.at(on_body.candidate.hand) if links.has_shapes else None
+            depth = links.in_posture(on_body.candidate.hand) if links.has_shapes else None
             gaps = links.tip_gaps(on_body.candidate.hand, on_body.grasp.points)
         status = Status.SOLVED if bounds.lower > 0.0 and on_body.is_feasible else Status.NO_GRASP
         collides = depth is not None and not depth.is_free

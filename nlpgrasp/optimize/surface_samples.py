@@ -20,7 +20,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.pad import is_off_normal
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.cell_supports import MEASURES, Measure
+from nlpgrasp.global_bound.cell_supports import MEASURES, CombinationRule
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
 from nlpgrasp.problem.candidate_constraints import FITS
@@ -200,7 +200,7 @@ class SampleTables:
         directions: FloatArray | None = None,
     ) -> None:
         self.budget: ForceBudget = problem.budget if type(problem.budget) in MEASURES else L2Budget()
-        measure = Measure.of(self.budget)
+        measure = CombinationRule.of(self.budget)
         self.power = measure.power if measure.exact else 1.0
         self.combine: np.ufunc = np.add if measure.exact else np.maximum
         models, origin = problem.models, problem.origin
@@ -212,13 +212,13 @@ class SampleTables:
         self.of_contact = [order.index(i) for i in first]
         self.distinct: list[SampleTable] = []
         for i in order:
-            samples = _subset(clouds[i], allowed[i])
+            samples = _table_samples(clouds[i], allowed[i])
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
             self.distinct.append(SampleTable(models[i], measure, samples, np.asarray(maps)))
-        on_one_contact = ~rows.dependence[:, -1] & (np.sum(rows.dependence, axis=1) <= 1)
+        on_one_contact = ~rows.dependence_mask[:, -1] & (np.sum(rows.dependence_mask, axis=1) <= 1)
         self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
         if directions is None:
-            grasps = self.places(self.random(METRIC_GRASPS, np.random.default_rng(0)))
+            grasps = self.contacts_of(self.random(METRIC_GRASPS, np.random.default_rng(0)))
             y = spread_directions(GraspStack(*grasps, models, origin), problem.task)
             directions = y / problem.task.support(y)[0][:, None]
         self.directions = directions
@@ -248,7 +248,7 @@ class SampleTables:
         tuples = [[self.samples(i).tree.query(point)[1] for i, point in enumerate(points)] for points in contacts]
         return np.array(tuples, dtype=np.intp).reshape(len(contacts), len(self.of_contact))
 
-    def places(self, tuples: IntArray) -> tuple[FloatArray, FloatArray]:
+    def contacts_of(self, tuples: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals of tuples of samples (b, k), (b, k, space) each."""
         clouds = [self.samples(i) for i in range(tuples.shape[1])]
         points = np.stack([cloud.points[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
@@ -269,7 +269,7 @@ class SampleTable:
     """
 
     model: ContactModel
-    measure: Measure
+    measure: CombinationRule
     samples: SampleCloud
     maps: FloatArray
 
@@ -320,7 +320,7 @@ def _determines_direction(directions: Sequence[tuple[float, ...]], outward: Floa
     return np.asarray(np.all([is_off_normal(direction, outward) for direction in directions], axis=0))
 
 
-def _subset(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleCloud:
+def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleCloud:
     """Return at most ``TABLE_SAMPLES`` allowed points of a cloud; of all points where none is allowed."""
     indices = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(indices) > TABLE_SAMPLES:
@@ -333,7 +333,7 @@ def _satisfying_samples(
 ) -> NDArray[np.bool_]:
     """Return the mask of a contact's samples that satisfy the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)
-    on_contact = rows.dependence[:, contact] & (np.sum(rows.dependence, axis=1) == 1)
+    on_contact = rows.dependence_mask[:, contact] & (np.sum(rows.dependence_mask, axis=1) == 1)
     if not on_contact.any():
         return np.ones(count, dtype=bool)
     points, normals = (
@@ -341,4 +341,4 @@ def _satisfying_samples(
     )
     points[:, contact], normals[:, contact] = cloud.points, cloud.normals
     values = rows.values(points, normals, hand.start(points, normals))
-    return np.asarray(np.all(rows.each_excess(values, BAND)[:, on_contact] <= NEGLIGIBLE, axis=1))
+    return np.asarray(np.all(rows.each_violation(values, BAND)[:, on_contact] <= NEGLIGIBLE, axis=1))

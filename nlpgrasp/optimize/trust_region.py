@@ -24,8 +24,8 @@ from nlpgrasp.common.quadratic_program import (
     Linearised,
     NewtonRules,
     QuadraticStep,
+    quadratic_step,
     restore_feasibility,
-    shortest_step,
     step_bounds,
 )
 from nlpgrasp.common.validation import FloatArray
@@ -72,7 +72,7 @@ class TrustRegionStep:
     predicted_gain: float
     multipliers: FloatArray
     effort: Effort
-    support: FloatArray
+    cut_multipliers: FloatArray
 
 
 class Linearisation:
@@ -158,7 +158,7 @@ class Linearisation:
             Positive semidefinite curvature of the Lagrangian.
         """
         rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
-        return shortest_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
+        return quadratic_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
 
     def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
         """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""
@@ -172,20 +172,20 @@ class Linearisation:
             float(first.d[self.beta]) / self.compiled.scaling.beta,
             first.multipliers[program.placement],
             Effort(),
-            self.support(first.multipliers),
+            self.cut_multipliers(first.multipliers),
         )
 
     @property
-    def cut_rows(self) -> NDArray[np.intp]:
+    def cut_indices(self) -> NDArray[np.intp]:
         """Indices of the cuts among all constraints, (m,)."""
         program = self.functions.program
         if self.outside_cuts is None:
-            return np.array(program.rows_of(SUPPORT)[: self.count], dtype=np.intp)
+            return np.array(program.constraint_indices(SUPPORT)[: self.count], dtype=np.intp)
         return program.limits[0].size + np.arange(self.count)
 
-    def support(self, multipliers: FloatArray) -> FloatArray:
+    def cut_multipliers(self, multipliers: FloatArray) -> FloatArray:
         """Return the multipliers of the cuts, (m,), at least zero up to rounding, from those of all constraints."""
-        return -multipliers[self.cut_rows]
+        return -multipliers[self.cut_indices]
 
     def _size(self, radius: float) -> FloatArray:
         """Return the trust-region bound of each variable, (n,)."""
@@ -225,7 +225,7 @@ def program_step(
         result.objective / compiled.scaling.beta - value,
         result.multipliers[program.placement],
         Effort.of(result),
-        -result.multipliers[program.rows_of(SUPPORT)][: len(cuts)],
+        -result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)],
     )
 
 
@@ -250,7 +250,7 @@ def reduced_hessian(
     gradient = multipliers @ rows.jacobian
     displaced = [multipliers @ linear.at(linear.z + DIFFERENCE * direction, cuts)[1] for direction in basis.T]
     hessian = np.array([(g - gradient) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
-    moving = np.flatnonzero(minimisers & (linear.support(multipliers) > ACTIVE))
+    moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
     hessian = 0.5 * (hessian + hessian.T) + _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
     values, vectors = np.linalg.eigh(hessian)
     vectors = basis @ vectors
@@ -266,7 +266,7 @@ def _moving_minimiser_part(
     problem, _ = condition(WrenchSet.of(linear.grasp_at(linear.z), budget), task)
     if problem is None or not len(moving):
         return np.zeros((size, size))
-    cut_rows = linear.cut_rows[moving]
+    cut_rows = linear.cut_indices[moving]
 
     def rows_at(y: FloatArray) -> tuple[FloatArray, FloatArray]:
         moved_cuts = cuts.copy()

@@ -24,11 +24,18 @@ from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.distinct_grasps import ONE, GraspCollection, KeepOptions
 from nlpgrasp.optimize.final_step import converge_to_optimum
-from nlpgrasp.optimize.global_search import RELAXED, STRIDE, effort_limit, missing_bound_reason, node_count, start_bound
+from nlpgrasp.optimize.global_search import (
+    RELAXED,
+    STRIDE,
+    effort_limit,
+    missing_bound_reason,
+    new_branch_and_bound,
+    node_count,
+)
 from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approach
 from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, StartRunner
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.propose import propose, shares
+from nlpgrasp.optimize.propose import deal_candidates, propose
 from nlpgrasp.optimize.start import failed, run_start
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
@@ -144,7 +151,7 @@ class Multistart:
         """Compute the root bound of a branch and bound, where it covers the problem."""
         self._clock.restart()
         problem, options = self.runner.problem, self.runner.options
-        self._tree = start_bound(problem, options)
+        self._tree = new_branch_and_bound(problem, options)
         if self._tree is not None:
             self._tree.branch(0)
         elif options.gap is not None:
@@ -197,7 +204,7 @@ class Multistart:
                 self.results += [failed(index, error) for index in indices]
                 continue
             self._clock.mark("propose")
-            yield from zip(indices, shares(proposed, len(indices)), strict=True)
+            yield from zip(indices, deal_candidates(proposed, len(indices)), strict=True)
 
     def add(self, warm: WarmStart, improve: bool = True) -> bool:
         """Run a warm start in this process; return whether the best mu rose by more than the certificate's gap."""
@@ -305,7 +312,7 @@ class Multistart:
         self._clock.mark("way in")
         self.chosen = best
 
-    def take_as_answer(self, best: StartGrasp) -> None:
+    def accept_unchanged(self, best: StartGrasp) -> None:
         """Choose a start as the answer unchanged, with the approach of its hand."""
         with single_thread():
             self.chosen = replace(best, hand=add_hand_record(self.runner.compiled, best).hand)
@@ -340,7 +347,15 @@ class Multistart:
         """
         runner, deadline, clock, best, reason = self.runner, self.deadline, self._clock, self.chosen, None
         search = SearchRecord(
-            runner.problem, runner.options, self.seed, self.results, self._cut_short, deadline, bound, clock, best
+            runner.problem,
+            runner.options,
+            self.seed,
+            self.results,
+            self._early_end_status,
+            deadline,
+            bound,
+            clock,
+            best,
         )
         clock.mark("bound")
         if best is None and not deadline.is_requested() and any(isinstance(r, StartGrasp) for r in self.results):
@@ -366,7 +381,7 @@ class Multistart:
         return replace(solution, solver=record)
 
     @property
-    def _cut_short(self) -> Status | None:
+    def _early_end_status(self) -> Status | None:
         """Status of a search that ended before all requested starts were run; None where it did not."""
         if self.deadline.is_interrupted():
             return Status.INTERRUPTED

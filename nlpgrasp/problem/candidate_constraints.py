@@ -10,7 +10,7 @@ import casadi as ca
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
-    ROOM,
+    FINGERTIP_CLEARANCE,
     Clearance,
     LinkSphere,
     ScalarConstraint,
@@ -138,7 +138,11 @@ def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> lis
         return []
     fingertips = enumerate(zip(placement.tips, placement.radii, strict=True))
     distance, size = body.distance_function, body.size
-    return [Clearance(ROOM, distance, tip, FITS * r, size, fingers=(i,)) for i, (tip, r) in fingertips if r > 0.0]
+    return [
+        Clearance(FINGERTIP_CLEARANCE, distance, tip, FITS * r, size, fingers=(i,))
+        for i, (tip, r) in fingertips
+        if r > 0.0
+    ]
 
 
 def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:

@@ -16,7 +16,7 @@ from nlpgrasp.tasks import Task
 P = ParamSpec("P")
 
 
-class OverStacks(Protocol[P]):
+class StackableMeasure(Protocol[P]):
     """Protocol of quality measures of a grasp (a number) or a stack (an array)."""
 
     @overload
@@ -25,7 +25,7 @@ class OverStacks(Protocol[P]):
     def __call__(self, grasp: GraspStack, *args: P.args, **kwargs: P.kwargs) -> FloatArray: ...
 
 
-def extend_to_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverStacks[P]:
+def extend_to_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> StackableMeasure[P]:
     """Extend a measure of one grasp to stacks, evaluated grasp by grasp."""
 
     @overload

@@ -54,7 +54,7 @@ class Containment:
         gradient = (wrench - np.where(positive, value, 0.0)[:, None] * demand) / divisor[:, None]
         return value, gradient
 
-    def original(self, u: FloatArray) -> FloatArray:
+    def to_wrench_direction(self, u: FloatArray) -> FloatArray:
         """Map a direction (r,) to a unit direction (d,) in the original wrench coordinates."""
         y = u @ self.matrix
         return y / np.linalg.norm(y)

@@ -124,7 +124,7 @@ class IncrementalHull:
         self._append(p)
         inner = np.ones(cells.shape, dtype=bool)
         inner[index, slot] = False
-        pairs = self._pairs(cells, inner)
+        pairs = self._match_ridges(cells, inner)
         if pairs is None:  # rounding tore the horizon: leave everything as it was
             self._count -= 1
             return False
@@ -156,7 +156,7 @@ class IncrementalHull:
                 planes[nearly_equal[is_finite]] = solved[is_finite]
         return planes
 
-    def _pairs(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
+    def _match_ridges(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
         """Return row, slot and opposite row of each ridge that two cells share; None if some ridge is unmatched."""
         names = self._names[cells]
         keys = names.sum(axis=1)[:, None] - names  # of the ridge opposite each vertex
@@ -173,7 +173,7 @@ class IncrementalHull:
     def _first_neighbours(self) -> Indices:
         """Return the neighbour across the ridge opposite each vertex, for Qhull's cells."""
         cells = self._cells
-        pairs = self._pairs(cells, np.ones(cells.shape, dtype=bool))
+        pairs = self._match_ridges(cells, np.ones(cells.shape, dtype=bool))
         if pairs is None:
             raise QhullError("facets that do not close")
         rows, slots, partner = pairs

@@ -113,7 +113,7 @@ def finger_forces(
     feasible = residual <= PRODUCED
     directions = directions / scale
     directions /= np.where(feasible, np.nan, np.linalg.norm(directions, axis=1))[:, None]
-    used = np.where(feasible, scaled.force_set.used(x) * size, np.inf)
+    used = np.where(feasible, scaled.force_set.gauge(x) * size, np.inf)
     return FingerForces(x * size[:, None], feasible, residual, used, directions)
 
 

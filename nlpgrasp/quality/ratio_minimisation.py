@@ -89,7 +89,7 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
     return u, value
 
 
-def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+def descend_by_inverse_iteration(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Minimise the support ratio by inverse iteration from each row of ``u``, for the L2 budget.
 
     The squared support is piecewise quadratic, so this converges in fewer steps than ``descend``

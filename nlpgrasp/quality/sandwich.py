@@ -83,7 +83,7 @@ def sandwich(
         deadline or at the limits of floating point, as ``limit`` says.
     """
     state = tighten(problem, rtol, seed, deadline, warm_start)
-    direction = problem.original(state.worst)
+    direction = problem.to_wrench_direction(state.worst)
     if state.upper == 0.0:
         return Bounds(0.0, 0.0, direction)
     if problem.rank == 1:

@@ -346,7 +346,7 @@ def _gauge(whitened: WrenchSet) -> Gauge:
             divisor = np.where(is_produced & (force > 0.0), force, 1.0)
             return np.where(is_produced, force * size, np.inf), y / divisor[:, None]
         x, y = conic.solve_least_forces(whitened, unit)
-        amount = whitened.force_set.used(x) * size
+        amount = whitened.force_set.gauge(x) * size
         return np.where(np.isfinite(amount), amount, np.inf), y
 
     return gauge

@@ -11,7 +11,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.containment import Containment, condition
 from nlpgrasp.quality.force_closure import separating_direction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.ratio_minimisation import descend, iterate, random_directions, select_separated
+from nlpgrasp.quality.ratio_minimisation import (
+    descend,
+    descend_by_inverse_iteration,
+    random_directions,
+    select_separated,
+)
 from nlpgrasp.quality.sandwich import ResumableCertificate, Sandwich, tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
@@ -92,7 +97,7 @@ def weakest_directions(
     """
     problem, proof = condition(WrenchSet.of(grasp, budget), task)
     if problem is None:
-        y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
+        y = np.zeros((0, grasp.dimension)) if proof is None else scale_to_unit_support(task, proof[None, :])
         return WeakestDirections(0.0, y)
     separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
     is_closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
@@ -117,7 +122,7 @@ def _weakest(problem: Containment, task: Task, directions: FloatArray, values: F
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = select_separated(directions, order, SEPARATION, KEEP)
-    return WeakestDirections(float(values[chosen[0]]), _unit_reach(task, directions[chosen] @ problem.matrix))
+    return WeakestDirections(float(values[chosen[0]]), scale_to_unit_support(task, directions[chosen] @ problem.matrix))
 
 
 def to_coordinates(problem: Containment, directions: FloatArray | None) -> FloatArray:
@@ -136,7 +141,7 @@ def _descend_and_iterate(problem: Containment, start: FloatArray, steps: int) ->
     """
     directions, values = descend(problem, start, BEGUN)
     weakest = np.argsort(values, kind="stable")[:FOLLOWED]
-    refined, refined_values = iterate(problem, directions[weakest], steps)
+    refined, refined_values = descend_by_inverse_iteration(problem, directions[weakest], steps)
     return np.concatenate([refined, directions]), np.concatenate([refined_values, values])
 
 
@@ -154,7 +159,7 @@ def _hull_directions(problem: Containment, sandwich: Sandwich) -> tuple[FloatArr
     return directions, problem.ratio(directions)[0]
 
 
-def _unit_reach(task: Task, y: FloatArray) -> FloatArray:
+def scale_to_unit_support(task: Task, y: FloatArray) -> FloatArray:
     """Return the directions (m, d) with a positive support of the task, scaled to ``phi_A = 1``."""
     reach = task.support(y)[0]
     return np.asarray(y[reach > 0.0] / reach[reach > 0.0][:, None])

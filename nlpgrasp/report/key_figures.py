@@ -67,9 +67,9 @@ def gauge(solution: GraspSolution, end: float | None = None) -> str:
     spans = [("sure", 0.0, remaining), ("lost", remaining, mu.lower), ("between", mu.lower, mu.upper)]
     if math.isfinite(best):
         spans.append(("room", mu.upper, min(best, axis_limit)))
-    track = "".join(_span(kind, a / axis_limit, b / axis_limit) for kind, a, b in spans if b > a)
+    track = "".join(_track_segment(kind, a / axis_limit, b / axis_limit) for kind, a, b in spans if b > a)
     if best <= axis_limit:
-        track += _span("best", best / axis_limit, best / axis_limit)
+        track += _track_segment("best", best / axis_limit, best / axis_limit)
     labels = "".join(
         f'<i style="left:{100 * v / axis_limit:.2f}%">{typeset(format_number(v))}</i>' for v in ticks(0.0, axis_limit)
     )
@@ -104,7 +104,7 @@ def gauge_legend(solution: GraspSolution) -> str:
     return f'<p class="legend">{spans}</p>'
 
 
-def _span(kind: str, begin: float, end: float) -> str:
+def _track_segment(kind: str, begin: float, end: float) -> str:
     """Return a part of the track between two shares of its length."""
     return f'<b class="{kind}" style="left:{100 * begin:.2f}%;width:{100 * max(end - begin, 0.0):.2f}%"></b>'
 

@@ -25,7 +25,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.report.scene_parts import first_view, subdivide, triangle_normals, view_directions
 from nlpgrasp.report.start_charts import certified_bounds
-from nlpgrasp.report.task_wrenches import choose_wrenches, shadows
+from nlpgrasp.report.task_wrenches import choose_wrenches, wrench_projections
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 
@@ -101,7 +101,7 @@ def draw_grasp(solution: GraspSolution) -> Figure:
 
 def draw_wrenches(solution: GraspSolution) -> Figure:
     """Draw projections of the wrench set and of the task."""
-    projections = shadows(solution)
+    projections = wrench_projections(solution)
     columns = min(4, len(projections))
     rows = -(-len(projections) // columns)
     figure: Figure

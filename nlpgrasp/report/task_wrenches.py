@@ -115,7 +115,7 @@ def format_wrench(wrench: FloatArray, length: float) -> str:
 
 
 @dataclass(frozen=True)
-class Shadow:
+class WrenchProjection:
     """Projection of both sets onto one plane.
 
     Parameters
@@ -134,7 +134,7 @@ class Shadow:
     limit: float | None = None
 
 
-def shadows(solution: GraspSolution) -> list[Shadow]:
+def wrench_projections(solution: GraspSolution) -> list[WrenchProjection]:
     """Return the projections onto the planes of forces and moments, and onto one with the weakest direction."""
     grasp = solution.grasp
     if grasp is None:
@@ -150,7 +150,7 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
         projections.append(_weakest_projection(solution.mu.worst_direction, wrench_set, task, scale))
     for i, j in pairs:
         plane = np.eye(d)[[i, j]]
-        projections.append(Shadow(labels[i], labels[j], *_outlines(plane, wrench_set, task, scale)))
+        projections.append(WrenchProjection(labels[i], labels[j], *_outlines(plane, wrench_set, task, scale)))
     return projections
 
 
@@ -168,7 +168,7 @@ def _outlines(plane: FloatArray, wrench_set: WrenchSet, task: Task, scale: float
     return wrench_set.support(directions)[1] @ plane.T, scale * task.support(directions)[1] @ plane.T
 
 
-def _weakest_projection(direction: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> Shadow:
+def _weakest_projection(direction: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> WrenchProjection:
     """Return the projection along the weakest direction, in shares of the producible wrench: the sets nearly touch."""
     limit = float(wrench_set.support(direction[None, :])[0][0])
     along = direction / limit if limit > 0.0 else direction / np.linalg.norm(direction)
@@ -176,4 +176,4 @@ def _weakest_projection(direction: FloatArray, wrench_set: WrenchSet, task: Task
     across = (np.eye(len(direction)) / sizes[:, None])[int(np.argmin(np.abs(along) * sizes))]
     plane = np.stack([along, across])
     grasp, scaled_task = _outlines(plane, wrench_set, task, scale)
-    return Shadow("along the weakest direction", "across it", grasp, scaled_task, float(np.max(grasp[:, 0])))
+    return WrenchProjection("along the weakest direction", "across it", grasp, scaled_task, float(np.max(grasp[:, 0])))

@@ -108,7 +108,7 @@ class FingertipModel:
         if self.moments:
             restoring = self.stiffness * (self.turning @ self._rotation())
             command[self.moment_indices] -= restoring + self.damping * (self.turning @ self._angular_velocity())
-        used = float(self.allowed.used(command[None])[0]) / self.effort
+        used = float(self.allowed.gauge(command[None])[0]) / self.effort
         if used > 1.0:
             command /= used
         data.ctrl[:] = command[self.forces]

@@ -273,11 +273,11 @@ def grip_forces(grasp: Grasp, budget: ForceBudget) -> FloatArray:
 def _largest_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, most: float) -> float:
     """Return the largest factor of internal forces that fits within an effort, by bisection."""
     allowed = budget.at(grasp.frames, grasp.contacts)
-    grip_effort = float(allowed.used(grip[None])[0])
+    grip_effort = float(allowed.gauge(grip[None])[0])
     low, high = 0.0, most / grip_effort if grip_effort > 0.0 else 0.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        used = float(allowed.used((x + middle * grip)[None])[0])
+        used = float(allowed.gauge((x + middle * grip)[None])[0])
         low, high = (middle, high) if used <= most else (low, middle)
     return low
 

@@ -298,17 +298,22 @@ class JointMargins:
     price: float
 
     @property
-    def near(self) -> dict[str, float]:
+    def joints_near_limit(self) -> dict[str, float]:
         """Distance from the nearer limit, for the joints that lack their margin."""
         required = {name: (1.0 - SMALL) * margin for name, margin in self.margins.items()}
         return {name: distance for name, distance in self.left.items() if distance < required[name]}
 
     def to_dict(self) -> Json:
         """Return the margins as JSON data."""
-        return {"margin": self.margin, "margins": dict(self.margins), "near": self.near, "price": self.price}
+        return {
+            "margin": self.margin,
+            "margins": dict(self.margins),
+            "near": self.joints_near_limit,
+            "price": self.price,
+        }
 
 
-def mu_without(margins: Json) -> float:
+def mu_before_margins(margins: Json) -> float:
     """Return the mu before the search for joint-limit margins, from a file of an earlier version; 0 in later ones."""
     bounds = margins.get("mu_without")
     return 0.0 if bounds is None else float(bounds["upper"])

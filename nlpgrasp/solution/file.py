@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import cast
 
-from nlpgrasp.common.files import check_schema, read_object, read_text, spare_sources, write_text
+from nlpgrasp.common.files import check_schema, read_object, read_text, refuse_overwriting_source, write_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema import EXPECTED, SCHEMA_NAME, SolutionData, check_kinds, solution_schema
 
@@ -22,7 +22,7 @@ def write_solution(data: SolutionData, path: str | Path) -> Path:
     InputError
         When the folder does not exist or cannot be written, or a mesh, a hand or a script has that name.
     """
-    spare_sources("GraspSolution.save", Path(path))
+    refuse_overwriting_source("GraspSolution.save", Path(path))
     return write_text(path, solution_json(data))
 
 

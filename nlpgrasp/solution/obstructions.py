@@ -101,7 +101,7 @@ def jaws_depth(hand: Json | None) -> float:
     return depth if depth > TOLERANCE else 0.0
 
 
-def passes_through(hand: Json | None) -> bool:
+def jaws_cross_thin_part(hand: Json | None) -> bool:
     """Return whether parallel jaws pass through something thin on their straight approach."""
     return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
 
@@ -144,7 +144,7 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
     return message
 
 
-def unknown_links(hand: Json | None) -> str:
+def format_unshaped_links(hand: Json | None) -> str:
     """Return as text the contacts whose links lack shapes where other links have some; empty without any."""
     gaps = (hand or {}).get("tip_gaps") or ()
     unshaped = [str(i) for i, gap in enumerate(gaps) if gap is None]
@@ -159,7 +159,7 @@ def approach_obstructions(hand: Json | None) -> list[str]:
     obstructions, jaws, approach, depth = [], jaws_depth(hand), approach_penetration(hand), grasp_penetration(hand)
     if jaws:
         obstructions.append(f"the gripper's way in leads {format_number(1e3 * jaws, 2)} mm into what is beside it")
-    elif passes_through(hand):
+    elif jaws_cross_thin_part(hand):
         obstructions.append("the gripper's way in passes through something thin")
     if approach is not None and not approach.is_free and (depth is None or depth.is_free):
         obstructions.append(f"on the way in {approach.words}")

@@ -237,7 +237,7 @@ class GlobalBound:
             "grasp": None,
             "certificate": self.certificate,
         }
-        return replace(self, certificate=reference(write_bound(data, path.with_suffix(".bound.json"))))
+        return replace(self, certificate=bound_file_reference(write_bound(data, path.with_suffix(".bound.json"))))
 
     @classmethod
     def from_dict(cls, data: GlobalBoundData, name: str) -> GlobalBound:
@@ -290,7 +290,7 @@ def write_bound(data: Json, path: str | Path) -> Path:
     return write_text(path, json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n")
 
 
-def reference(path: str | Path) -> Json:
+def bound_file_reference(path: str | Path) -> Json:
     """Return the name and SHA-256 of a bound file, for reference from files beside it.
 
     Raises

@@ -26,7 +26,7 @@ from nlpgrasp.solution.analysis_records import (
     WhyNot,
     format_joint_margins,
     fragility_warning,
-    mu_without,
+    mu_before_margins,
 )
 from nlpgrasp.solution.file import read_solution_data, write_solution
 from nlpgrasp.solution.force_records import ForcesNeeded, excess_force_warning, forces_and_moments, held_wrenches
@@ -38,11 +38,11 @@ from nlpgrasp.solution.obstructions import (
     approach_penetration,
     format_jaw_approach,
     format_link_penetrations,
+    format_unshaped_links,
     grasp_obstructions,
     grasp_penetration,
     jaws_depth,
     missing_approach_reason,
-    unknown_links,
 )
 from nlpgrasp.solution.phase_record import Phase, read_phases
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
@@ -390,7 +390,7 @@ class GraspSolution(InNotebook):
         warnings = (
             *grasp_obstructions(self.hand),
             *approach_obstructions(self.hand),
-            unknown_links(self.hand),
+            format_unshaped_links(self.hand),
             fragility_warning(self.robust, self.mu, self.label),
             excess_force_warning(self.needed, self.max_force),
             "the hand cannot squeeze the body" if no_squeeze else "",
@@ -415,7 +415,7 @@ class GraspSolution(InNotebook):
 
     def starts_lines(self) -> list[str]:
         """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
-        mu = 0.0 if self._joint_margins is None else mu_without(self._joint_margins)
+        mu = 0.0 if self._joint_margins is None else mu_before_margins(self._joint_margins)
         by_remaining = bool(self.solver.get("options", {}).get("maximise_robust"))
         better = better_start_text(self.starts, self.winner, mu, self.label, by_remaining, self.squeeze is not None)
         return [*starts_lines(self.starts), *better, *ipopt_lines(self.solver)]

@@ -42,7 +42,7 @@ def solver_words(message: str) -> str:
 
 def failure_reason(start: StartRecord) -> str:
     """Return the reason why a start is not solved, as text, links that penetrate included; empty for a solved one."""
-    ending = _ending(start)
+    ending = _failure_kind(start)
     if ending is None:
         return ""
     if ending == ERROR:
@@ -59,7 +59,7 @@ def failure_reason(start: StartRecord) -> str:
 
 def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
     """Return how many starts found a grasp and how the others ended, as text lines; empty for one that succeeded."""
-    failures = [s for s in starts if _ending(s) is not None]
+    failures = [s for s in starts if _failure_kind(s) is not None]
     count, successes = len(starts), len(starts) - len(failures)
     if count == successes:
         return [f"{'both' if count == 2 else f'all {count}'} starts found a grasp"] if count > 1 else []
@@ -139,7 +139,7 @@ def better_start_text(
     return [f"start {best.index} found {label} in {best.mu}: passed over, as {reason}"]
 
 
-def _ending(start: StartRecord) -> str | None:
+def _failure_kind(start: StartRecord) -> str | None:
     """Return how a start that is not solved ended, with a colliding grasp or without; None for a solved one."""
     if start.status is Status.SOLVED:
         return None
@@ -158,7 +158,7 @@ def _group_by_reason(starts: Sequence[StartRecord]) -> dict[str, list[StartRecor
     """Return starts without a grasp by the way they ended."""
     groups: dict[str, list[StartRecord]] = {}
     for start in starts:
-        groups.setdefault(_ending(start) or "", []).append(start)
+        groups.setdefault(_failure_kind(start) or "", []).append(start)
     return groups
 
 

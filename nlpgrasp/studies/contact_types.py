@@ -79,7 +79,7 @@ def choose_contact_types(
     menu = Menu.of(problem, types)
     starts, seed, options = check_search(starts, seed, options)
     prices = _type_costs(menu, costs)
-    names, pairs = menu.order()
+    names, pairs = menu.ordered_assignments()
     problems = [menu.problem_with(types_of_contacts) for types_of_contacts in names]
     solved = solve_family(problems, pairs, TypeConversion(menu, names), starts, seed, options)
     assignments = [
@@ -348,7 +348,7 @@ class Menu:
         """Return an injective map of contacts to larger ones whose types dominate theirs, or None."""
         return assign_contacts(self.models(small), self.models(large), self.problem.body.space, self.groups)
 
-    def order(self) -> tuple[list[Names], list[tuple[int, int]]]:
+    def ordered_assignments(self) -> tuple[list[Names], list[tuple[int, int]]]:
         """Return the assignments ordered from smaller to larger, and the index pairs of neighbours.
 
         One assignment is smaller than another if each of its contacts is dominated by one of the other's.

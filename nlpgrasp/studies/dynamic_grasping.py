@@ -206,7 +206,7 @@ def _follow(
         search.close_gap()
         answer = _select_answer(search, rtol, gain)
         if answer is not None:
-            search.take_as_answer(answer)
+            search.accept_unchanged(answer)
         yield _step(compiled, search, current, parameter, cold=is_lost and current is not None)
         current = search.chosen or current
         contact_points.extend(r.on_body.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)

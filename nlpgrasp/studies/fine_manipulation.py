@@ -466,7 +466,7 @@ class HoldingQuality:
             certificates[station] = self._certified(self._grasp(moved, finger, station))
             return certificates[station].upper
 
-        least_value_along(quality, first_stations(curve.total, curve.edges))
+        stations_near_minimum(quality, first_stations(curve.total, curve.edges))
         lower, upper = min(b.lower for b in certificates.values()), min(b.upper for b in certificates.values())
         bounds = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
         return FingerMove(finger, path, slides, bounds, stations=len(certificates), others=others)
@@ -498,7 +498,7 @@ def first_stations(total: float, corners: Sequence[float] | FloatArray, count: i
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
 
 
-def least_value_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
+def stations_near_minimum(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
     """Return stations with others added where the least value may lie, (n,), in order; not the values.
 
     The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves

@@ -136,7 +136,7 @@ class _Family:
                     large.add(warm_start, improve=False)
             chosen = large.certify_best(large.runner.options.final_rtol)
             if chosen is not None:
-                large.take_as_answer(chosen)
+                large.accept_unchanged(chosen)
 
 
 def _run_further_starts(search: Multistart) -> None:

@@ -92,7 +92,7 @@ def force_residuals(
         projected[list(model.axes(space))] = components
         components_of_contacts.append(components)
         cone = max(cone, float(np.linalg.norm(local - projected)) / scale)
-    return balance, cone, float(force_set.used(np.concatenate(components_of_contacts)[None, :])[0])
+    return balance, cone, float(force_set.gauge(np.concatenate(components_of_contacts)[None, :])[0])
 
 
 def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
@@ -380,7 +380,10 @@ def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: Han
         yield f"torques of {', '.join(torques)}, where {', '.join(hand_jacobians)} move the contacts"
         return
     forces = np.array([[*f["force"], *f.get("moment", [0.0] * 3)] for f in stated["fingers"]], dtype=float)
-    size, tolerance = float(np.max(np.linalg.norm(forces[:, :3], axis=1))), JACOBIAN_TOLERANCE + linked_hand.turn
+    size, tolerance = (
+        float(np.max(np.linalg.norm(forces[:, :3], axis=1))),
+        JACOBIAN_TOLERANCE + linked_hand.direction_error,
+    )
     jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(hand_jacobians)))
     for j, (joint, J) in enumerate(hand_jacobians.items()):
         arm = max(1.0, float(np.max(np.abs(J))))

@@ -154,7 +154,7 @@ def _approach_penetration(
     body = require_body(surface)
     solids = [NumericSolid("", vectorised_distance(body), rough=body.rough)]
     solids += solids_around(solution.problem["constraints"], placement)
-    starts, offsets, on_pads = _lines(problem_hand, placement.points)
+    starts, offsets, on_pads = _finger_and_palm_lines(problem_hand, placement.points)
     approach = array(DIRECTION, hand["approach"]["direction"], starts.shape[1:])
 
     def clearance(line: NDArray[np.intp], coordinate: FloatArray) -> FloatArray:
@@ -209,7 +209,7 @@ def _least_clearance(
     return least, enters_steeply
 
 
-def _lines(problem_hand: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _finger_and_palm_lines(problem_hand: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return lines of fingers and palm: their points at the pads (n, space), their starts, and which are on pads.
 
     A finger reaches from its contact outwards by its thickness; the palm, a finger's length behind, from one contact to

@@ -116,7 +116,7 @@ def _compare_budget(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> lis
     stated_limits = np.array([linked_hand.data["torque_limits"][joint] for joint in jacobians], dtype=float)
     limits = array("limits", budget["limits"], (len(jacobians),))
     number("force_limit", budget["force_limit"], above=0.0)
-    error = _jacobian_difference(budget["jacobians"], jacobians, linked_hand.turn)
+    error = _jacobian_difference(budget["jacobians"], jacobians, linked_hand.direction_error)
     if not np.array_equal(limits, stated_limits):
         joint = list(jacobians)[int(np.argmax(limits != stated_limits))]
         error = f"another limit for joint {joint} than problem.hand.torque_limits states"

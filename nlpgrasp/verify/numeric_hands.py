@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import ROOM, TIPS_APART
+from nlpgrasp.common.scalar_constraints import FINGERTIP_CLEARANCE, TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.verify.check import NotCheckedError
@@ -176,7 +176,9 @@ def fingertip_clearances(
     body_surface = require_body(surface)
     for i in round_tips:
         value = float(body_surface.distance(placement.tips[i][None])[0])
-        yield ConstraintValue(f"{ROOM}, finger {i}", value, TIP_CLEARANCE * placement.radii[i], scale=placement.size)
+        yield ConstraintValue(
+            f"{FINGERTIP_CLEARANCE}, finger {i}", value, TIP_CLEARANCE * placement.radii[i], scale=placement.size
+        )
 
 
 def _has_reentrant_corner(body: Json) -> bool:

@@ -86,12 +86,12 @@ class URDFNumbers:
         return [str(tip["type"]) for tip in self.tips]
 
     @cached_property
-    def turn(self) -> float:
+    def direction_error(self) -> float:
         """Error bound of a unit direction of the hand, by the stated length of its quaternion (see the module)."""
-        return 2.0 * min(abs(self._stated_length - 1.0), 10.0 * PROMISE)
+        return 2.0 * min(abs(self._squared_quaternion_length - 1.0), 10.0 * PROMISE)
 
     @property
-    def _stated_length(self) -> float:
+    def _squared_quaternion_length(self) -> float:
         """Squared length of the palm's quaternion in the solver's program, as the file states it; else 1."""
         return self.stated.get(QUATERNION, 1.0)
 
@@ -109,7 +109,7 @@ class URDFNumbers:
     @property
     def error(self) -> float:
         """Error bound of a point of the hand, metres."""
-        return self.turn * self.span
+        return self.direction_error * self.span
 
     @cached_property
     def base(self) -> FloatArray:
@@ -157,7 +157,7 @@ class URDFNumbers:
         """Return the palm pose."""
         approach = self.data.get("approach")
         direction = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
-        return Palm(self.base[:3, 3], direction, self.turn)
+        return Palm(self.base[:3, 3], direction, self.direction_error)
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
         """Return the links' collision spheres, then the contact balls of round fingertips."""
@@ -192,7 +192,7 @@ class URDFNumbers:
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield constraints: unit quaternion, contacts on fingertips, fingertips apart."""
         yield ConstraintValue(
-            QUATERNION, self._stated_length, 1.0, 1.0
+            QUATERNION, self._squared_quaternion_length, 1.0, 1.0
         )  # the program's own; the file's is of unit length
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
@@ -206,7 +206,7 @@ class URDFNumbers:
 
     def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> StatedTouch:
         """Return a fingertip and its contact, for the constraints between them."""
-        return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
+        return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.direction_error)
 
     def apart(self) -> Iterator[ConstraintValue]:
         """Yield the squared distances of sphere pairs under self-collision constraints."""

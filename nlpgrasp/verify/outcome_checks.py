@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from nlpgrasp.common.formatting import format_headroom
-from nlpgrasp.solution.analysis_records import mu_without
+from nlpgrasp.solution.analysis_records import mu_before_margins
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -80,7 +80,7 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
     options = solution.solver.get("options", {})
     if not options.get("maximise_robust", False):
         largest_mu = max(best.mu.upper, _mu_without_margins(solution))
-        preferred = _is_steady(solution) or solution.squeeze is not None
+        preferred = _is_stated_robust(solution) or solution.squeeze is not None
         largest_mu /= LEAST_ROBUST_SHARE if options.get("rank") == "robust" and preferred else 1.0
         has_free_way = solution.has_free_way  # then obstructed starts rank behind it
         rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (has_free_way and s.obstruction)]
@@ -92,10 +92,10 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
 def _mu_without_margins(solution: GraspSolution) -> float:
     """Return the mu before the search for joint-limit margins, from a file of an earlier version; else 0."""
     margins = (solution.hand or {}).get("room")
-    return 0.0 if margins is None else mu_without(margins)
+    return 0.0 if margins is None else mu_before_margins(margins)
 
 
-def _is_steady(solution: GraspSolution) -> bool:
+def _is_stated_robust(solution: GraspSolution) -> bool:
     """Return whether a grasp is stated not to be fragile, and so may win over one with up to twice its mu."""
     return solution.robust is not None and not solution.is_fragile
 

@@ -31,19 +31,19 @@ EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over
 RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support ratio
 
 
-def interval(stated: Bounds) -> Check:
+def interval_check(stated: Bounds) -> Check:
     """Return the check that the ends of an interval are in order, at least zero and finite."""
     passed = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
     return Check("interval", passed, f"stated {stated}")
 
 
-def overlap(name: str, stated: Bounds, recomputed: Bounds) -> Check:
+def overlap_check(name: str, stated: Bounds, recomputed: Bounds) -> Check:
     """Return the check that a stated interval and a recomputed one overlap."""
     passed = stated.lower <= recomputed.upper and recomputed.lower <= stated.upper
     return Check(name, passed, f"stated {stated}, recomputed {recomputed}")
 
 
-def width(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
+def width_check(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
     """Return the check that a stated interval is no wider than its certificate's relative gap allows.
 
     Both are certified: the true value is at least ``recomputed.lower``, and a certificate's upper bound is close to it
@@ -55,11 +55,11 @@ def width(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
     return Check(name, passed, f"stated {stated}, a gap of {rtol:g} allows from {least_lower:.5g} to {most_upper:.5g}")
 
 
-def widths(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
+def mu_width_checks(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
     """Return the check of the stated interval's width; a solve that was cut short may have any lower bound."""
     gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
     rtol = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
-    return [width("width", solution.mu, recomputed, rtol)]
+    return [width_check("width", solution.mu, recomputed, rtol)]
 
 
 def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
@@ -67,19 +67,19 @@ def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBud
     checks = []
     if solution.delta is not None:
         recomputed = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
-        agrees = width("", solution.delta, recomputed, ANY_GAP).passed
-        overlaps = overlap("delta", solution.delta, recomputed)
+        agrees = width_check("", solution.delta, recomputed, ANY_GAP).passed
+        overlaps = overlap_check("delta", solution.delta, recomputed)
         checks.append(Check("delta", overlaps.passed and agrees, overlaps.detail))
     if solution.nu is not None:
         volume = nu(grasp, solution.nu.torque_scale or 1.0, 0.05, force_budget=budget, seed=OTHER_SEED)
         error = min(solution.nu.error, ERROR_BAR * abs(volume.value))
         agrees = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + error)
-        passed = agrees and solution.nu.value in solution.nu and overlap("nu", solution.nu, volume).passed
+        passed = agrees and solution.nu.value in solution.nu and overlap_check("nu", solution.nu, volume).passed
         checks.append(Check("nu", passed, f"stated {solution.nu}, recomputed {volume}"))
     return checks
 
 
-def check_robustness(
+def robustness_checks(
     solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float
 ) -> list[Check]:
     """Return the check of the stated quality at the worst displacement found, and of the displacement itself."""
@@ -102,8 +102,8 @@ def check_robustness(
     share, is_fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
     passed = all(
         (
-            overlap("", stated.mu, recomputed).passed,
-            is_zero or width("", stated.mu, recomputed, ANY_GAP).passed,
+            overlap_check("", stated.mu, recomputed).passed,
+            is_zero or width_check("", stated.mu, recomputed, ANY_GAP).passed,
             set(stated.lost) == slipping,
             solution.solver.get("options", {}).get("robust_offset", stated.offset) == stated.offset,
             displacement <= OFFSET_FACTOR * stated.offset + 1e-9,

@@ -18,8 +18,8 @@ import numpy as np
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
     EDGE_MARGIN,
+    FINGERTIP_CLEARANCE,
     ON_FINGERTIP,
-    ROOM,
     SELF_COLLISION,
     TIPS_APART,
     UNIT_QUATERNION,
@@ -54,7 +54,7 @@ from nlpgrasp.verify.stated_placement import (
 )
 from nlpgrasp.verify.surface_checks import LARGEST_SIZE, face_check, size_of, surface_checks
 
-FINGERTIP_CLEARANCE = "room for fingertips"  # name of the check
+CLEARANCE_CHECK = "room for fingertips"  # name of the check
 ON_MESH = 10.0  # tolerance of constraints on meshes, in units of the promise
 MISSING_BODY_FACTOR = 5.0  # largest size of a missing body, in units of its contacts' bounding box
 LARGEST_REACH = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
@@ -79,7 +79,7 @@ FINGER_INDEX = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indic
 
 # prefixes and suffixes of the names of scalar constraints, by their unit
 CONSTRAINT_LENGTHS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
-LENGTHS = (*CONSTRAINT_LENGTHS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{ROOM}, ")
+LENGTHS = (*CONSTRAINT_LENGTHS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{FINGERTIP_CLEARANCE}, ")
 ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # suffixes of lengths on a fingertip
 SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # for hands with links; free fingertips are recomputed
 
@@ -133,7 +133,7 @@ def _constraints_of_parts(
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
     if hand is not None and not hand.has_links and has_margin:
-        parts[FINGERTIP_CLEARANCE] = partial(fingertip_clearances, solution.body, surface, placement)
+        parts[CLEARANCE_CHECK] = partial(fingertip_clearances, solution.body, surface, placement)
     if hand is not None and hand.has_links:
         parts["links"] = partial(link_constraints, hand, surface, placement)
     return parts
@@ -297,7 +297,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     """Return the owner predicate of each part of the problem, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     owners = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
-    owners[EDGE_MARGIN], owners[FINGERTIP_CLEARANCE] = margin_owner(contacts), clearance_owner(contacts)
+    owners[EDGE_MARGIN], owners[CLEARANCE_CHECK] = margin_owner(contacts), clearance_owner(contacts)
     return owners if hand is None else {**owners, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 
@@ -330,7 +330,7 @@ def margin_owner(contacts: int) -> Owner:
 
 def clearance_owner(contacts: int) -> Owner:
     """Return the predicate of scalar constraints that the clearance of fingertips may own."""
-    return _named_with_prefix((f"{ROOM}, ",), contacts)
+    return _named_with_prefix((f"{FINGERTIP_CLEARANCE}, ",), contacts)
 
 
 def owns_any(row: str) -> bool:

@@ -28,8 +28,8 @@ class SourceFolders:
     missing: list[str] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @classmethod
-    def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> SourceFolders:
-        """Return the search path: a solution file's folder, the current one and others."""
+    def of_file(cls, file: Path | None, more: Iterable[str | Path] = ()) -> SourceFolders:
+        """Return the folders that are searched for a file's sources: its own, the current one and others."""
         file_folders = () if file is None else (file.parent,)
         return cls((*file_folders, Path(), *map(Path, more)))
 

@@ -24,13 +24,13 @@ from nlpgrasp.verify.outcome_checks import grasps_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
     OTHER_SEED,
     check_other_measures,
-    check_robustness,
     direction_checks,
     grasp_map_check,
-    interval,
+    interval_check,
     model_checks,
-    overlap,
-    widths,
+    mu_width_checks,
+    overlap_check,
+    robustness_checks,
 )
 from nlpgrasp.verify.recomputation import recompute
 from nlpgrasp.verify.sources import SourceFolders
@@ -73,14 +73,14 @@ def verify(
     file = Path(solution) if isinstance(solution, str | Path) else None
     bound = None if file is None else bound_file(file)
     if bound is not None:
-        return verify_bound(bound, rtol, SourceFolders.beside(file, folders))
+        return verify_bound(bound, rtol, SourceFolders.of_file(file, folders))
     solution = require_solution(solution) if file is None else GraspSolution.load(file)
     outcome = guard("outcome", lambda: outcome_checks(solution))
     grasp = solution.grasp
     if grasp is None:
         status = solution.status.name.lower()
         return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *outcome), None)
-    sources = SourceFolders.beside(file, folders)
+    sources = SourceFolders.of_file(file, folders)
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         quality, checks = _verify_answer(solution, rtol, sources)
         if quality is not None:
@@ -114,14 +114,17 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
         return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {
         "grasp map": lambda: [grasp_map_check(grasp)],
-        "certified quality": lambda: [interval(solution.mu), overlap("certified quality", solution.mu, quality)],
-        "width": lambda: widths(solution, quality),
+        "certified quality": lambda: [
+            interval_check(solution.mu),
+            overlap_check("certified quality", solution.mu, quality),
+        ],
+        "width": lambda: mu_width_checks(solution, quality),
         "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
         "forces": lambda: force_checks(solution, grasp, force_set),
         "wrenches": lambda: wrench_checks(solution, grasp, task),
         "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
         "delta and nu": lambda: check_other_measures(solution, grasp, budget, rtol),
-        "robustness": lambda: check_robustness(solution, grasp, task, budget, rtol),
+        "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),
         "contact models": lambda: model_checks(solution, grasp, task),
     }
     return quality, [check for name, checks in parts.items() for check in guard(name, checks)]

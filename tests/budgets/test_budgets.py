@@ -86,7 +86,7 @@ def test_support_is_exact_and_attained(name, budget, rng):
     z = rng.standard_normal((25, grasp.G.shape[1]))
     phi, x = bound.support(z)
     np.testing.assert_allclose(np.sum(z * x, axis=1), phi, atol=1e-9)
-    assert np.max(bound.used(x)) <= 1.0 + 1e-9
+    assert np.max(bound.gauge(x)) <= 1.0 + 1e-9
     for contact, r in zip(grasp.contacts, component_slices(grasp.contacts, 3), strict=True):
         np.testing.assert_allclose(contact.project(x[:, r]), x[:, r], atol=1e-7)
     expected = [largest_work(grasp, bound, row) for row in z]
@@ -98,7 +98,7 @@ def test_used_is_what_the_cones_say(name, budget, rng):
     grasp, _, bound = make_case(name, budget, rng)
     n = grasp.G.shape[1]
     x = np.concatenate([c.project(rng.standard_normal((50, c.components(3)))) for c in grasp.contacts], axis=1)
-    effort = bound.used(x)
+    effort = bound.gauge(x)
     for factor in (0.999, 1.001):
         y = np.concatenate([x, factor * effort[:, None]], axis=1)
         is_inside = np.ones(len(x), dtype=bool)
@@ -116,7 +116,7 @@ def test_the_programs_rows_say_the_same(name, budget, rng):
     grasp, force_bound, bound = make_case(name, budget, rng)
     for _ in range(10):
         x = np.concatenate([c.project(rng.standard_normal((1, c.components(3))))[0] for c in grasp.contacts])
-        effort = bound.used(x[None])[0]
+        effort = bound.gauge(x[None])[0]
         if effort <= 0.0:
             continue
         for factor in (0.999, 1.001):
@@ -144,7 +144,7 @@ def test_planar_torque_limits(rng):
     z = rng.standard_normal((50, 2))
     phi, _ = budget.support(z)
     grid = np.stack(np.meshgrid(np.linspace(0, 5, 2001), np.linspace(-2.5, 2.5, 2001)), axis=-1).reshape(-1, 2)
-    admissible = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.used(grid) <= 1.0)]
+    admissible = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.gauge(grid) <= 1.0)]
     brute = np.max(z @ admissible.T, axis=1)
     assert np.all(phi >= brute - 1e-9)
     np.testing.assert_allclose(phi, brute, atol=2e-2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from nlpgrasp.common.quadratic_program import ConstraintSlack, GroupSlack, Linearised, shortest_step, step_bounds
+from nlpgrasp.common.quadratic_program import ConstraintSlack, GroupSlack, Linearised, quadratic_step, step_bounds
 
 
 def rows(jacobian, lower, upper, values=None, longest=10.0):
@@ -17,21 +17,21 @@ def rows(jacobian, lower, upper, values=None, longest=10.0):
 
 def test_an_equation_by_hand():
     """The least d1^2 + d2^2 with d1 + d2 = 1 is at a half each; its multiplier is minus that."""
-    step = shortest_step(rows([1.0, 1.0], [1.0], [1.0]))
+    step = quadratic_step(rows([1.0, 1.0], [1.0], [1.0]))
     np.testing.assert_allclose(step.d, [0.5, 0.5], atol=1e-8)
     np.testing.assert_allclose(step.multipliers, [-0.5], atol=1e-8)
 
 
 def test_multipliers_have_the_sign_of_their_limit():
     """Pulled to d = 1 and held at 0.25 from above; pushed from 0 to 0.25 from below."""
-    upper = shortest_step(rows([1.0], [-np.inf], [0.25]), cost=np.array([-1.0]))
+    upper = quadratic_step(rows([1.0], [-np.inf], [0.25]), cost=np.array([-1.0]))
     np.testing.assert_allclose([upper.d[0], upper.multipliers[0]], [0.25, 0.75], atol=1e-7)
-    lower = shortest_step(rows([1.0], [0.25], [np.inf]))
+    lower = quadratic_step(rows([1.0], [0.25], [np.inf]))
     np.testing.assert_allclose([lower.d[0], lower.multipliers[0]], [0.25, -0.25], atol=1e-7)
 
 
 def test_a_row_out_of_reach_is_left_out():
-    step = shortest_step(rows([[1.0], [1.0]], [-np.inf, 0.5], [100.0, np.inf]))
+    step = quadratic_step(rows([[1.0], [1.0]], [-np.inf, 0.5], [100.0, np.inf]))
     assert step.multipliers[0] == 0.0
     assert step.d[0] == pytest.approx(0.5, abs=1e-8)
 
@@ -45,7 +45,7 @@ def test_against_scipy(seed):
     low, high = g + J @ feasible - rng.random(m), g + J @ feasible + rng.random(m)
     high[0] = low[0] = (g + J @ feasible)[0]
     linearised = rows(J, low, high, g, longest=1.0)
-    step = shortest_step(linearised, cost, damping)
+    step = quadratic_step(linearised, cost, damping)
     inequalities = [
         {"type": "ineq", "fun": lambda d: (g + J @ d - low)[1:], "jac": lambda d: J[1:]},
         {"type": "ineq", "fun": lambda d: (high - g - J @ d)[1:], "jac": lambda d: -J[1:]},
@@ -72,15 +72,15 @@ CONTRADICTION = ([[1.0], [1.0]], [1.0, -np.inf], [np.inf, -1.0])  # d >= 1 and d
 
 
 def test_a_contradiction_has_no_step():
-    assert shortest_step(rows(*CONTRADICTION)) is None
-    assert shortest_step(rows([1.0], [1.0], [1.0], longest=0.5)) is None
+    assert quadratic_step(rows(*CONTRADICTION)) is None
+    assert quadratic_step(rows([1.0], [1.0], [1.0], longest=0.5)) is None
 
 
 def test_slack_of_a_row_is_priced_by_its_square():
     """The least d^2 / 2 + w s^2 / 2 with d = 1 + s is at w / (1 + w)."""
-    step = shortest_step(rows([1.0], [1.0], [1.0]), slack=ConstraintSlack(4.0))
+    step = quadratic_step(rows([1.0], [1.0], [1.0]), slack=ConstraintSlack(4.0))
     assert step.d[0] == pytest.approx(0.8, abs=1e-6)
-    compromise = shortest_step(rows(*CONTRADICTION), slack=ConstraintSlack(4.0))
+    compromise = quadratic_step(rows(*CONTRADICTION), slack=ConstraintSlack(4.0))
     assert compromise.d[0] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -88,19 +88,19 @@ def test_the_heavier_group_is_kept():
     weights = np.array([1.0, 5.0])
     for member, limit in (([0, 1], -1.0), ([1, 0], 1.0)):
         slack = GroupSlack(np.array(member), weights)
-        step = shortest_step(rows(*CONTRADICTION), damping=1e-3, slack=slack)
+        step = quadratic_step(rows(*CONTRADICTION), damping=1e-3, slack=slack)
         assert step.d[0] == pytest.approx(limit, abs=1e-4)
 
 
 def test_a_group_pays_for_its_worst_row_alone():
     """Both rows in one group: any d between the limits costs d^2 more than the middle, the violations' largest is 1."""
     slack = GroupSlack(np.array([0, 0]), np.array([5.0]))
-    assert shortest_step(rows(*CONTRADICTION), damping=1e-3, slack=slack).d[0] == pytest.approx(0.0, abs=1e-4)
+    assert quadratic_step(rows(*CONTRADICTION), damping=1e-3, slack=slack).d[0] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_group_takes_an_equation_as_two_inequalities():
     slack = GroupSlack(np.array([0]), np.array([5.0]))
-    step = shortest_step(rows([1.0], [2.0], [2.0], longest=0.5), damping=1e-3, slack=slack)
+    step = quadratic_step(rows([1.0], [2.0], [2.0], longest=0.5), damping=1e-3, slack=slack)
     assert step.d[0] == pytest.approx(0.5, abs=1e-5)
 
 

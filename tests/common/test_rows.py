@@ -180,7 +180,12 @@ def test_blocks_of_a_program_are_found_by_kind_and_index():
     assert [b.name for b in program.parameters] == ["directions", "reach", "face 0", "face 1"]
     assert program.block("normal", 1) == program.blocks("normal")[1]
     assert program.hand_blocks == [("palm", program.block("hand", "palm"))]
-    assert program.rows_of("support") == [0, 1, 2]
-    assert [program.row_name(i) for i in program.rows_of("support")] == [f"support, direction {j}" for j in range(3)]
-    assert [program.row_name(i) for i in program.rows_of("reach")] == ["reach, finger 0", "reach, finger 1"]
-    assert len(program.rows_of("extent of the face")) == 8
+    assert program.constraint_indices("support") == [0, 1, 2]
+    assert [program.constraint_name(i) for i in program.constraint_indices("support")] == [
+        f"support, direction {j}" for j in range(3)
+    ]
+    assert [program.constraint_name(i) for i in program.constraint_indices("reach")] == [
+        "reach, finger 0",
+        "reach, finger 1",
+    ]
+    assert len(program.constraint_indices("extent of the face")) == 8

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
-from nlpgrasp.global_bound.cell_supports import Measure, Supports
+from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.support_table import single_supports, weighted_supports
 from tests.global_bound.samples import CELLS, points_of
 from tests.quick import every, first
@@ -37,7 +37,7 @@ def test_rows_bound_all_points_of_the_cell(kind, contact, budget):
     for _ in range(6):
         cell = CELLS[kind](rng)
         twists = rng.standard_normal((12, 6)) * np.where(np.arange(6) < 3, 1.0, rng.choice([0.1, 1.0, 10.0]))
-        supports = Supports(contact, Measure.of(force_budget(budget)), origin)
+        supports = Supports(contact, CombinationRule.of(force_budget(budget)), origin)
         supports.add(cell)
         cell_numbers = np.zeros(1, dtype=np.int64)
         powers = supports.powers(supports.rows_of(cell_numbers), twists[None])
@@ -55,7 +55,7 @@ def test_refined_bounds_are_tight(kind, budget):
     rng = np.random.default_rng(5)
     for _ in range(6):
         cell = CELLS[kind](rng)
-        supports = Supports(CONTACTS["friction"], Measure.of(force_budget(budget)), np.zeros(3))
+        supports = Supports(CONTACTS["friction"], CombinationRule.of(force_budget(budget)), np.zeros(3))
         supports.add(CELLS[kind](rng))
         supports.largest_radius = 1.0
         while cell.ball()[1] > 0.1:

@@ -11,7 +11,7 @@ from nlpgrasp.budgets import force_budget
 from nlpgrasp.global_bound import shared_weights
 from nlpgrasp.global_bound.allowed_regions import relaxed_problem
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.global_bound.cell_supports import Measure, Supports
+from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
 from nlpgrasp.global_bound.shared_weights import CornerContacts
 from tests.global_bound.samples import bent_bar, random_hull, rough_triangles
@@ -40,7 +40,7 @@ def test_weighted_supports_of_corners_are_those_of_grasp_maps(contact, budget):
     rng = np.random.default_rng(len(contact.kind) + 7 * len(budget))
     corners, normals = rough_triangles(rng, 1)
     clusters, origin = ClusterTree(corners, normals, 1.3), rng.standard_normal(3)
-    supports = Supports(contact, Measure.of(force_budget(budget)), origin)
+    supports = Supports(contact, CombinationRule.of(force_budget(budget)), origin)
     supports.add(TriangleCluster(clusters, 1))
     rows = rng.choice(len(clusters.rows.points), 60, replace=False)
     twists, weights = rng.standard_normal((7, 6)), rng.dirichlet(np.full(7, 0.3))

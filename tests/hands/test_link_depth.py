@@ -53,7 +53,7 @@ def test_depth_is_mujocos(name, seed):
     body, kind, size = BODIES[name]
     hand = four_finger_hand()
     values = posture(hand, seed)
-    penetration = depths(hand, body).at(values)
+    penetration = depths(hand, body).in_posture(values)
     expected = mujoco_depth(hand, values, kind, size)
     assert penetration.depth <= expected + 3e-4
     assert (
@@ -65,5 +65,5 @@ def test_depth_is_mujocos(name, seed):
 def test_a_hand_far_away_is_not_deep():
     hand = four_finger_hand()
     values = {name: v[0] for name, v in hand.draw(1, np.array([[0.6, 0, 0]]), np.random.default_rng(0))[0].items()}
-    penetration = depths(hand, ng.Box([0.05, 0.05, 0.05])).at(values)
+    penetration = depths(hand, ng.Box([0.05, 0.05, 0.05])).in_posture(values)
     assert (penetration.depth, penetration.link, penetration.is_free) == (0.0, None, True)

@@ -254,7 +254,7 @@ def test_links_under_a_table_and_in_an_obstacle_count(tmp_path):
 
     def at(position):
         values = {"palm_position": np.array(position, float), "palm_quaternion": quaternion, "joints": joints}
-        return depths.at(values)
+        return depths.in_posture(values)
 
     above, on_table, in_wall = at([0.0, 0.0, 0.1]), at([0.0, 0.3, -0.093]), at([0.5, 0.0, 0.004])
     assert above.depth < 1e-6

@@ -231,4 +231,4 @@ def test_a_hand_without_shapes_moves_all_the_same(tmp_path):
     path = follow_straight_path(
         model, lambda share: {**values, "joints": np.full(6, share)}, lambda _: model.least_clearances()
     )
-    assert path.free == 1.0
+    assert path.free_share == 1.0

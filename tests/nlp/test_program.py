@@ -34,7 +34,7 @@ def mesh_problem():
 
 def test_rows_have_names_a_person_can_read():
     program = optimal_grasp_program(ellipsoid_problem(constraints=[ng.Table(0.0)]), "vertex", 5)
-    names = [program.row_name(i) for i in range(program.rows[-1].stop)]
+    names = [program.constraint_name(i) for i in range(program.rows[-1].stop)]
     assert "friction, finger 2, direction 4" in names
     assert "wrench balance, direction 0 [3]" in names
     assert "table, finger 1" in names

@@ -36,7 +36,7 @@ def test_rows_and_derivatives(name, rng):
     program = optimal_grasp_program(problem, "support", SLOTS, eliminated=True, pieces=problem.hand is not None)
     slots, functions = program.slots, ProgramFunctions(program)
     assert isinstance(slots, ConstraintSlots)
-    assert slots.count == SLOTS == len(program.rows_of("support"))
+    assert slots.count == SLOTS == len(program.constraint_indices("support"))
     z, theta = program.z, program.theta
     lower, upper = (np.clip(b, -1.0, 1.0) for b in program.bounds)
     point = rng.uniform(lower, upper), rng.standard_normal(theta.shape[0])

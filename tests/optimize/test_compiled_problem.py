@@ -15,14 +15,14 @@ def test_a_placed_state_as_a_grasp():
     np.testing.assert_allclose(compiled.inward_normals(TWO), [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
     assert ng.mu(compiled.grasp(TWO), compiled.problem.task, 1e-4).upper == pytest.approx(BEST_OF_TWO, abs=1e-5)
     above = GraspCandidate(TWO.faces, TWO.points + np.array([[0.1, -0.2], [0.2, 0.3]]))
-    np.testing.assert_allclose(compiled.snapped(above).points, [[0.1, -1.0], [0.2, 1.0]], atol=1e-12)
+    np.testing.assert_allclose(compiled.projected_onto_faces(above).points, [[0.1, -1.0], [0.2, 1.0]], atol=1e-12)
 
 
 def test_the_violation_is_relative_to_the_rows_scale():
     compiled = compiled_square(2, constraints=[ng.Constraint("right", lambda p, n: p[1][0], 0.1, np.inf)])
     scale = compiled.rows.named[0].scale
     assert compiled.violation(TWO) == pytest.approx(0.1 / scale, rel=1e-9)
-    np.testing.assert_allclose(compiled.row_values(TWO, compiled.inward_normals(TWO)), [0.0], atol=1e-12)
+    np.testing.assert_allclose(compiled.constraint_values_at(TWO, compiled.inward_normals(TWO)), [0.0], atol=1e-12)
     assert compiled.violation(GraspCandidate(TWO.faces, TWO.points + np.array([0.2, 0.0]))) == 0.0
 
 

@@ -36,7 +36,7 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
     tables = CompiledProblem(problem, QUICK).sample_tables
 
     def quality(samples):
-        points, normals = tables.places(samples[None])
+        points, normals = tables.contacts_of(samples[None])
         grasp = ng.Grasp(points[0], normals[0], problem.models, problem.origin)
         return ng.mu(grasp, task, 0.01, force_budget=budget).lower
 
@@ -46,7 +46,7 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
         search = CoordinateExchange(compiled, compiled.sample_tables, np.random.default_rng(seed))
         best = max(best, quality(search.search(perturbations=3)[0]))
     tuples = np.array(list(combinations_with_replacement(range(21), 3)))
-    stack = GraspStack(*tables.places(tuples), problem.models, problem.origin)
+    stack = GraspStack(*tables.contacts_of(tuples), problem.models, problem.origin)
     promising = tuples[ng.screen(stack, task, force_budget=budget) > 1.01 * best]
     assert best > 0.0
     assert max((quality(samples) for samples in promising), default=0.0) <= 1.01 * best

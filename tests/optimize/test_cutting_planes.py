@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.optimize.candidate import GraspCandidate
-from nlpgrasp.optimize.cutting_planes import find_weaker, weakest_at
+from nlpgrasp.optimize.cutting_planes import missed_directions, weakest_directions_of
 from nlpgrasp.quality.weakest_directions import QUICK, THOROUGH, weakest_directions
 from nlpgrasp.quality.wrench_set import WrenchSet
 from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, compiled_square
@@ -17,14 +17,14 @@ from tests.quick import first
 @pytest.mark.parametrize(("candidate", "expected"), [(TWO, BEST_OF_TWO), (THREE, BEST_OF_THREE)], ids=["two", "three"])
 def test_the_least_ratio_is_the_quality(candidate, expected, descents, rng):
     compiled = compiled_square(len(candidate.points))
-    weakest = weakest_at(compiled, candidate, rng, descents=descents)
+    weakest = weakest_directions_of(compiled, candidate, rng, descents=descents)
     assert weakest.value == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("candidate", [TWO, THREE], ids=["two", "three"])
 def test_directions_have_unit_reach_and_come_weakest_first(candidate, rng):
     compiled = compiled_square(len(candidate.points))
-    weakest = weakest_at(compiled, candidate, rng)
+    weakest = weakest_directions_of(compiled, candidate, rng)
     np.testing.assert_allclose(BALL.support(weakest.directions)[0], 1.0, rtol=1e-12)
     ratios = compiled.wrench_set(candidate).support(weakest.directions)[0]
     assert ratios[0] == pytest.approx(weakest.value, rel=1e-9)
@@ -34,15 +34,15 @@ def test_directions_have_unit_reach_and_come_weakest_first(candidate, rng):
 def test_known_directions_are_begun_from(rng):
     """With hardly a fresh direction the search still finds what it was told of."""
     compiled = compiled_square(3)
-    known = weakest_at(compiled, THREE, rng).directions[:1]
-    again = weakest_at(compiled, THREE, rng, known=known, descents=QUICK)
+    known = weakest_directions_of(compiled, THREE, rng).directions[:1]
+    again = weakest_directions_of(compiled, THREE, rng, known=known, descents=QUICK)
     assert again.value <= compiled.wrench_set(THREE).support(known)[0][0] + 1e-12
 
 
 def test_a_grasp_that_resists_nothing_has_value_zero(rng):
     """Both contacts push the same way."""
     candidate = GraspCandidate((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
-    assert weakest_at(compiled_square(2), candidate, rng).value == pytest.approx(0.0, abs=1e-9)
+    assert weakest_directions_of(compiled_square(2), candidate, rng).value == pytest.approx(0.0, abs=1e-9)
 
 
 TASKS = {
@@ -74,11 +74,11 @@ def test_descents_agree_with_certificates(task):
 
 def test_a_polytope_finds_what_descents_missed():
     compiled = compiled_square(3)
-    weakest, _ = find_weaker(compiled, THREE, 1.3 * BEST_OF_THREE)
+    weakest, _ = missed_directions(compiled, THREE, 1.3 * BEST_OF_THREE)
     assert weakest is not None
     assert weakest.value == pytest.approx(BEST_OF_THREE, rel=0.01)
     np.testing.assert_allclose(BALL.support(weakest.directions)[0], 1.0, rtol=1e-12)
-    assert find_weaker(compiled, THREE, BEST_OF_THREE)[0] is None
+    assert missed_directions(compiled, THREE, BEST_OF_THREE)[0] is None
 
 
 def test_the_curvature_is_the_change_of_the_support_squared(rng):

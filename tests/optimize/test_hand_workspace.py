@@ -21,7 +21,7 @@ def compiled():
 
 @pytest.fixture(scope="module")
 def samples(compiled):
-    return [compiled.without_hand.sample_tables.samples(i) for i in range(4)]
+    return [compiled.handless_variant.sample_tables.samples(i) for i in range(4)]
 
 
 def palms(compiled, samples):
@@ -50,7 +50,7 @@ def test_fingertips_are_where_they_touch_and_their_links_outside(compiled, sampl
         centres = points - np.array(hand.hand.tip_radii)[:, None] * normals
         tips = hand.tip_centres({name: v[0] for name, v in values.items()}, centres)
         assert np.max(np.linalg.norm(tips - centres, axis=1)) <= NEAR + 0.9 * CELL
-        clearance = BODY.signed_distance(hand.link_places(values)[0]) - least
+        clearance = BODY.signed_distance(hand.link_sphere_centres(values)[0]) - least
         assert np.min(clearance) >= -max(INSIDE, 0.003) - BETWEEN
         count += 1
     assert count >= 10
@@ -67,6 +67,6 @@ def test_the_contacts_alone_keep_their_constraints(compiled):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
     limits = [ng.Spread(0.01, 0.07), ng.Table(-0.015, clearance=0.005)]
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=limits)
-    free = CompiledProblem(problem, ng.SolveOptions()).without_hand
+    free = CompiledProblem(problem, ng.SolveOptions()).handless_variant
     assert free.problem.hand is None
     assert any(isinstance(c, ng.Spread) for c in free.problem.constraints)

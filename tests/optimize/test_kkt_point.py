@@ -11,7 +11,7 @@ from nlpgrasp.bodies.mesh.facets import Facets
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.final_step import converge_to_optimum, fix_to_triangles
 from nlpgrasp.optimize.kkt_point import local_optimum, residuals_at
 from nlpgrasp.optimize.start import run_start
@@ -72,11 +72,11 @@ def test_no_grasp_beside_it_is_better(name, rng):
     size, gains = compiled.problem.body.size, []
     for _ in range(60):
         step = rng.normal(size=optimum.candidate.points.shape) * 3e-3 * size
-        moved = compiled.snapped(replace(optimum.candidate, points=optimum.candidate.points + step))
+        moved = compiled.projected_onto_faces(replace(optimum.candidate, points=optimum.candidate.points + step))
         margin = compiled.problem.margin
         contacts = zip(moved.faces, moved.points, strict=True)
         if all(compiled.problem.body.is_on(face, p[None], margin)[0] for face, p in contacts):
-            gains.append(weakest_at(compiled, moved, rng, optimum.cuts).value / optimum.value - 1.0)
+            gains.append(weakest_directions_of(compiled, moved, rng, optimum.cuts).value / optimum.value - 1.0)
     assert len(gains) > 5
     assert max(gains) < 1e-4
 
@@ -107,11 +107,11 @@ def test_reduced_hessian_by_differences_of_values():
     hessian = reduced_hessian(linear, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
     values, vectors = np.linalg.eigh(hessian)
     direction = vectors[:, -1]  # of the largest curvature
-    h, weights = 1e-3, linear.support(step.multipliers)
+    h, weights = 1e-3, linear.cut_multipliers(step.multipliers)
 
     def weighted(length):
         candidate = linear.candidate_at(linear.z + length * direction)
-        moved = compiled.snapped(candidate)
+        moved = compiled.projected_onto_faces(candidate)
         problem, _ = condition(compiled.wrench_set(moved), compiled.problem.task)
         u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
         return weights @ (compiled.scaling.beta * newton(problem, u, 30)[1]) ** 2

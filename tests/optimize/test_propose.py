@@ -4,15 +4,15 @@ import numpy as np
 
 import nlpgrasp as ng
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.propose import propose, shares
+from nlpgrasp.optimize.propose import deal_candidates, propose
 
 
 def test_the_best_candidates_are_each_the_first_of_a_start():
-    assert shares(["a", "b", "c", "d", "e"], 2) == [["a", "c", "e"], ["b", "d"]]
+    assert deal_candidates(["a", "b", "c", "d", "e"], 2) == [["a", "c", "e"], ["b", "d"]]
 
 
 def test_with_too_few_candidates_the_last_starts_reuse_them():
-    assert shares(["a", "b"], 5) == [["a"], ["b"], ["a", "b"], ["b"], ["a", "b"]]
+    assert deal_candidates(["a", "b"], 5) == [["a"], ["b"], ["a", "b"], ["b"], ["a", "b"]]
 
 
 def test_more_starts_have_more_candidates_of_different_kinds():

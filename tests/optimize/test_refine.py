@@ -27,7 +27,7 @@ def compiled_problem(budget, task=None):
 @pytest.mark.parametrize("budget", BUDGETS)
 def test_the_refined_value_is_certified(budget):
     compiled = compiled_problem(budget)
-    result = refine(compiled, compiled.snapped(INITIAL), Deadline())
+    result = refine(compiled, compiled.projected_onto_faces(INITIAL), Deadline())
     assert result.point.value > 1.02 * result.history[0]
     if budget == "l2":  # at the kinks of others descents overestimate, and are corrected
         assert list(result.history) == sorted(result.history)
@@ -38,10 +38,10 @@ def test_the_refined_value_is_certified(budget):
 
 def test_no_candidate_near_the_result_is_better():
     compiled = compiled_problem("l2")
-    end = refine(compiled, compiled.snapped(INITIAL), Deadline(), least=0.0).point
+    end = refine(compiled, compiled.projected_onto_faces(INITIAL), Deadline(), least=0.0).point
     rng = np.random.default_rng(0)
     for _ in range(50):
-        moved = compiled.snapped(
+        moved = compiled.projected_onto_faces(
             GraspCandidate(end.candidate.faces, end.candidate.points + 0.02 * rng.standard_normal((3, 2)))
         )
         if compiled.violation(moved) <= FEASIBLE and all(
@@ -52,11 +52,11 @@ def test_no_candidate_near_the_result_is_better():
 
 def test_candidates_without_closure_or_rounds_are_unchanged():
     compiled = compiled_problem("l2")
-    without_closure = compiled.snapped(
+    without_closure = compiled.projected_onto_faces(
         GraspCandidate(("edge0",) * 3, np.array([[-0.5, -1.0], [0.0, -1.0], [0.5, -1.0]]))
     )
     assert refine(compiled, without_closure, Deadline()).point.value == 0.0
-    initial = compiled.snapped(INITIAL)
+    initial = compiled.projected_onto_faces(INITIAL)
     np.testing.assert_array_equal(
         refine(compiled, initial, Deadline(), rounds=0).point.candidate.points, initial.points
     )
@@ -82,10 +82,10 @@ def test_a_search_misled_by_descents_restarts():
 
 def test_only_other_budgets_have_a_compiled_problem_under_l2():
     shared = compiled_problem("shared")
-    assert compiled_problem("l2").with_l2_budget is None
-    assert shared.with_l2_budget.problem.budget == ng.GraspProblem.budget.fget(compiled_problem("l2").problem)
-    assert shared.with_l2_budget.rows is shared.rows
-    assert shared.with_l2_budget.surface is shared.surface
+    assert compiled_problem("l2").l2_variant is None
+    assert shared.l2_variant.problem.budget == ng.GraspProblem.budget.fget(compiled_problem("l2").problem)
+    assert shared.l2_variant.rows is shared.rows
+    assert shared.l2_variant.surface is shared.surface
 
 
 @pytest.mark.slow

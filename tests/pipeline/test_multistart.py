@@ -80,7 +80,7 @@ def test_the_answer_is_never_below_what_was_promised():
     promise = ng.mu(on_body.grasp, TASK, 1e-4).lower
     search.add(WarmStart(GraspCandidate(on_body.candidate.faces, on_body.grasp.points), on_body.grasp.normals, promise))
     assert search.floor == promise
-    search.take_as_answer(search.best)
+    search.accept_unchanged(search.best)
     solution = search.answer()
     assert solution.mu.lower >= promise
     assert solution.mu.upper >= certified(on_body.grasp.points).lower or solution.success
@@ -112,7 +112,7 @@ def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
     search.add(WarmStart(GraspCandidate(FACES, POINTS)), improve=False)  # off the middle
     search.run_until_proved(5, 0.002)
     assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
-    search.take_as_answer(search.certify_best(0.001))
+    search.accept_unchanged(search.certify_best(0.001))
     assert search.chosen.record.mu.gap <= 0.001
     assert search.answer().gap <= 0.012
 

@@ -59,7 +59,7 @@ def other_surface(body):
     if isinstance(body, ng.Mesh):
         return MeshSurface(TriangleSurface(np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces)))
     data = body.to_dict()
-    return BODIES.of(data)(data, SourceFolders.beside(None, []))
+    return BODIES.of(data)(data, SourceFolders.of_file(None, []))
 
 
 def faults(number):

@@ -75,5 +75,5 @@ def edited(data, change):
 def recomputed_file(data, *folders):
     """Return the checks of surface, constraints and hand, by name."""
     solution = ng.GraspSolution.from_dict(data, "file.json")
-    checks = recompute(solution, solution.grasp, SourceFolders.beside(None, folders))
+    checks = recompute(solution, solution.grasp, SourceFolders.of_file(None, folders))
     return {check.name: check for check in checks}

@@ -25,7 +25,7 @@ def normals_check(folder, normals, hand, points=((0.03, 0.001, 0.0), (-0.03, 0.0
     for i, contact in enumerate(data["grasp"]["contacts"] if angles is not None else ()):
         contact.update(surface_distance=0.0, surface_angle=0.0, moved=0.0, normal_angle=angles[i])
     solution = ng.GraspSolution.from_dict(data, "file.json")
-    _, checks = surface_checks(solution, solution.grasp, hand, SourceFolders.beside(None, [folder]))
+    _, checks = surface_checks(solution, solution.grasp, hand, SourceFolders.of_file(None, [folder]))
     return next(check for check in checks if check.name == "normals")
 
 

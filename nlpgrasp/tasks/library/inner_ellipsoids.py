@@ -112,13 +112,13 @@ def enclose_wrenches(
         ellipsoid = previous.within(local)
         if ellipsoid is not None and _largest_level(ellipsoid, points, inner) <= 1.0 + INSIDE:
             return previous  # its gap still holds, since the minimum has not decreased
-    result = _cut(local.points, inner)
+    result = _enclose_by_cutting_planes(local.points, inner)
     scale = max(1.0, _largest_level(result, points, inner)) * (1.0 + ROUNDING)
     gap = (1.0 + result.gap) * scale ** len(result.axes) - 1.0
     return OuterEllipsoid(local.outward(result.center), local.outward_axes(scale * result.axes), gap)
 
 
-def _cut(points: FloatArray, inner: Sequence[InnerEllipsoid]) -> MinVolumeEllipsoid:
+def _enclose_by_cutting_planes(points: FloatArray, inner: Sequence[InnerEllipsoid]) -> MinVolumeEllipsoid:
     """Return the minimum-volume ellipsoid around points and, up to ``SLACK``, ellipsoids, by cutting planes."""
     result = min_volume_ellipsoid(points, GAP)
     for _ in range(CUTS):

@@ -21,7 +21,7 @@ from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bound.proof import BOUND_TOLERANCE, Proof
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, Verification, broken_data_message, guard
-from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap
+from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
 from nlpgrasp.verify.sources import SourceFolders
 
 SCHEMA = "nlpgrasp-bound/1"  # schema of a bound file
@@ -91,7 +91,7 @@ def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[B
     stated = Bounds.from_dict(data["mu"], "grasp.mu")
     text = f"{stated.lower:.8g} of the grasp, {upper:.8g} over all placements"
     checks = [
-        overlap("certified quality", stated, quality),
+        overlap_check("certified quality", stated, quality),
         Check("grasp below the bound", stated.lower <= upper and quality.lower <= upper, text),
     ]
     try:
