@@ -153,6 +153,7 @@ def passed(solution, path):
     return again
 
 
+@pytest.mark.slow
 def test_a_contact_model_from_elsewhere(tmp_path):
     found = ng.solve(ng.GraspProblem(BOX, [Gecko(0.5)] * 3, BALL), starts=1, seed=0, options=ng.SolveOptions(workers=1))
     again = passed(found, tmp_path / "gecko.json")
@@ -183,6 +184,7 @@ def test_a_budget_from_elsewhere(tmp_path):
     assert np.all(used <= 1.0 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_task_from_elsewhere(tmp_path):
     task = Pair([0, 0, 1.0, 0, 0, 0.01])
     problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, task)

@@ -97,6 +97,7 @@ def test_jaws_that_open_too_little():
     assert conflict.value == pytest.approx(0.06, abs=0.004)
 
 
+@pytest.mark.slow
 def test_two_constraints_of_one_kind_are_told_apart():
     constraints = [ng.Spread(max=0.02), ng.Spread(min=0.05)]
     solution = solve([ng.FrictionContact(0.6)] * 3, constraints=constraints)

@@ -167,6 +167,7 @@ def test_good_meshes_have_no_defects(pose):
         assert defect_warnings(move_mesh(mesh, pose)) == (), name
 
 
+@pytest.mark.slow
 def test_joined_and_mended_meshes_have_no_defects():
     for name, case in forty().items():
         if case.solids and "apart" not in name:

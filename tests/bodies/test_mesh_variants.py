@@ -102,6 +102,7 @@ def test_split_vertices_change_no_sample_and_no_distance(name, rng):
         np.testing.assert_allclose(expected, value, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["box", "capsule"])
 def test_split_vertices_change_no_grasp(name):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])

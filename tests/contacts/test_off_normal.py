@@ -1,6 +1,7 @@
 """Directions of rectangles: used only where tangential to the surface."""
 
 import numpy as np
+import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.contacts.pad import is_off_normal
@@ -17,6 +18,7 @@ def test_directions_near_a_normal_say_too_little():
     np.testing.assert_array_equal(is_off_normal((0, 0, 2.0), normals), [False, False, False, True, True])
 
 
+@pytest.mark.slow
 def test_a_box_is_held_by_the_sides_that_the_direction_lies_in():
     problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), PADS, TASK)
     samples = SurfaceSamples(problem)

@@ -162,6 +162,7 @@ def test_the_page_stands_alone_and_says_all(result):
     assert any('"nlpgrasp-experiment/1"' in cell for cell in page.cells)
 
 
+@pytest.mark.slow
 def test_names_are_escaped_on_the_page_and_in_pictures(tmp_path):
     plan = experiment({"<script>alert(1)</script>": {}, r"a $\foo$ b": {}, "摩擦": {}}, seeds=[0])
     run_result = ng.run_experiment(plan, tmp_path / "out", workers=1)

@@ -67,6 +67,7 @@ def test_any_number_of_workers_gives_what_solve_gives(finished, tmp_path):
     assert direct.mu.lower == finished.solution("rough", 1).mu.lower
 
 
+@pytest.mark.slow
 def test_resume_does_only_what_is_missing(finished, tmp_path):
     folder = tmp_path / "out"
     ng.run_experiment(experiment(seeds=[0]), folder, workers=1)

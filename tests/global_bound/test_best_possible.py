@@ -50,6 +50,7 @@ def test_no_placement_is_above_the_bound(budget):
     assert 0.0 < ng.mu(grasp, problem.task, 1e-3, force_budget=budget).lower <= best.upper
 
 
+@pytest.mark.slow
 def test_a_gap_is_closed_though_a_grasp_seemed_better_than_it_is():
     """Nodes are closed by certified quality, not by the estimate of mu."""
     triangle = ng.Polygon([[-1.0, -0.6], [1.0, -0.6], [0.3, 0.9]])
@@ -84,6 +85,7 @@ def test_what_is_left_out_is_named():
     assert "without the hand (fingertips), spread" in str(best)
 
 
+@pytest.mark.slow
 def test_an_easy_grasp_that_starts_used_to_miss():
     task = ng.lift([0, 0, 0], 0.3) + ng.disturbance(1, 0.01)
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, task)

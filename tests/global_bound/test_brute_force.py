@@ -25,6 +25,7 @@ def violations(numbers, **effort):
     return [format_comparison(comparison) for comparison in comparisons if not comparison.holds], near_share
 
 
+@pytest.mark.slow
 def test_no_grasp_of_brute_force_is_above_the_bound():
     planar = [number for number in range(10_010, 10_020) if random_case(number).problem.body.space == 2]
     violating, near_share = violations([*planar, *SPATIAL], rounds=4)

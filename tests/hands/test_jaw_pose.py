@@ -129,6 +129,7 @@ def test_one_walk_finds_depth_and_what_is_passed_through(thickness):
         assert mean[1] > 0.0
 
 
+@pytest.mark.slow
 def test_depth_is_that_of_a_dense_walk():
     """Among balls, against points a tenth of a millimetre apart on both fingers and the palm."""
     rng = np.random.default_rng(1)
@@ -171,6 +172,7 @@ def test_files_of_jaws_without_fingers_still_load():
         ng.ParallelJaw(0.08, finger_length=-0.01)
 
 
+@pytest.mark.slow
 def test_a_solution_states_the_pose_of_its_grasps(tmp_path):
     hand = ng.ParallelJaw(0.05, finger_length=0.04)
     contact, task = ng.SoftContact(0.6, 0.005), ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
@@ -205,6 +207,7 @@ OPTIONS = ng.SolveOptions(workers=1, global_bound=False)
 SOFT = [ng.SoftContact(0.6, 0.005)] * 2
 
 
+@pytest.mark.slow
 def test_contacts_leave_room_for_a_gripper_from_above():
     """Flat, the box is best held by top and bottom; jaws that come down can hold its sides alone."""
     body = ng.Box([0.06, 0.06, 0.04])
@@ -228,6 +231,7 @@ def test_contacts_leave_room_for_a_gripper_from_above():
     assert "degrees off a direction that allows 17.2" in str(lied)
 
 
+@pytest.mark.slow
 def test_a_cone_about_the_closing_line_allows_no_way_in_but_half_a_turn_does():
     task, hand = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3), ng.ParallelJaw(0.08)
     body = ng.Box([0.06, 0.2, 0.2])  # two sides alone are near enough to each other
@@ -236,6 +240,7 @@ def test_a_cone_about_the_closing_line_allows_no_way_in_but_half_a_turn_does():
         assert ng.solve(problem, 2, options=OPTIONS).success is success
 
 
+@pytest.mark.slow
 def test_how_the_gripper_comes_is_said_and_first_of_all_a_way_that_is_not_free():
     body, task = ng.Box([0.06, 0.04, 0.06]), ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3)
     hand = ng.ParallelJaw(0.05, finger_length=0.06, finger_thickness=0.02)

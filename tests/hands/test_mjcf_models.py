@@ -29,6 +29,7 @@ HANDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HANDS)
 def test_bodies_are_where_mujoco_has_them(name, rng):
     file, palm, free_count, following = HANDS[name]
@@ -83,6 +84,7 @@ def held(hand, body, contact, path, folder):
     return solution
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(*QUIET)
 def test_the_panda_gripper_holds_an_ellipsoid(tmp_path):
     path = model(f"{GRIPPERS}/panda_gripper.xml")

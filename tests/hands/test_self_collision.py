@@ -83,6 +83,7 @@ def deepest(hand, frames, which, names):
     return depth
 
 
+@pytest.mark.slow
 def test_postures_that_count_as_free_are_free(hand):
     """Other postures than those that the overlaps were found by: links are nowhere much deeper in each other."""
     frames = postures(hand, 400, seed=7)

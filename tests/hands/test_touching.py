@@ -142,6 +142,7 @@ def test_simulations_say_so_first(deep):
         assert re.fullmatch(f"two: {SAID}", result.stdout.splitlines()[0]), result.output
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(THICKER)
 def test_the_command_line_ends_with_1(tmp_path):
     two_fingers(tmp_path, tip_frames=False)
@@ -163,6 +164,7 @@ def test_the_command_line_ends_with_1(tmp_path):
     assert json.loads(file.read_text())["status"] == "touches"  # the result is not lost
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(THICKER)
 def test_a_fingertip_flush_with_its_link_is_solved(tmp_path):
     _, solution = solve_grasp(two_fingers(tmp_path, tip_frames=False), FLUSH)
@@ -173,6 +175,7 @@ def test_a_fingertip_flush_with_its_link_is_solved(tmp_path):
     assert ng.verify(solution.save(tmp_path / "two.json"))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(THICKER)
 def test_a_tolerance_is_an_option_and_is_told(tmp_path):
     options = ng.SolveOptions(workers=1, global_bound=False, link_tolerance=0.006)
@@ -185,6 +188,7 @@ def test_a_tolerance_is_an_option_and_is_told(tmp_path):
     assert "inside the body" in verification.verdict
 
 
+@pytest.mark.slow
 def test_fingertips_off_their_links_are_said(tmp_path):
     path = two_fingers(tmp_path)
     _, solution = solve_grasp(path, FLOATING)
@@ -209,6 +213,7 @@ def test_proposals_of_floating_fingertips_say_so(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
     path = two_fingers(tmp_path)
     _, solution = solve_grasp(path, FLOATING)
@@ -218,6 +223,7 @@ def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
     assert "fingertip_0" in mjcf_with_hand(without_gaps, path)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(THICKER)
 def test_millimetres_for_metres_are_not_solved(tmp_path):
     tips = {f"f{i}": ng.SphereTip(0.01, [0, 0, 0.06]) for i in (1, 2)}
@@ -227,6 +233,7 @@ def test_millimetres_for_metres_are_not_solved(tmp_path):
         assert solution.link_depth.depth > 1.0
 
 
+@pytest.mark.slow
 def test_a_hand_without_shapes_claims_nothing_of_its_links(tmp_path):
     text = two_fingers(tmp_path).read_text()
     bare = tmp_path / "bare.urdf"

@@ -71,6 +71,7 @@ def jaws():
     return solve_once(problem, starts=1, options=options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["held", "jaws"])
 def test_messages_have_the_fields_of_moveit(which, request):
     solution = request.getfixturevalue(which)

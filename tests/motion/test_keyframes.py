@@ -82,6 +82,7 @@ def test_a_lid_turns_the_approach_and_ends_the_lift(tmp_path):
     np.testing.assert_allclose(solution.phases[-1].palm_position, PALM + lift["distance"] * UP, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_without_a_free_direction_the_solution_says_so(tmp_path):
     walls = [
         ng.Obstacle(ng.Box([0.4 if i != axis else 0.002 for i in range(3)]), position=side * 0.12 * np.eye(3)[axis])

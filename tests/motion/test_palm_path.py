@@ -87,6 +87,7 @@ def test_a_thin_plate_in_the_way_is_found_and_gone_around(tmp_path):
     assert np.min(gap) >= -path.tolerance
 
 
+@pytest.mark.slow
 def test_where_no_direction_is_free_it_says_so(tmp_path):
     walls = [
         ng.Obstacle(ng.Box([0.4 if i != axis else 0.002 for i in range(3)]), position=side * 0.2 * np.eye(3)[axis])
@@ -125,6 +126,7 @@ def shaft(direction, centres, radii, room):
     return walls, turn, bounds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", first(1, [(0.35, 0.25), (-0.5, 0.1), (0.2, -0.6), (-0.15, -0.4)]))
 def test_the_way_out_of_a_narrow_shaft_is_found_between_the_directions_of_the_list(tmp_path, tilt):
     """A hand in a shaft with 4 mm of room leaves it along the shaft, to within two degrees, and in no other way."""

@@ -284,6 +284,7 @@ def test_command_prints_the_table_and_draws_the_jacobian(tmp_path):
     assert "'support' or 'vertex'" in refused(refusal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("budget", ["l2", "shared"])
 def test_random_starts_are_ranked_without_a_closed_form_too(budget):
     problem = ng.GraspProblem(BOX, [ng.SoftContact(0.5, 0.01, model="elliptic")] * 2, HELD, force_budget=budget)

@@ -52,6 +52,7 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
     assert max((quality(samples) for samples in promising), default=0.0) <= 1.01 * best
 
 
+@pytest.mark.slow
 def test_readme_box_without_the_bound():
     solution = ng.solve(readme_box(), starts=4, options=QUICK)
     assert solution.mu.lower >= 0.99 * 0.092

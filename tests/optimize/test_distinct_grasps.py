@@ -78,6 +78,7 @@ def test_a_solve_that_keeps_one_finds_the_same_answer(solution, problem):
     assert np.array_equal(single.grasp.points, solution.grasp.points)
 
 
+@pytest.mark.slow
 def test_a_file_holds_all_of_them(solution, data, tmp_path):
     path = solution.save(tmp_path / "many.json")
     assert GraspSolution.load(path).to_dict() == data
@@ -120,6 +121,7 @@ EDITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", every(4, EDITS))
 def test_an_edit_of_a_grasp_kept_is_seen(name, data):
     first_three = {**data, "grasps": data["grasps"][:3]}

@@ -99,6 +99,7 @@ def test_a_mesh_has_an_answer_and_a_bound_where_time_is_short(tmp_path):
     assert 0.3 < solution.best_possible < 2.0
 
 
+@pytest.mark.slow
 def test_a_gap_where_nothing_is_bounded_is_said():
     pads = [ng.PlaneContact(0.005, friction=0.6)] * 2
     problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), pads, ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3))

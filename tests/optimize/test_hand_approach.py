@@ -64,6 +64,7 @@ def test_it_is_verified_and_a_lie_about_the_passed_over_start_is_found(solution)
     assert [check.name for check in verification.checks if check.failed] == ["outcome"]
 
 
+@pytest.mark.slow
 def test_where_no_way_is_free_the_best_one_stays_and_says_so(walled):
     walls = [ng.Obstacle(ng.Box([0.02, 0.2, 0.3]), position=[side * 0.035, 0, 0], name=f"x {side}") for side in (1, -1)]
     problem = replace(walled, constraints=[*walled.constraints, *walls])

@@ -40,6 +40,7 @@ def certified(compiled, candidate):
     return ng.mu(compiled.grasp(candidate), TASK, 1e-3, force_budget=compiled.budget(candidate))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first(1, range(2)))
 def test_touching_candidates_come_first_and_best_first(compiled, seed):
     proposed = candidates(compiled, seed)
@@ -83,6 +84,7 @@ def test_palms_that_violate_constraints_come_last(seed):
     assert np.mean([compiled.violation(candidate) <= FEASIBLE for candidate in proposed]) >= 0.5
 
 
+@pytest.mark.slow
 def test_a_hand_that_holds_the_body_needs_no_first_program(compiled):
     found = run_start(compiled, 0, 0, Deadline())
     assert found.effort.calls == 0

@@ -65,6 +65,7 @@ def test_candidates_are_on_the_mesh_and_keep_the_constraints(angle):
         assert np.min(candidate.points[:, 2]) >= CLEAR - 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first(1, range(6)))
 def test_two_starts_come_to_the_best_of_a_grid(angle, seed):
     """A start that draws at random ends at the thin wall, with an eighth of it."""
@@ -73,6 +74,7 @@ def test_two_starts_come_to_the_best_of_a_grid(angle, seed):
     assert solution.mu.upper >= 0.95 * best_of_a_grid(case)
 
 
+@pytest.mark.slow
 def test_without_a_pair_that_fits_there_is_no_grasp(angle):
     jaws = ng.ParallelJaw(opening=0.005)  # the wall is 8 mm
     case = ng.GraspProblem(angle, [ng.SoftContact(0.6, 0.009)] * 2, problem(angle).task, hand=jaws)
@@ -80,6 +82,7 @@ def test_without_a_pair_that_fits_there_is_no_grasp(angle):
     assert not solution.success
 
 
+@pytest.mark.slow
 def test_pairs_to_which_the_way_is_blocked_come_last():
     """A box that is best held by its y sides, where walls leave no room for fingers."""
     task = ng.lift([0, 0, 0], mass=0.2) + ng.disturbance(0.5, 0.01)

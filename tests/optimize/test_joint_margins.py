@@ -53,6 +53,7 @@ def distances_to_limits(candidate):
     return np.minimum(candidate.hand["joints"] - limits[0], limits[1] - candidate.hand["joints"])
 
 
+@pytest.mark.slow
 def test_joints_keep_their_margins():
     without_margins = refine(compiled(), initial_candidate(), Deadline())
     _, result = refine_with_margins(compiled(), initial_candidate(), Deadline())
@@ -64,6 +65,7 @@ def test_joints_keep_their_margins():
     assert result.point.value >= (1.0 - OPTIONS.room_price) * without_margins.point.value
 
 
+@pytest.mark.slow
 def test_joints_whose_margins_cost_too_much_have_their_whole_range():
     """Ranges of 0.1 rad around the hand's joints: margins in all of them cost 8 % of mu."""
     joints = posture()[1]["joints"]

@@ -53,6 +53,7 @@ def test_problems_that_cannot_be_pickled_are_refused_with_workers(problem):
         StartRunner(problem, ng.SolveOptions(workers=2), 2).prepare()
 
 
+@pytest.mark.slow
 def test_starts_after_a_worker_has_died_have_new_ones(problem):
     count = WAITING * 2 + 2
     runner = StartRunner(problem, ng.SolveOptions(workers=2), count)

@@ -68,6 +68,7 @@ def test_separate_processes_end_with_an_error():
         os.kill(workers[0], 0)
 
 
+@pytest.mark.slow
 def test_the_death_of_a_worker_is_noticed_after_idle_workers_ended():
     def twice():
         with separate_processes(1, idle=0.2) as processes:

@@ -1,6 +1,7 @@
 """Distribution of candidates among the starts of a search."""
 
 import numpy as np
+import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -15,6 +16,7 @@ def test_with_too_few_candidates_the_last_starts_reuse_them():
     assert deal_candidates(["a", "b"], 5) == [["a"], ["b"], ["a", "b"], ["b"], ["a", "b"]]
 
 
+@pytest.mark.slow
 def test_more_starts_have_more_candidates_of_different_kinds():
     """No two are congruent: the distances between their contacts, or from the middle, differ."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])

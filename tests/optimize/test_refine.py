@@ -71,6 +71,7 @@ def test_missed_directions_are_found():
     assert start.record.mu.upper >= 0.99 * start.record.history[-1]
 
 
+@pytest.mark.slow
 def test_a_search_misled_by_descents_restarts():
     """During the search contacts lose force closure along a direction that no descent finds."""
     body = ng.Polygon([[0.0, 0.0], [0.08, 0.0], [0.1, 0.04], [0.04, 0.08], [-0.01, 0.05]])

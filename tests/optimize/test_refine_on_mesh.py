@@ -68,6 +68,7 @@ def test_exchanges_nearby_lead_to_other_triangles():
     assert ng.mu(exchanged.grasp, TASK).lower > 1.01 * ng.mu(first.grasp, TASK).upper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_start_on_a_ball_is_nearly_as_good_as_a_tetrahedron(seed):
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
@@ -77,6 +78,7 @@ def test_a_start_on_a_ball_is_nearly_as_good_as_a_tetrahedron(seed):
     assert start.record.mu.upper >= 0.98 * ng.mu(compiled.grasp_at(points, -outward), TASK).upper
 
 
+@pytest.mark.slow
 def test_a_start_does_not_depend_on_those_before():
     first = run_start(compiled_problem(brick()), 1, 0, Deadline())
     compiled = compiled_problem(brick())

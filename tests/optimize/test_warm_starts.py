@@ -33,6 +33,7 @@ def test_the_answer_is_no_worse_than_a_known_grasp(known, kind):
     assert solution.mu.upper >= unchanged.lower
 
 
+@pytest.mark.slow
 def test_workers_run_warm_starts(known):
     options = replace(OPTIONS, workers=2)
     solution = ng.solve(box(), 2, options=options, warm_starts=[known, known.grasp])

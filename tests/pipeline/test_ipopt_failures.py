@@ -59,6 +59,7 @@ def test_what_ipopt_returns_without_running_is_the_start(broken):
     assert Effort.of(result) + Effort.of(result) == Effort(0, 2 * result.seconds, 0.0, 2, {broken: 2})
 
 
+@pytest.mark.slow
 def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
     with pytest.warns(UserWarning, match="IPOPT did not run in") as warnings:
         solution = ng.solve(problem(), starts=8, options=OPTIONS)
@@ -74,6 +75,7 @@ def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
     assert line in str(ng.GraspSolution.load(file))
 
 
+@pytest.mark.slow
 def test_a_start_states_it_to_the_process_that_collects_starts(broken):
     """What a worker returns is pickled, and its effort with it: of all steps that the program with forces took."""
     contacts = [ng.SoftContact(0.5, 0.3, "elliptic")] * 3
@@ -83,6 +85,7 @@ def test_a_start_states_it_to_the_process_that_collects_starts(broken):
     assert result.effort.failures == {broken: result.effort.calls}
 
 
+@pytest.mark.slow
 def test_a_solve_in_which_ipopt_ran_says_nothing(recwarn):
     solution = ng.solve(problem(), starts=8, options=OPTIONS)
     assert "ipopt_failures" not in solution.solver

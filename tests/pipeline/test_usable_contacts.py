@@ -85,6 +85,7 @@ def faults(number):
     return wrong, True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", every(4, range(len(KINDS))))
 def test_contacts_are_where_a_finger_can_be(number):
     assert faults(number) == ([], True)

@@ -70,6 +70,7 @@ def test_a_margin_without_room_names_the_roomiest_face():
     assert set(grasp_problem.allowed_faces(0)) == {"+z", "-z"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", first(1, BODIES))
 def test_no_contact_is_nearer_to_an_edge(kind):
     grasp_problem = problem(BODIES[kind])
@@ -100,6 +101,7 @@ def test_verify_fails_where_a_contact_is_nearer_than_the_margin_that_is_stated()
     assert "edge margin" in failed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", first(1, ["polygon", "box"]))
 def test_the_price_is_what_solving_with_another_margin_changes(kind):
     grasp_problem, options = problem(BODIES[kind], 0.004), replace(QUICK, analyses=["prices"], final_rtol=1e-4)

@@ -85,6 +85,7 @@ def check(seed):
     return seconds, bounds
 
 
+@pytest.mark.slow
 def test_a_hundred_of_them():
     seconds = [check(seed)[1] for seed in range(100)]
     assert sum(f.lower > 0.0 for f in seconds) > 30

@@ -49,6 +49,7 @@ def test_planar_volume_is_certified_and_agrees_with_a_hull(budget):
     assert hull <= volume.upper * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first(1, range(6)))
 def test_certified_bounds_contain_the_estimate_and_a_hull(seed):
     rng = np.random.default_rng(seed)

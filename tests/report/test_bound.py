@@ -40,6 +40,7 @@ def test_contacts_add_up_to_no_less_than_mu(budget, power):
         assert 0.0 < mu.lower <= np.sum(shares_by_grasp[i]) ** (1 / power)
 
 
+@pytest.mark.slow
 def test_the_largest_worths_are_the_bound_at_the_root():
     """Three contacts at the best place add up to the bound of the one node that a search begins with."""
     problem, rng = box_problem(), np.random.default_rng(1)

@@ -7,6 +7,7 @@ import nlpgrasp as ng
 from nlpgrasp.tasks.task_ellipsoid import fit_ellipsoid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [3, 6])
 def test_a_fit_is_drawn(d, tmp_path, rng):
     wrenches = rng.standard_normal((500, d))

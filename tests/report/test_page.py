@@ -153,6 +153,7 @@ def test_the_scene_follows_light_and_dark_as_they_change(browser, page):
     assert np.mean(dark[light[..., 3] == 255][:, :3]) > np.mean(light[light[..., 3] == 255][:, :3])
 
 
+@pytest.mark.slow
 @needs_browser
 def test_switches_change_the_scene_by_keyboard(browser, page):
     from selenium.webdriver.common.keys import Keys
@@ -301,6 +302,7 @@ def test_shadows_are_convex_and_hold_the_task(spatial, planar):
             assert np.max(inside) <= 2e-3 * np.max(size)
 
 
+@pytest.mark.slow
 def test_a_solution_without_a_grasp_has_a_page(tmp_path):
     problem = ng.GraspProblem(ng.Sphere(1.0), [ng.PointContact()] * 2, ng.TaskEllipsoid([1.0] * 6), name="none")
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))

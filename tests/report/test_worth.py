@@ -81,6 +81,7 @@ def test_shares_have_the_scales_colours(share, colour):
     assert _interpolate_colour(share) == colour
 
 
+@pytest.mark.slow
 def test_the_page_says_how_far_the_best_can_be(loaded, tmp_path):
     text = write_report({"box": loaded}, tmp_path / "box.html").read_text()
     assert "no placement is more than" in text

@@ -143,6 +143,7 @@ def paths_of(value, prefix=()):
 WRONG = (None, "text", 1e300, [], {}, -1.0, True, [[["x"]]])
 
 
+@pytest.mark.slow
 def test_a_wrong_value_anywhere_is_refused_or_read_never_a_crash(data):
     """Every sixth entry of a good file replaced in turn, by one wrong value after another."""
     refused_or_read(data, cycle(WRONG), every=6)

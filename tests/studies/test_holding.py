@@ -41,6 +41,7 @@ def test_a_body_that_is_dropped_at_a_corner_is_seen():
     assert move.held_text == "not held at one of its stations"
 
 
+@pytest.mark.slow
 def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
     """The middle is on the line between two of the three others: descents find a strength, and there is none."""
     body, contacts, up = ng.Box([2.0, 2.0, 2.0]), [ng.FrictionContact(0.5)] * 4, [[0.0, 0.0, 1.0]] * 4

@@ -99,6 +99,7 @@ def verified(data, tmp_path):
     return ng.verify(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", every(4, PROBLEMS))
 def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
     data = bound_data(name)

@@ -57,6 +57,7 @@ WIDE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first(1, WIDE))
 def test_an_interval_that_is_too_wide_fails(name):
     change, where = WIDE[name]
@@ -92,6 +93,7 @@ def told(change):
     return outcome_checks(ng.GraspSolution.from_dict(edited(honest.solved(), change), "f.json"))[0].passed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OUTCOMES)
 def test_an_outcome_that_does_not_go_with_the_grasp_fails(name):
     assert not told(OUTCOMES[name])

@@ -75,6 +75,7 @@ def check_again(directory, data):
     return len(recomputed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first(1, PROBLEMS))
 def test_a_mesh_bound_is_computed_again_as_it_is_claimed(name, folder):
     assert check_again(folder, few_pieces(folder, name)) > 10

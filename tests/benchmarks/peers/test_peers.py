@@ -19,6 +19,7 @@ from benchmarks.peers.with_drake import _Balance, _Cones
 PEBBLE = CASES["pebble"]
 
 
+@pytest.mark.slow
 def test_a_run_writes_a_row_a_method_whose_mu_is_that_of_the_package(tmp_path):
     path, said = tmp_path / "peers.csv", []
     run(path, ["pebble"], ["random_search"], starts=1, budget=0.01, say=said.append)  # one batch in a cold process
