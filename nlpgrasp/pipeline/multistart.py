@@ -149,7 +149,7 @@ class Multistart:
 
     def begin_bound(self) -> None:
         """Compute the root bound of a branch and bound, where it covers the problem."""
-        self._clock.restart()
+        self._clock.mark("programs")
         problem, options = self.runner.problem, self.runner.options
         self._tree = new_branch_and_bound(problem, options)
         if self._tree is not None:
