@@ -100,9 +100,9 @@ def analyse_one_by_one(
                 if name in OF_GRASP:
                     value, message = OF_GRASP[name](grasp, solution.budget), ""
                 else:
-                    value, message = attempt(partial(OF_PROBLEM[name], *prepared[0], Deadline()))
+                    value, message = _analyse_problem(name, *prepared[0], Deadline())
             if message:
-                warn(FAILED.format(name, message))
+                warn(message)
             solution = add_analyses_to(solution, {name: value}, None if problem is None else problem.hand)
         yield name, solution
 
@@ -122,8 +122,8 @@ def analyses_of(
             if name in OF_GRASP:
                 values[name] = OF_GRASP[name](start.on_body.grasp, compiled.budget(start.on_body.candidate))
             else:
-                values[name], message = attempt(partial(OF_PROBLEM[name], compiled, start, deadline))
-                messages += [FAILED.format(name, message)] if message else []
+                values[name], message = _analyse_problem(name, compiled, start, deadline)
+                messages += [message] if message else []
             clock.mark(name)
     return values, clock.seconds, messages
 
@@ -203,6 +203,12 @@ def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
     placed = GraspOnBody.of(compiled, candidate, grasp, solution.surface)
     return StartGrasp(record, placed, solution.constraints, Effort(), solution.robust, candidate)
+
+
+def _analyse_problem(name: str, compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> tuple[Any, str]:
+    """Return the result of an analysis of the problem, and an empty message; None and the reason on failure."""
+    value, message = attempt(partial(OF_PROBLEM[name], compiled, start, deadline))
+    return value, message and FAILED.format(name, message)
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:

@@ -334,10 +334,14 @@ def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Opt
 
 def matching_preset(path: str | Path) -> str | None:
     """Return the name of the preset whose palm and fingertips a robot file has; None where there is no such one."""
+    links = robot_links(path)
     for name, preset in PRESETS.items():
+        reader = _PresetReader(name, preset, path)
+        if not reader.has_links(links):  # a robot is read with its meshes: only where it may be this hand
+            continue
         try:
-            _PresetReader(name, preset, path).robot_below_palm()
-        except InputError:  # a hand of another model
+            reader.robot_below_palm()
+        except InputError:  # the fingertips are below another link
             continue
         return name
     return None
@@ -412,6 +416,11 @@ class _PresetReader:
             self._refuse(f"without a link {' or '.join(self.preset.palms)}")
         self._check_tips(candidates)
         return candidates[0]
+
+    def has_links(self, links: Sequence[str]) -> bool:
+        """Return whether the palm and all fingertips are among some links."""
+        palm = any(self._matching_links(links, name) for name in self.preset.palms)
+        return palm and all(self._matching_links(links, tip) for tip in self.preset.tips)
 
     def _check_tips(self, robots: Sequence[Robot]) -> None:
         """Refuse a file in which no palm carries all fingertips; the message names what is missing."""

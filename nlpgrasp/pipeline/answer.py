@@ -19,7 +19,7 @@ from nlpgrasp.optimize.candidate import Effort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
-from nlpgrasp.optimize.final_step import converge_to_optimum, keep_unconverged
+from nlpgrasp.optimize.final_step import FRAGILE, converge_to_optimum, keep_unconverged
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
@@ -119,7 +119,7 @@ def choose_start(
                 continue
             if start.robust.mu.lower > best.robust.mu.upper:
                 if other.record.index == best.record.index:
-                    return keep_unconverged(compiled, start, "the local optimum next to this grasp is fragile")
+                    return keep_unconverged(compiled, start, FRAGILE)
                 return converge_to_optimum(compiled, start, deadline)
     return best
 
