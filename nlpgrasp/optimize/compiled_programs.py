@@ -42,7 +42,7 @@ POSED: Ipopt = {
     "acceptable_compl_inf_tol": 1e2,
 }
 CLOSING: Ipopt = {  # last solve, from near a local optimum with its multipliers: exact constraints and bounds
-    "tol": 1e-7,
+    "tol": 1e-8,
     "mu_init": 1e-9,
     "max_iter": 60,
     "bound_relax_factor": 0.0,

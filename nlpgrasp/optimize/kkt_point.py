@@ -118,6 +118,8 @@ def _solve_program(
         if deadline.is_requested() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
         cuts = append_new(compiled, cuts, exact_minimisers(compiled, optimum.candidate, rng, cuts).directions)
+        if optimum.value > point.value:
+            point = replace(point, candidate=optimum.candidate, value=optimum.value)
         radius = WIDE
     return replace(min(solutions, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
