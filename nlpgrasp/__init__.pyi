@@ -52,7 +52,7 @@ from nlpgrasp.experiments import (
 )
 from nlpgrasp.global_bound import BestPossible
 from nlpgrasp.hands import CapsuleTip, CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
-from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
+from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem

@@ -16,7 +16,7 @@ from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, PosedHand
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.hand_approach import add_hand_record
@@ -71,7 +71,7 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
     solution.require_grasp()
     problem = problem or solution.known_problem
     if names:
-        check_hand("analyses", names, None if problem is None else problem.hand, problem is not None)
+        check_phases_possible("analyses", names, None if problem is None else problem.hand, problem is not None)
     lacking = [name for name in _applicable(names, problem) if not is_stated(solution, name)]
     of_problem = [name for name in lacking if name not in OF_GRASP]
     if of_problem and problem is None:
@@ -117,7 +117,7 @@ def analyses_of(
     clock, values, messages = Stopwatch(), dict[str, Any](), list[str]()
     with single_thread():
         for name in names:
-            if deadline.is_requested():
+            if deadline.should_stop():
                 break
             if name in OF_GRASP:
                 values[name] = OF_GRASP[name](start.on_body.grasp, compiled.budget(start.on_body.candidate))
@@ -141,7 +141,7 @@ def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: H
 
 
 def requested_analyses(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
-    """Return the analyses requested by options that a solution lacks."""
+    """Return the analyses that the options request and the solution does not yet contain."""
     names = all_analyses(hand) if options.extras else options.analyses
     return tuple(name for name in names if not is_stated(solution, name))
 
@@ -164,8 +164,8 @@ def format_added(before: GraspSolution, after: GraspSolution) -> str:
     return ", ".join(ANALYSES[name] for name in added)
 
 
-def check_hand(field: str, names: Iterable[str], hand: Hand | None, is_known: bool = True) -> None:
-    """Refuse phases of no hand, or of one without links."""
+def check_phases_possible(field: str, names: Iterable[str], hand: Hand | None, is_known: bool = True) -> None:
+    """Raise if phases are requested without a hand that has links."""
     if "phases" in names and is_known and not isinstance(hand, URDFHand):
         value = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
         raise InputError(field, value, "no phases without a hand that has links, such as an ng.URDFHand")
@@ -202,7 +202,7 @@ def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp
         candidate = follow_with_hand(compiled, candidate)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
     placed = GraspOnBody.of(compiled, candidate, grasp, solution.surface)
-    return StartGrasp(record, placed, solution.constraints, Effort(), solution.robust, candidate)
+    return StartGrasp(record, placed, solution.constraints, SolverEffort(), solution.robust, candidate)
 
 
 def _analyse_problem(name: str, compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> tuple[Any, str]:
@@ -212,6 +212,7 @@ def _analyse_problem(name: str, compiled: CompiledProblem, start: StartGrasp, de
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
+    """Return delta with the mean arm as torque scale."""
     return delta(grasp, grasp.mean_arm, RTOL, force_budget=budget)
 
 

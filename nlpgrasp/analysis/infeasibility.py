@@ -28,7 +28,7 @@ from nlpgrasp.common.scalar_constraints import (
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, pack_variables
-from nlpgrasp.optimize.cutting_planes import empty_slots
+from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
@@ -51,7 +51,7 @@ FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp i
 def diagnose_on_one_thread(
     compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline
 ) -> WhyNot | None:
-    """Return the infeasibility diagnosis of a problem without a grasp; None where it fails numerically."""
+    """Diagnose on one thread a problem whose starts found no grasp; return None where it fails numerically."""
     with single_thread():
         return attempt(lambda: diagnose(compiled, results, seed, deadline))[0]
 
@@ -60,7 +60,7 @@ def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: in
     """Return the infeasibility diagnosis of a problem whose starts found no grasp."""
     least_violated: RelaxationResult | None = None
     for index in range(STARTS):
-        if deadline.is_requested():
+        if deadline.should_stop():
             break
         candidate = propose(compiled, np.random.default_rng([seed, index, 1]))[0]
         relaxed = minimise_violation(compiled, candidate)
@@ -168,7 +168,7 @@ class _Relaxation:
     def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate) -> None:
         self.compiled, self.functions = compiled, compiled.cutting_planes.functions
         program = self.functions.program
-        self.theta = empty_slots(compiled, candidate)
+        self.theta = parameters_without_cuts(compiled, candidate)
         self.used = slice(program.contained, None)
         self.offset = program.placement.start - program.contained
         self.low, self.high = (limits[self.used] for limits in program.limits)

@@ -131,7 +131,7 @@ class Transmission:
         return 1.0 / size if is_reached and size > 0.0 else 0.0
 
     def force_ratio(self, wrench: ArrayLike) -> float:
-        """Return the largest multiple of a wrench that torques of norm 1 exert; inf where the structure bears it.
+        """Return the largest multiple of a wrench that torques of norm 1 exert; inf where no joint torque is needed.
 
         Parameters
         ----------

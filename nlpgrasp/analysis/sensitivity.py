@@ -189,7 +189,7 @@ class Perturbations:
         self._grasp, self._faces, self._body = grasp, faces, body
 
     def of_contacts(self) -> list[Perturbation]:
-        """Return the coordinates of each contact along its tangents, metres."""
+        """Return the perturbations of each contact along its tangents, metres."""
         perturbations = []
         for i in range(len(self._grasp)):
             for j, tangent in enumerate(self._grasp.tangents[i]):
@@ -199,7 +199,7 @@ class Perturbations:
         return perturbations
 
     def of_coefficients(self) -> list[Perturbation]:
-        """Return the friction coefficients of each contact."""
+        """Return the perturbations of each contact's friction coefficients."""
         return [
             self._coefficient(i, name, value)
             for i, model in enumerate(self._grasp.contacts)
@@ -207,7 +207,7 @@ class Perturbations:
         ]
 
     def of_joints(self, hand: HandWithJacobians, posture: Json | None) -> list[Perturbation]:
-        """Return the positions of the joints that move a contact; contacts stay fixed to their links.
+        """Return the perturbations of the joints that move a contact; contacts stay fixed to their links.
 
         Raises
         ------
@@ -310,4 +310,5 @@ def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: 
 
 
 def _ratios_along(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
+    """Return a grasp's support along directions (m, d), (m,)."""
     return WrenchSet.of(grasp, solution.budget).support(y)[0]

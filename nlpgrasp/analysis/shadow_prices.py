@@ -24,7 +24,7 @@ from nlpgrasp.constraints import BoxRegion, Constraint, HalfSpace, PlacementCons
 from nlpgrasp.hands import Hand, URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.kkt_point import LocalOptimum, local_optimum
+from nlpgrasp.optimize.kkt_point import LocalOptimum, find_local_optimum
 from nlpgrasp.optimize.projection import fix_to_triangles
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.problem.candidate_constraints import collect_constraints, symbolic_candidate, symbolic_constraints
@@ -52,7 +52,7 @@ def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadlin
     """
     optimum = best.optimum
     if optimum is None and best.kkt is None:
-        optimum = local_optimum(*fix_to_triangles(compiled, best.on_body.candidate), deadline)
+        optimum = find_local_optimum(*fix_to_triangles(compiled, best.on_body.candidate), deadline)
     mu_upper = best.record.mu.upper
     if optimum is None or not optimum.kkt.is_small or abs(optimum.value - mu_upper) > VALUE_TOLERANCE * mu_upper:
         return ()
@@ -86,10 +86,11 @@ def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit)
 def edge_price(
     compiled: CompiledProblem, candidate: GraspCandidate, lagrangian: Callable[[GraspCandidate], float]
 ) -> ShadowPrice | None:
-    """Return the change of mu per millimetre of margin; None where no contact of a smooth face is at the margin.
+    """Return the shadow price of the margin from sharp edges; None where no contact of a smooth face is at it.
 
-    A margin larger by h moves each contact that stands at it away from its edges by h. By the envelope theorem mu
-    changes as the Lagrangian does with the contacts so moved, everything else left as it is.
+    It is the change of mu per millimetre. A margin larger by h moves each contact that stands at it away from its edges
+    by h. By the envelope theorem mu changes as the Lagrangian does with the contacts so moved, everything else left as
+    it is.
 
     Parameters
     ----------
@@ -183,6 +184,7 @@ def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem:
 
 
 def _support_ratios(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
+    """Return the support along the optimum's cuts for a changed problem."""
     normals = compiled.inward_normals(optimum.candidate)
     grasp = Grasp(optimum.candidate.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
@@ -328,6 +330,8 @@ def _hundredth(value: float) -> tuple[float, str]:
 def _constraint_change(
     problem: GraspProblem, i: int, new: Callable[[float], PlacementConstraint]
 ) -> Callable[[float], GraspProblem]:
+    """Return a function of an increment to the problem with a changed constraint."""
+
     def changed(h: float) -> GraspProblem:
         constraints = list(problem.constraints)
         constraints[i] = new(h)
@@ -337,14 +341,17 @@ def _constraint_change(
 
 
 def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callable[[float], GraspProblem]:
+    """Return a function of an increment to the problem with a changed hand."""
     return lambda h: problem.unchecked(hand=new(h))
 
 
 def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item]:
+    """Return a function of an increment to the item with a changed field."""
     return lambda h: replace_unchecked(item, **{name: value + h})
 
 
 def _entry_change(item: Item, name: str, values: tuple[float, ...], index: int) -> Callable[[float], Item]:
+    """Return a function of an increment to the item with a changed entry of a tuple."""
     return lambda h: replace_unchecked(item, **{name: tuple(v + h * (i == index) for i, v in enumerate(values))})
 
 

@@ -65,8 +65,8 @@ class Face:
         limits = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
         return limits + [margin - distance for distance in self.edges(p)] if margin > 0.0 else limits
 
-    def compiled(self, p: Expression, margin: float) -> ca.Function:
-        """Return the compiled surface function, gradient norm, unit outward normal and limits at a symbolic point."""
+    def compile_surface(self, p: Expression, margin: float) -> ca.Function:
+        """Return one compiled function of a point to surface function, gradient norm, unit outward normal, limits."""
         h = self.surface(p)
         gradient = ca.gradient(h, p)
         slope = ca.norm_2(gradient)
@@ -182,10 +182,10 @@ class Body(DisplayedBody):
         return self.symbol.sym("p", self.space)
 
     def distance(self, p: Expression) -> Expression:
-        """Return the signed distance of a CasADi point to the body, metres, negative inside.
+        """Return the signed distance of a CasADi point, or a lower bound on it outside, metres, negative inside.
 
-        Outside the body it never exceeds the true distance, so constraints on clearance are conservative. By default
-        ``h / |grad h|``, exact to first order near the surface and a lower bound wherever h is convex.
+        A lower bound makes constraints on clearance conservative. By default ``h / |grad h|``, exact to first order
+        near the surface and a lower bound wherever h is convex; a body with several faces has to define it.
         """
         if len(self.faces) > 1:
             raise NotImplementedError(f"{type(self).__name__}.distance")
@@ -228,7 +228,7 @@ class Body(DisplayedBody):
         """
         functions = self._functions
         if (name, margin) not in functions:
-            functions[name, margin] = self.face(name).compiled(self.point(), margin)
+            functions[name, margin] = self.face(name).compile_surface(self.point(), margin)
         return functions[name, margin]
 
     def shared_surface(self, margin: float) -> ca.Function | None:

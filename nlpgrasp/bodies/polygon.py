@@ -117,6 +117,7 @@ def polygon_centroid(v: FloatArray) -> FloatArray:
 
 
 def _area(v: FloatArray) -> float:
+    """Return the signed area of a polygon (m, 2), positive if counter-clockwise."""
     successors = np.roll(v, -1, axis=0)
     return 0.5 * float(np.sum(v[:, 0] * successors[:, 1] - v[:, 1] * successors[:, 0]))
 

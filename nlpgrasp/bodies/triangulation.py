@@ -71,7 +71,9 @@ def clip_ears(outline: FloatArray) -> IntArray:
             corner = int(
                 np.argmax(
                     [
-                        _signed_area(*outline[[remaining[i - 1], remaining[i], remaining[(i + 1) % len(remaining)]]])
+                        _twice_signed_area(
+                            *outline[[remaining[i - 1], remaining[i], remaining[(i + 1) % len(remaining)]]]
+                        )
                         for i in range(len(remaining))
                     ]
                 )
@@ -85,21 +87,24 @@ def _is_ear(outline: FloatArray, remaining: list[int], i: int) -> bool:
     """Return whether a corner is an ear: convex, with no other vertex in its triangle."""
     corners = [remaining[i - 1], remaining[i], remaining[(i + 1) % len(remaining)]]
     a, b, c = outline[corners]
-    if _signed_area(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
+    if _twice_signed_area(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
         return False
     points = outline[[v for v in remaining if v not in corners]]
     is_inside = (
-        (_signed_area(a, b, points) >= 0.0) & (_signed_area(b, c, points) >= 0.0) & (_signed_area(c, a, points) >= 0.0)
+        (_twice_signed_area(a, b, points) >= 0.0)
+        & (_twice_signed_area(b, c, points) >= 0.0)
+        & (_twice_signed_area(c, a, points) >= 0.0)
     )
     return not np.any(is_inside)
 
 
-def _signed_area(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+def _twice_signed_area(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Return twice the signed area of triangles a, b, c, for points c (..., 2)."""
     return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))
 
 
 def _is_convex(outline: FloatArray) -> bool:
+    """Return whether a counter-clockwise outline (m, 2) has no reflex vertex."""
     forward, backward = np.roll(outline, -1, axis=0) - outline, outline - np.roll(outline, 1, axis=0)
     return bool(np.all(backward[:, 0] * forward[:, 1] - backward[:, 1] * forward[:, 0] >= 0.0))
 

@@ -1,4 +1,4 @@
-"""Base classes of force budgets and of their force sets ``B n K``."""
+"""Base classes of force budgets and of their force sets ``B ∩ K``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms
 
 
 class ForceSet(ABC):
-    """Force set ``B n K``: admissible contact forces within one unit of a budget, (2.5-2).
+    """Force set ``B ∩ K``: admissible contact forces within one unit of a budget, (2.5-2).
 
     Forces are stacked as in G: n components, contact by contact, each in its frame, normal force first.
 
@@ -47,7 +47,7 @@ class ForceSet(ABC):
 
     @abstractmethod
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the exact support ``max <z, x>`` over x in B n K, (m,), and maximisers (m, n), for z (m, n)."""
+        """Return the exact support ``max <z, x>`` over x in B ∩ K, (m,), and maximisers (m, n), for z (m, n)."""
 
     @abstractmethod
     def gauge(self, x: FloatArray) -> FloatArray:
@@ -61,7 +61,7 @@ class ForceSet(ABC):
 class ForceBudget(ABC):
     """A force budget: a convex set B that bounds the finger forces (docs/measures.md).
 
-    The grasp wrench set is ``G(B n K)``; ``at`` returns ``B n K`` for given contact frames. Each budget has a ``kind``,
+    The grasp wrench set is ``G(B ∩ K)``; ``at`` returns ``B ∩ K`` for given contact frames. Each budget has a ``kind``,
     its name in files, and is registered in ``nlpgrasp.budgets.registry``.
     """
 
@@ -83,7 +83,7 @@ class ForceBudget(ABC):
 
     @abstractmethod
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:
-        """Return the force set ``B n K`` for given contact frames.
+        """Return the force set ``B ∩ K`` for given contact frames.
 
         Parameters
         ----------

@@ -56,7 +56,11 @@ class HandTorques(ForceBudget):
     ) -> ForceBudget:
         """Return the ``SharedJointTorqueLimits`` of a posture."""
         self.check_hand(hand)
-        return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
+        return (
+            self
+            if hand is None
+            else SharedJointTorqueLimits(*_jacobians_and_limits(hand, values, points), self.force_limit)
+        )
 
     def force_scale(self) -> float:
         """Return a tenth of the limit on normal force, newtons."""
@@ -70,7 +74,7 @@ class HandTorques(ForceBudget):
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[ScalarConstraint]:
-        """Return no constraints: the NLP's cuts come from virtual work (``nlp/virtual_work.py``), without forces."""
+        """Return no constraints: those of a posture are in ``nlp.virtual_work.joint_torque_constraints``."""
         return []
 
     def to_dict(self) -> Json:
@@ -107,10 +111,10 @@ def hand_torque_limits(
     positions = array("points", points, (hand.count, 3))
     values = hand.values_of(posture)
     HandTorques(force_limit).check_hand(hand)
-    return SharedJointTorqueLimits(*_loads(hand, values, positions), force_limit)
+    return SharedJointTorqueLimits(*_jacobians_and_limits(hand, values, positions), force_limit)
 
 
-def _loads(
+def _jacobians_and_limits(
     hand: HandWithJacobians, values: Mapping[str, FloatArray], points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
     """Return the contact Jacobians and the joint-torque limits."""

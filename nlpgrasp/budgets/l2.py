@@ -16,7 +16,7 @@ from nlpgrasp.contacts.product import project
 
 
 class L2Set(ForceSet):
-    """L2 force set ``{x in K : |x| <= 1}``, ``B_1^n n K`` of (2.5-2)."""
+    """L2 force set ``{x in K : |x| <= 1}``, ``B_1^n ∩ K`` of (2.5-2)."""
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support ``|P_K(z)|``, (m,), and the maximisers ``P_K(z) / |P_K(z)|``, (m, n) (Moreau)."""

@@ -21,7 +21,7 @@ class PerFingerSet(ForceSet):
     power: ClassVar[float] = 1.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support, the sum of the contacts' ``max(0, z_n + mu |z_t|)``, (m,), and maximisers (m, n).
+        """Return the support, the sum of the contacts' supports at unit normal force, (m,), and maximisers (m, n).
 
         Each contact exerts unit normal force or none.
         """
@@ -52,7 +52,7 @@ class PerFingerBudget(ForceBudget):
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
     ) -> tuple[Expression, int] | None:
-        """Return the sum of ``max(0, z_n + mu |z_t|)`` over the contacts, smoothed at its kinks."""
+        """Return the sum of the contacts' supports at unit normal force, smoothed at their kinks."""
         parts: list[Expression] = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else (sum(0.5 * (p + ops.sqrt(p**2 + SMOOTH)) for p in parts), 1)
 

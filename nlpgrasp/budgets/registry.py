@@ -1,4 +1,4 @@
-"""Registry of force budgets for names and JSON files."""
+"""Registry of force budgets, by names and for JSON files, with the package's own."""
 
 from __future__ import annotations
 

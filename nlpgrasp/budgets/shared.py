@@ -21,7 +21,7 @@ class SharedSet(ForceSet):
     power: ClassVar[float] = 8.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support, the largest of the contacts' ``max(0, z_n + mu |z_t|)``, (m,), and maximisers (m, n).
+        """Return the support, the largest of the contacts' supports at unit normal force, (m,), and maximisers (m, n).
 
         Only that contact exerts a force.
         """
@@ -57,7 +57,7 @@ class SharedBudget(ForceBudget):
         return SharedSet(contacts, frames.shape[1])
 
     def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
-        """Return ``z_n + mu |z_t|`` of all contacts, whose maximum is the support function."""
+        """Return each contact's largest work of a unit normal force, whose maximum is the support function."""
         parts = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else parts
 

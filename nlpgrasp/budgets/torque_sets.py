@@ -1,15 +1,15 @@
-"""Force sets of joint-torque limits, ``{x in K : |T x| <= 1}``: exact for one contact, by conic programs for several.
+"""Force sets of joint-torque limits, ``{x in K : |T x| <= 1}``: extreme points if these are few, else conic programs.
 
 Contacts without common limits are independent: the set of all contacts (``TorqueSet``) is a product over groups of
 coupled contacts, and its support function a sum.
 
-A single contact with few components and at most one quadratic cone has few extreme points (``TorquePolytope``). A
+A single contact with few components and at most one quadratic cone has few extreme points (``EnumeratedTorqueSet``). A
 maximiser of ``<z, x>`` is one of them: r linear conditions are active there and, for r below the number n of
 components, the quadratic cone too. For r = n and n - 1 they are points that do not depend on z; for smaller r they form
 conic sections, on which a linear function has two stationary points in closed form.
 
 Contacts that share joints, have five or six components, or two quadratic cones have too many extreme points to
-enumerate; their support is the optimum of a conic program (``TorqueCone``).
+enumerate; their support is the optimum of a conic program (``ConicTorqueSet``).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class TorqueSet(ForceSet):
     @property
     def costly(self) -> bool:
         """Whether some group of contacts needs a conic program per support evaluation."""
-        return any(isinstance(force_set, TorqueCone) for _, force_set in self._groups)
+        return any(isinstance(force_set, ConicTorqueSet) for _, force_set in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
@@ -79,7 +79,7 @@ class TorqueSet(ForceSet):
             total += value
         return total, forces
 
-    def prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return maximisers along z (m, n), and the shadow prices of the limits, (m, rows of T).
 
         Prices are positive at upper limits and negative at lower ones.
@@ -98,7 +98,7 @@ class TorqueSet(ForceSet):
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 
-    def _group(self, members: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
+    def _group(self, members: list[int]) -> tuple[NDArray[np.intp], EnumeratedTorqueSet | ConicTorqueSet]:
         """Return component indices and force set of a group of coupled contacts."""
         columns, rows = self._part(members)
         models = [self.contacts[i] for i in members]
@@ -106,8 +106,8 @@ class TorqueSet(ForceSet):
         name = f"{self._name}, contact{'s' * (len(members) > 1)} {', '.join(map(str, members))}"
         single = len(members) == 1 and T.shape[1] <= MOST_LISTED
         if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
-            return columns, TorquePolytope(models[0], T, self.space, name)
-        return columns, TorqueCone(models, T, self.space, name)
+            return columns, EnumeratedTorqueSet(models[0], T, self.space, name)
+        return columns, ConicTorqueSet(models, T, self.space, name)
 
     def _part(self, members: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the component indices of contacts, and the rows of T that involve them."""
@@ -115,13 +115,13 @@ class TorqueSet(ForceSet):
         return columns, np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
 
     @cached_property
-    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
+    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], ConicTorqueSet]]:
         result = []
         for members in _independent_groups(self.torques, self.ranges):
             columns, rows = self._part(members)
             models = [self.contacts[i] for i in members]
             result.append(
-                (columns, rows, TorqueCone(models, self.torques[np.ix_(rows, columns)], self.space, self._name))
+                (columns, rows, ConicTorqueSet(models, self.torques[np.ix_(rows, columns)], self.space, self._name))
             )
         return result
 
@@ -133,7 +133,7 @@ def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[lis
     return [np.flatnonzero(labels == g).tolist() for g in range(count)]
 
 
-class TorquePolytope:
+class EnumeratedTorqueSet:
     """Force set ``{x in K_i : |T x| <= 1}`` of one contact, by enumeration of extreme points.
 
     Parameters
@@ -240,7 +240,7 @@ class TorquePolytope:
         sections.append((origin, basis, inverse, offset, float(slope @ offset) - constant))
 
     def _is_admissible(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Return which forces (m, n) satisfy all conditions within tolerance."""
+        """Return whether each force (m, n) satisfies all conditions within tolerance."""
         size = np.linalg.norm(x, axis=1) + 1e-300
         excess = np.max((x @ self._linear.T - self._limits) / (self._limits + self._scale * size[:, None]), axis=1)
         is_inside = excess <= CONDITION_TOLERANCE
@@ -258,7 +258,7 @@ def _roots(a: float, b: float, c: float) -> list[float]:
     return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
 
 
-class TorqueCone:
+class ConicTorqueSet:
     """Force set ``{x in K : |T x| <= 1}`` of one or several contacts, by conic programs.
 
     Parameters

@@ -88,6 +88,7 @@ class _Progress:
 
 
 def _print_bound(name: str, bound: ng.BestPossible, out: Path | None) -> None:
+    """Print a bound, the best grasp found with it, and the size of the certificate."""
     typer.echo(f"{name}: mu at most {format_upper(bound.upper, 6)} over all placements")
     if bound.grasp is None:
         typer.echo("  no grasp met that exerts the task's wrenches")

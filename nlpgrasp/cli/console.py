@@ -63,7 +63,7 @@ def writable(target: Path, *sources: Path, ending: str = "") -> Path:
 
 
 def hand_options(values: Mapping[str, float | None], hand: Path | None, use: str) -> dict[str, float]:
-    """Return the options of a hand that have a value.
+    """Return the hand options that are set; refuse them without ``--hand``.
 
     Parameters
     ----------

@@ -196,6 +196,7 @@ def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Ma
 
 
 def _parse_number(link: str, text: str) -> float:
+    """Return a radius given on the command line."""
     try:
         return float(text)
     except ValueError:

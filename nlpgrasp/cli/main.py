@@ -1,4 +1,4 @@
-"""Command line, with the commands ``nlpgrasp solve``, ``verify``, ``demo`` and ``program``.
+"""Command line: registration of all commands, with ``solve``, ``verify``, ``demo`` and ``program`` themselves.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -57,7 +57,7 @@ INTERRUPTED_CODE = 130  # what typer makes of Ctrl-C
 USAGE_ERROR: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
-def requested_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
+def parse_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
     """Return the names of the analyses in ``--with``: all of them without it, none with ``--quick``.
 
     Raises
@@ -67,13 +67,13 @@ def requested_analyses(text: str | None, quick: bool, hand: Hand | None) -> tupl
     """
     if quick and text is not None:
         raise InputError("--quick", f"--with {text} beside it", "one of the two")
-    from nlpgrasp.analysis.analyse import all_analyses, check_hand
+    from nlpgrasp.analysis.analyse import all_analyses, check_phases_possible
     from nlpgrasp.optimize.options import check_analyses
 
     if text is None:
         return () if quick else all_analyses(hand)
     names = check_analyses("--with", [name.strip() for name in text.split(",")])
-    check_hand("--with", names, hand)
+    check_phases_possible("--with", names, hand)
     return names
 
 
@@ -135,7 +135,7 @@ def program_command(
         typer.echo(f"picture written to {spy}")
 
 
-def problem() -> ng.GraspProblem:
+def readme_problem() -> ng.GraspProblem:
     """Return the problem of the script in README."""
     return ng.GraspProblem(
         body=ng.Box([0.08, 0.04, 0.04]),
@@ -160,13 +160,13 @@ def demo_command(
     typer.echo(INTRODUCTION)
 
     with Reporter("demo", DEMO_STARTS, False) as reporter:
-        solution = ng.solve(problem(), DEMO_STARTS, progress=reporter.start_done)
+        solution = ng.solve(readme_problem(), DEMO_STARTS, progress=reporter.start_done)
     solution.save(target)
     typer.echo(str(solution))
     verification = ng.verify(target)
     typer.echo(verification.verdict)
     if solution.known_problem is not None:
-        names = requested_analyses(None, False, solution.known_problem.hand)
+        names = parse_analyses(None, False, solution.known_problem.hand)
         solution = add_analyses(solution, names, target, False)
     from nlpgrasp.report import write_report
 
@@ -224,7 +224,7 @@ def solve_command(
     file = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
-    names = requested_analyses(analyses, quick, problem.hand)
+    names = parse_analyses(analyses, quick, problem.hand)
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = ng.solve(problem, starts, seed, options, keep=keep, distinct=distinct, progress=reporter.start_done)
     written = None
@@ -270,7 +270,7 @@ def verify_command(
         raise typer.Exit(1)
 
 
-def export_help() -> None:
+def export_placeholder() -> None:
     """Write a solution for other tools."""
 
 
@@ -298,7 +298,7 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
 
         app.command("export")(export_command(formats()))
     else:
-        app.command("export")(export_help)
+        app.command("export")(export_placeholder)
     app.command("simulate")(simulate_command)
     app.add_typer(task_app(), name="task")
     return app
@@ -345,5 +345,6 @@ def _format_warning(
 
 
 def _exit(message: str, code: int) -> NoReturn:
+    """Exit with a message on standard error."""
     sys.stderr.write(f"nlpgrasp: {message}\n")
     sys.exit(code)

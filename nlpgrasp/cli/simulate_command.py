@@ -124,6 +124,7 @@ def _simulate_by_hand(
 
 
 def _simulation_data(simulation: ng.Simulation) -> dict[str, object]:
+    """Return a simulation's trials and outcome as JSON data."""
     trials = [
         {
             "condition": trial.condition,

@@ -28,7 +28,7 @@ class Deadline:
     deadline: float | None = None
     flag: Path | None = None
 
-    def is_requested(self) -> bool:
+    def should_stop(self) -> bool:
         """Return whether the deadline has passed or the user has interrupted the solve."""
         if self.deadline is not None and time.monotonic() >= self.deadline:
             return True
@@ -41,7 +41,7 @@ class Deadline:
     def certificate_deadline(self, grace: float = GRACE) -> float | None:
         """Return a certificate's deadline, at least a grace period from now; None without deadline and stop request."""
         now = time.monotonic()
-        if self.is_requested():
+        if self.should_stop():
             return now + grace
         return None if self.deadline is None else max(self.deadline, now + grace)
 

@@ -163,6 +163,7 @@ def file_name(name: str) -> str:
 
 
 def _umask() -> int:
+    """Return the process's umask."""
     current = os.umask(0)
     os.umask(current)
     return current
@@ -256,10 +257,12 @@ def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: s
 
 
 def _refuse_constant(text: str) -> NoReturn:
+    """Raise for NaN and infinities, which JSON does not have."""
     raise ValueError(f"{text} is not a number in JSON")
 
 
 def _bounded_int(text: str) -> int:
+    """Return a whole number; raise for more than 18 digits."""
     if len(text) > 18:
         raise ValueError(f"a whole number of {len(text)} digits")
     return int(text)

@@ -105,6 +105,7 @@ def _round_towards(value: float, digits: int, rounding: str) -> str:
 
 
 def _plain_decimal(value: Decimal) -> str:
+    """Return a decimal as text, with an exponent if it is very small or large."""
     if value == 0:
         return "0"
     if SMALLEST <= abs(value) < LARGEST:
@@ -142,6 +143,7 @@ def columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _shorten_entry(entry: str) -> str:
+    """Return a table entry, truncated to the widest column."""
     return entry if len(entry) <= WIDEST else entry[: WIDEST - 3] + "..."
 
 
@@ -214,7 +216,7 @@ def _range(low: str, high: str) -> str:
 
 
 def format_wrench_direction(wrench: FloatArray, length: float) -> str:
-    """Return a wrench's direction (d,) as text of its largest components; torques are divided by a length, metres."""
+    """Return a direction (d,) of wrench space as text of its largest components, moments multiplied by a length, m."""
     forces = [unit_of(name) == FORCE_UNIT for name in COMPONENTS[len(wrench)]]
     weight = np.abs(wrench) * np.where(forces, 1.0, length)
     parts = [

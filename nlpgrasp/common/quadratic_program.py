@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, Protocol, TypeVar
 
 import clarabel
@@ -18,6 +18,8 @@ TOLERANCE, SLACK_TOLERANCE = 1e-9, 1e-8  # solver tolerance without and with sla
 LEAST_CURVATURE = 1e-8  # quadratic penalty of slacks with a linear one
 STEP_SHARE = 0.05  # share of the step's bounds: constraints that such a step can violate are included first
 BROKEN = 1e-9  # least violation at which an omitted constraint is added
+OVERSHOT = 1.5  # violation after a step over the one before it above which the step is repeated, shorter
+SHORTER = 0.3  # length of the repeated step over the first one
 STALLED = 0.98  # share of the violation left by a step above which it counts as no progress
 
 
@@ -146,7 +148,7 @@ class Linearised:
 def step_bounds(
     z: FloatArray, bounds: tuple[FloatArray, FloatArray], longest: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return least and most step, (n,) each, from z within the variables' bounds and the step's own limit."""
+    """Return the lower and upper bounds of a step, (n,) each, from the variables' bounds and the longest step."""
     lower, upper = bounds
     least, most = np.maximum(lower - z, -longest), np.minimum(upper - z, longest)
     return np.minimum(least, 0.0), np.maximum(most, 0.0)  # z may be a little out of bounds
@@ -177,10 +179,11 @@ def quadratic_step(
     slack: Slack = NO_SLACK,
     curvature: FloatArray | None = None,
 ) -> QuadraticStep | None:
-    """Return the step d of least ``cost d + damping |d|^2 / 2``, curvature and slack penalty; None if infeasible.
+    """Return the step d that minimises cost, damping, curvature and slack penalty; None if infeasible.
 
-    Most rows are far from their limits: the program begins with equations and with rows that a short step can break,
-    and takes in others where its answer breaks them.
+    It minimises ``cost d + damping |d|^2 / 2 + d curvature d / 2`` and the penalty. Most rows are far from their
+    limits: the program begins with equations and with rows that a short step can break, and takes in others where its
+    answer breaks them.
 
     Parameters
     ----------
@@ -191,7 +194,7 @@ def quadratic_step(
     slack : Slack
         How far rows may be broken: by default not at all.
     curvature : (n, n) array, optional
-        Positive semidefinite: ``d curvature d / 2`` is added to what is least.
+        Positive semidefinite; zero when left out.
     """
     g, J = rows.values, rows.jacobian
     square = damping * np.eye(J.shape[1]) + (0.0 if curvature is None else curvature)
@@ -319,8 +322,14 @@ class NewtonResult(Generic[R]):
         return self.rows.violation
 
 
+def _largest_share(rows: Linearised, step: FloatArray) -> float:
+    """Return the largest component of a step as a share of its bounds."""
+    bounds = np.where(step > 0.0, rows.most, -rows.least)
+    return float(np.max(np.abs(step) / np.maximum(bounds, 1e-300), initial=0.0))
+
+
 def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> NewtonResult[R]:
-    """Restore feasibility: return the variables of least violation along Newton steps.
+    """Reduce the violation by Newton steps; return the variables of least violation and the last ones.
 
     Parameters
     ----------
@@ -330,18 +339,22 @@ def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rul
     rules : NewtonRules
     """
     rows = linearise(z)
-    best, best_rows, stalled, contradicted = z, rows, 0, False
+    best, best_rows, stalled, contradicted, share = z, rows, 0, False, 1.0
     for remaining in reversed(range(rules.steps)):
         if rows.violation <= rules.enough or stalled > rules.patience:
             break
-        step = quadratic_step(rows, slack=rules.slack)
+        step = quadratic_step(replace(rows, least=share * rows.least, most=share * rows.most), slack=rules.slack)
         if step is None:
             contradicted = True
             break
-        z = z + step.d
+        previous, z = z, z + step.d
         if remaining:
-            rows = linearise(z)
-            stalled = 0 if rows.violation < STALLED * best_rows.violation else stalled + 1
-            if rows.violation < best_rows.violation:
-                best, best_rows = z, rows
+            moved = linearise(z)
+            stalled = 0 if moved.violation < STALLED * best_rows.violation else stalled + 1
+            if moved.violation < best_rows.violation:
+                best, best_rows = z, moved
+            if moved.violation > OVERSHOT * rows.violation:
+                z, share = previous, SHORTER * min(share, _largest_share(rows, step.d))
+            else:
+                rows, share = moved, min(1.0, share / SHORTER)
     return NewtonResult(best, best_rows, z, contradicted)

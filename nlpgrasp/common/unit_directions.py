@@ -115,6 +115,7 @@ def e6_shells() -> list[FloatArray]:
 
 
 def _e8_roots() -> FloatArray:
+    """Return the 240 roots of E8, (240, 8)."""
     halves = [s for s in itertools.product((0.5, -0.5), repeat=8) if sum(x < 0 for x in s) % 2 == 0]
     return np.concatenate([_d_roots(8), np.array(halves)])
 
@@ -131,18 +132,22 @@ def _d_roots(n: int) -> FloatArray:
 
 
 def _cube(n: int) -> FloatArray:
+    """Return the corners of the cube, (2^n, n)."""
     return np.array(list(itertools.product((1.0, -1.0), repeat=n)))
 
 
 def _signed_axes(n: int) -> FloatArray:
+    """Return the positive and negative unit vectors, (2 n, n)."""
     return np.concatenate([np.eye(n), -np.eye(n)])
 
 
 def _directions_on_line() -> list[FloatArray]:
+    """Return the shells of directions on a line."""
     return [np.array([[1.0], [-1.0]]), np.zeros((0, 1))]
 
 
 def _circle() -> list[FloatArray]:
+    """Return two shells of 12 directions in the plane."""
     angles = np.arange(12) * np.pi / 6.0
     first = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     offset = angles + np.pi / 12.0
@@ -150,6 +155,7 @@ def _circle() -> list[FloatArray]:
 
 
 def _icosahedral() -> list[FloatArray]:
+    """Return the vertices of an icosahedron and of a dodecahedron as two shells."""
     golden = (1.0 + 5.0**0.5) / 2.0
 
     def cyclic(a: float, b: float, c: float) -> list[tuple[float, float, float]]:

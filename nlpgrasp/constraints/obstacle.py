@@ -138,4 +138,5 @@ class Obstacle(PlacementConstraint):
 
 
 def _check_tuple(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:
+    """Return a validated array of numbers as a tuple."""
     return tuple(array(field, value, (size,)).tolist())

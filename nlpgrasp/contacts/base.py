@@ -201,9 +201,10 @@ class ContactModel(ABC):
         return None
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return the largest work of a force of unit normal force, such as ``z_n + mu |z_t|`` (symbolic), or ``None``.
+        """Return the largest work of a force of unit normal force (symbolic), or ``None``.
 
-        Arguments as in ``squared_support``. It may be negative; ``None`` if there is no closed form.
+        With friction, ``z_n + friction |z_t|``. Arguments as in ``squared_support``. It may be negative; ``None`` if
+        there is no closed form.
         """
         return None
 

@@ -48,9 +48,9 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
         return False
     if isinstance(wider, PadContact) and wider.points(wider.components(space)) is not None:
         return _acts_within(other, wider)
-    if _elliptic(wider):
+    if _is_elliptic(wider):
         shares = [_largest_norm(other_ranges, axes) / c for axes, c in wider_ranges]
-        combined = max(shares) if _elliptic(other) else float(np.linalg.norm(shares))
+        combined = max(shares) if _is_elliptic(other) else float(np.linalg.norm(shares))
         return combined <= 1.0 + ROUNDING
     return all(_largest_norm(other_ranges, axes) <= c * (1.0 + ROUNDING) for axes, c in wider_ranges)
 
@@ -100,11 +100,13 @@ def _acts_within(other: ContactModel, pad: PadContact) -> bool:
     return bool(is_between and friction <= pad.coefficients["friction"] * (1.0 + ROUNDING))
 
 
-def _elliptic(model: ContactModel) -> bool:
+def _is_elliptic(model: ContactModel) -> bool:
+    """Return whether a contact is a soft finger with the elliptic cone."""
     return isinstance(model, SoftContact) and model.model == "elliptic"
 
 
 def _ranges(model: ContactModel, space: int) -> Ranges:
+    """Return the wrench components of each block of a contact, with the block's coefficient."""
     axes = model.axes(space)
     return [(frozenset(axes[block]), float(c)) for block, c in model.blocks(len(axes))]
 

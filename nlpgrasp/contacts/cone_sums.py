@@ -10,7 +10,7 @@ a loaded point either sticks, ``A_i^T q = 0``, or slips. Four methods are tried 
 
 1. ``StickingProjection``: one or two points stick; linear maps.
 2. ``ConeSumMembership``: three or more stick; ``q = 0`` and z is a sum of friction forces.
-3. ``EdgeNewton``: all loaded points slip; Newton's method, which solves nearly all of these.
+3. ``SlipNewton``: all loaded points slip; Newton's method, which solves nearly all of these.
 4. ``AugmentedLagrangian``: all other cases; the method of multipliers, the slowest.
 
 The results of 1 to 3 are checked against conditions that only the projection meets.
@@ -59,7 +59,7 @@ NEWTON_STEPS, SHORTER = 30, 12  # most Newton steps per stage and backtracking s
 
 
 @dataclass(frozen=True)
-class FrictionPoints:
+class FrictionConeSum:
     """Minkowski sum of the friction cones of several points, in wrench components of their common frame.
 
     Parameters
@@ -134,8 +134,8 @@ class FrictionPoints:
         return np.array([matrix[index].reshape(z.shape[:-1]) for index in upper_triangle(n)])
 
     @cached_property
-    def _newton(self) -> EdgeNewton:
-        return EdgeNewton(np.array(self.arms), self.friction)
+    def _newton(self) -> SlipNewton:
+        return SlipNewton(np.array(self.arms), self.friction)
 
     @cached_property
     def _method(self) -> AugmentedLagrangian:
@@ -387,7 +387,7 @@ class ConeSumMembership:
         return (self._free @ x).reshape(u.shape)
 
 
-class EdgeNewton:
+class SlipNewton:
     """Newton's method for slipping contact points at ``arms`` (N, 2) along both tangents, with equal friction.
 
     With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth
@@ -479,7 +479,7 @@ class EdgeNewton:
         z_t = np.einsum("abm,bm->am", local.inverse, z[3:])
         right = self._normal @ z[:3] + np.einsum("aim,am->im", local.gradients, z_t)
         active = (lam > 0.0) | (local.values > least)
-        lam = least_nonnegative(self._products(local), right, active, least, REGULARISATION)
+        lam = minimise_nonnegative(self._products(local), right, active, least, REGULARISATION)
         q = np.empty_like(z)
         q[:3] = z[:3] - self._normal.T @ lam
         q[3:] = z_t - np.einsum("aim,im->am", local.weighted_gradients, lam)
@@ -562,7 +562,7 @@ def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
     return result
 
 
-def least_nonnegative(
+def minimise_nonnegative(
     matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray, shift: float
 ) -> FloatArray:
     """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, from guessed active sets.

@@ -1,8 +1,8 @@
 """Box and elliptic friction cones: projections, their Jacobians and support functions.
 
 ``RangeContact`` is the base class of contacts with a box, ``|x_j| <= c_j x_n`` for each block j of components. The
-functions ``project``, ``elliptic_projection_jacobian`` and ``extreme`` are those of the elliptic cone of soft contacts,
-``(|f_t| / mu)^2 + (tau / mu_t)^2 <= f_n^2``.
+functions ``project_elliptic``, ``elliptic_projection_jacobian`` and ``elliptic_support`` are those of the elliptic cone
+of soft contacts, ``(|f_t| / mu)^2 + (tau / mu_t)^2 <= f_n^2``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class RangeContact(ContactModel):
         """Return the blocks and their coefficients, given the number of components."""
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection of ``z`` (..., n_i): the normal force above, and every block clipped to its range."""
+        """Return the projection of ``z`` (..., n_i): its normal force, and every block clipped to its limit."""
         blocks = self.blocks(z.shape[-1])
         sizes = [_block_norm(z, block) for block, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])

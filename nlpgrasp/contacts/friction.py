@@ -76,7 +76,7 @@ class FrictionContact(RangeContact):
         return c2 * (on_edge**2 + inward**2)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n + mu |z_t|``, the largest work of a force of unit normal force."""
+        """Return ``z_n + friction |z_t|``, the largest work of a force of unit normal force."""
         return work.normal + self.friction * work.tangential
 
     def to_dict(self) -> Json:

@@ -12,7 +12,7 @@ from nlpgrasp.common.formatting import vector
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts.cone_sums import FrictionPoints
+from nlpgrasp.contacts.cone_sums import FrictionConeSum
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
 
@@ -23,7 +23,7 @@ MODELS = ("coulomb", "box")  # friction models, the default first
 Friction = tuple[float | None, float | None, str]  # coefficient, torsion, model
 Arms = tuple[tuple[float, float], ...]  # positions of ends or corners along both tangents, metres
 
-friction_points = lru_cache(maxsize=256)(FrictionPoints)  # equal contacts share their computed maps
+friction_cone_sum = lru_cache(maxsize=256)(FrictionConeSum)  # equal contacts share their computed maps
 
 
 class PadContact(RangeContact):
@@ -67,11 +67,11 @@ class PadContact(RangeContact):
         values = {"friction": self.friction, "torsional_friction": self.torsional_friction}
         return {name: value for name, value in values.items() if value is not None}
 
-    def points(self, components: int) -> FrictionPoints | None:
+    def points(self, components: int) -> FrictionConeSum | None:
         """Return the friction contacts at the ends or corners; None if the force domain is a box."""
         if self.friction is None or self.model == "box" or components < 5:  # fewer: in the plane
             return None
-        return friction_points(self.arms, self.friction, self.axes(3))
+        return friction_cone_sum(self.arms, self.friction, self.axes(3))
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n_i) onto the force domain."""

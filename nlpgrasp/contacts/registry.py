@@ -1,4 +1,4 @@
-"""Registry of contact models for JSON files."""
+"""Registry of contact models for JSON files, with the package's own."""
 
 from __future__ import annotations
 

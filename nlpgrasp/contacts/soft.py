@@ -135,7 +135,10 @@ class SoftContact(RangeContact):
         return squared_box_support(work, self.friction, self.torsional_friction, ops)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n + mu |z_t| + mu_t |z_tau|`` for the box, or ``z_n + |(mu z_t, mu_t z_tau)|``."""
+        """Return the largest work of a force of unit normal force, for the box or the elliptic cone.
+
+        ``z_n + mu |z_t| + mu_t |z_tau|``, or ``z_n + |(mu z_t, mu_t z_tau)|``.
+        """
         sliding, turning = self.friction * work.tangential, self.torsional_friction * work.torsion
         return work.normal + (sliding + turning if self.model == "box" else ops.sqrt(sliding**2 + turning**2))
 

@@ -87,6 +87,7 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
 
 
 def _check_solutions(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> dict[str, GraspSolution]:
+    """Return solutions by distinct names."""
     if isinstance(solutions, Mapping):
         solution_by_name = dict(solutions)
     else:

@@ -138,7 +138,7 @@ class Experiment:
         """Return a function that creates the case of a variation without the rest of the experiment, for a worker."""
         if self.deferred(name):
             return partial(create_case, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
-        return partial(_check_case, self._cases[name])
+        return partial(_return_case, self._cases[name])
 
 
 @dataclass(frozen=True, order=True)
@@ -190,7 +190,8 @@ def check_seeds(seeds: object) -> tuple[int, ...]:
     return checked
 
 
-def _check_case(case: Case) -> Case:
+def _return_case(case: Case) -> Case:
+    """Return the case itself; bound to a case, a function that a worker can receive."""
     return case
 
 
@@ -303,6 +304,7 @@ def _apply_fingers(base: GraspProblem, changes: Changes, parts: Changes) -> Chan
 
 
 def _apply_friction(model: ContactModel, friction: float) -> ContactModel:
+    """Return a contact model with another friction coefficient."""
     if "friction" not in {field.name for field in fields(model)}:
         raise InputError("friction", f"a base problem with a {type(model).__name__}", "contacts with friction")
     return model.with_coefficients(friction=friction)
@@ -364,6 +366,7 @@ def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | 
 
 
 def _check_factor(field: str, factor: Mapping[str, Changes]) -> None:
+    """Refuse a factor that is not a mapping of levels to fields."""
     if not isinstance(factor, Mapping) or not factor:
         raise InputError(field, factor, "a mapping of level names to fields, not empty")
     for name, changes in factor.items():
@@ -373,6 +376,7 @@ def _check_factor(field: str, factor: Mapping[str, Changes]) -> None:
 
 
 def _merge_levels(name: str, levels: list[Changes]) -> Changes:
+    """Return the fields of one level of each factor, merged."""
     result: dict[str, object] = {}
     for changes in levels:
         for field_name, value in changes.items():
@@ -396,6 +400,7 @@ def _merge_options(first: object, second: object) -> dict[str, object] | None:
 
 
 def _is_chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
+    """Return whether the user's function chooses a combination."""
     try:
         return bool(choose(*levels))
     except TypeError as error:

@@ -149,7 +149,7 @@ class ExperimentResult:
         results = self[variation]
         best = results.best or results.solves[0]
         return GraspSolution.load(
-            OutputFolder(self.folder).file(SolveId(variation, best.seed if seed is None else seed))
+            OutputFolder(self.folder).solution_file(SolveId(variation, best.seed if seed is None else seed))
         )
 
     def rows(self) -> list[Row]:
@@ -157,7 +157,7 @@ class ExperimentResult:
         output, rows = OutputFolder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:
-                file = f"{SOLVES}/{output.file(SolveId(solve.variation, solve.seed)).name}"
+                file = f"{SOLVES}/{output.solution_file(SolveId(solve.variation, solve.seed)).name}"
                 rows.append(row_of(Entry(self.name, solve, rank if variation.done else None, file)))
         return rows
 
@@ -364,10 +364,12 @@ COLUMNS = (
 
 
 def _finite(value: float) -> float | None:
+    """Return a number for a table, None if it is not finite."""
     return value if math.isfinite(value) else None
 
 
 def _status_cell(record: SolveRecord) -> str:
+    """Return the status of a solve for the table."""
     if record.status is None:
         return "not_done" if record.failure == NOT_DONE else "failed"
     return record.status.name.lower()
@@ -443,7 +445,7 @@ def read_records(
         try:
             record = _read_record(output, solve)
             if record is not None and record.problem != digests.setdefault(solve.variation, record.problem):
-                raise InputError(str(output.file(solve)), "another problem", "the problem of its variation")
+                raise InputError(str(output.solution_file(solve)), "another problem", "the problem of its variation")
         except InputError as error:
             notes.append(f"{solve}: not used, {single_line(str(error))}")
             record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")

@@ -152,7 +152,7 @@ class _Run:
 
     def missing(self) -> list[SolveId]:
         """Read the results of earlier runs; return the remaining solves."""
-        self.folder.sweep()
+        self.folder.remove_partial_files()
         records, self.notes = read_records(self.folder, self.experiment.solves, self.folder.plan())
         solved = {solve: record for solve, record in records.items() if record.done}
         for solve, record in solved.items():
@@ -232,7 +232,7 @@ class _WriteError(Exception):
 def run_local(
     solves: Sequence[SolveId], factory: Callable[[SolveId], Job], workers: int
 ) -> Generator[tuple[SolveId, Outcome], None, None]:
-    """Yield each solve with its outcome when done, in any order.
+    """Run solves in local worker processes; yield each with its outcome when done, in any order.
 
     At most one solve per worker is active. When a worker process crashes, all workers end, and the guilty solve is
     unknown: each active solve is repeated alone, and one that crashes its process again has failed.
@@ -287,7 +287,7 @@ def _run_job_quietly(job: Job) -> Outcome:
 def run_cluster(
     solves: Sequence[SolveId], factory: Callable[[SolveId], Job], client: Client
 ) -> Generator[tuple[SolveId, Outcome], None, None]:
-    """Yield each solve with its outcome when done, in any order.
+    """Run solves on a Dask cluster; yield each with its outcome when done, in any order.
 
     A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
     terminates several workers has failed (Dask's ``allowed-failures``).
@@ -351,6 +351,7 @@ class ClusterLostError(NlpgraspError):
 
 
 def _future_outcome(future: ClusterFuture) -> Outcome:
+    """Return the outcome of a finished future of the cluster."""
     if future.status == "finished":
         result: Outcome = future.result()
         return result

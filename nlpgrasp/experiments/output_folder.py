@@ -205,13 +205,13 @@ class OutputFolder:
             raise InputError(str(self.path), f"no readable {PLAN}", "the folder of an experiment") from None
         return read_plan(text, str(file))
 
-    def file(self, solve: SolveId) -> Path:
+    def solution_file(self, solve: SolveId) -> Path:
         """Return the path of a solve's solution file."""
         return self.path / SOLVES / f"{file_name(solve.variation)}--seed{solve.seed}.json"
 
     def failure_file(self, solve: SolveId) -> Path:
         """Return the path of the file with a solve's failure."""
-        return self.file(solve).with_suffix(".failed.json")
+        return self.solution_file(solve).with_suffix(".failed.json")
 
     def write_solution(self, solve: SolveId, text: str) -> None:
         """Write the solution of a finished solve.
@@ -221,18 +221,18 @@ class OutputFolder:
         InputError
             When it cannot be written, for example because the disk is full.
         """
-        write_text(self.file(solve), text)
-        for stale in (self._own_result_file(solve), self.failure_file(solve)):
+        write_text(self.solution_file(solve), text)
+        for stale in (self._own_copy(solve), self.failure_file(solve)):
             with suppress(OSError):
                 stale.unlink()
 
-    def _own_result_file(self, solve: SolveId) -> Path:
-        return self.path / OWN_RESULTS / self.file(solve).name
+    def _own_copy(self, solve: SolveId) -> Path:
+        return self.path / OWN_RESULTS / self.solution_file(solve).name
 
-    def own_result(self, solve: SolveId) -> Path:
+    def own_result_file(self, solve: SolveId) -> Path:
         """Return the path of a solve's own result, without warm starts from other variations."""
-        own_result = self._own_result_file(solve)
-        return own_result if own_result.is_file() else self.file(solve)
+        copy = self._own_copy(solve)
+        return copy if copy.is_file() else self.solution_file(solve)
 
     def write_exchanged(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
         """Write the solutions with grasps of other variations; restore the other solves' own results.
@@ -254,14 +254,14 @@ class OutputFolder:
         with suppress(OSError):
             (self.path / EXCHANGE_STATE).unlink()
         for solve in solves:
-            own_result = self._own_result_file(solve)
+            own_result = self._own_copy(solve)
             if solve in texts:
                 own_result.parent.mkdir(exist_ok=True)
                 if not own_result.is_file():
-                    write_text(own_result, self.file(solve).read_text(encoding="utf-8"))
-                write_text(self.file(solve), texts[solve])
+                    write_text(own_result, self.solution_file(solve).read_text(encoding="utf-8"))
+                write_text(self.solution_file(solve), texts[solve])
             elif own_result.is_file():
-                os.replace(own_result, self.file(solve))
+                os.replace(own_result, self.solution_file(solve))
         write_text(self.path / EXCHANGE_STATE, state)
 
     def exchange_state(self) -> str:
@@ -284,7 +284,7 @@ class OutputFolder:
         InputError
             When the file is not a solution, or not one of this solve.
         """
-        file = self.file(solve)
+        file = self.solution_file(solve)
         if not file.exists():
             return None
         solution = GraspSolution.load(file)
@@ -302,7 +302,7 @@ class OutputFolder:
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             return f"its failure file cannot be read: {type(error).__name__}"
 
-    def sweep(self) -> None:
+    def remove_partial_files(self) -> None:
         """Remove partly written files of an aborted run."""
         for stale in (p for name in ("", SOLVES, OWN_RESULTS) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
             with suppress(OSError):

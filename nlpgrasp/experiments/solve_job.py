@@ -36,7 +36,7 @@ _solver_lock = threading.Lock()  # IPOPT's linear solver is not thread-safe
 
 
 def run_job(job: Job) -> Outcome:
-    """Solve in this process; any error becomes the outcome's message and stops no other solve."""
+    """Solve, or improve a finished solution by offered grasps; errors become the outcome's message."""
     with _solver_lock:
         try:
             lazy, offer, seed = job.payload.unpack(), job.offer, job.solve.seed
@@ -215,6 +215,7 @@ def improve_solution(
 
 
 def _is_no_worse(bounds: Bounds, incumbent: Bounds) -> bool:
+    """Return whether no bound is below that of the best grasp known."""
     return bounds.lower >= incumbent.lower and bounds.upper >= incumbent.upper
 
 
@@ -264,4 +265,5 @@ def _screen_offers(
 
 
 def _warm_start_normals(compiled: CompiledProblem, warm_start: WarmStart) -> FloatArray:
+    """Return a warm start's inward normals, those of the surface where it states none."""
     return np.where(np.isnan(warm_start.normals), compiled.inward_normals(warm_start.candidate), warm_start.normals)

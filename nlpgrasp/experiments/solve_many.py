@@ -142,7 +142,7 @@ def solve_many(
     solved = [record for record in result.solves if record.done]
     return ManySolved(
         output.path,
-        {record.variation: output.file(SolveId(record.variation, seed)) for record in solved},
+        {record.variation: output.solution_file(SolveId(record.variation, seed)) for record in solved},
         {record.variation: record.failure for record in result.failures},
         sum(record.grasps for record in solved),
         sum(record.grasps for record in solved if not record.earlier),

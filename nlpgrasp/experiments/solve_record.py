@@ -34,7 +34,10 @@ WARM_START_PREFIX = "from variation "  # prefix of the message of a warm start f
 
 
 def problem_digest(problem: Json) -> str:
-    """Return a digest of a problem's JSON data without its budget, which for a hand depends on the posture."""
+    """Return a digest of a problem's body, contacts, task, constraints and hand.
+
+    The budget is left out: in a solution that of a hand depends on the posture.
+    """
     stripped = strip_later_entries(problem)
     parts = {k: stripped.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
@@ -226,6 +229,7 @@ def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
 
 
 def _format_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
+    """Return the name of a constraint with its fingers as text."""
     if not fingers:
         return name
     numbers = ", ".join(" and ".join(map(str, group)) for group in fingers)

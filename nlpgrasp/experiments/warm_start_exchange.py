@@ -67,7 +67,7 @@ class WarmStartExchange:
             return {}
         for solve in solves:
             if solve.variation in groups:
-                self._solutions[solve] = replace(GraspSolution.load(self.output.own_result(solve)), drawing=None)
+                self._solutions[solve] = replace(GraspSolution.load(self.output.own_result_file(solve)), drawing=None)
         texts: dict[SolveId, str] = {}
         for turn in range(MOST_TURNS):
             changed = self._turn(turn, groups)
@@ -93,7 +93,7 @@ class WarmStartExchange:
 
     def _state(self, solves: Sequence[SolveId]) -> str:
         """Return the exchange's inputs as text."""
-        digests = {str(s): hashlib.sha256(self.output.own_result(s).read_bytes()).hexdigest() for s in solves}
+        digests = {str(s): hashlib.sha256(self.output.own_result_file(s).read_bytes()).hexdigest() for s in solves}
         return json.dumps({"schema": SCHEMA, "nlpgrasp": __version__, "solves": digests}, indent=1) + "\n"
 
     def _turn(self, turn: int, groups: dict[str, str]) -> dict[SolveId, str]:

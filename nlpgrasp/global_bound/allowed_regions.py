@@ -65,8 +65,8 @@ class DistanceLimit:
 
 
 @dataclass(frozen=True)
-class ClippedRegion:
-    """Allowed region of one contact.
+class PositionLimits:
+    """Limits on the position of one contact.
 
     Parameters
     ----------
@@ -81,15 +81,15 @@ class ClippedRegion:
     excluded: tuple[HalfSpaces, ...] = ()
     distances: tuple[DistanceLimit, ...] = ()
 
-    def __add__(self, other: ClippedRegion) -> ClippedRegion:
+    def __add__(self, other: PositionLimits) -> PositionLimits:
         """Return the intersection of both regions."""
-        return ClippedRegion(
+        return PositionLimits(
             self.half_spaces + other.half_spaces, self.excluded + other.excluded, self.distances + other.distances
         )
 
     @property
     def is_restricted(self) -> bool:
-        """Whether there is any restriction."""
+        """Whether there is any limit."""
         return bool(self.half_spaces or self.excluded or self.distances)
 
     def clip_face(self, face: CellFace) -> CellFace | None:
@@ -164,33 +164,33 @@ class AllowedRegion:
     ----------
     faces : tuple of str
         Names of the allowed faces.
-    allowed : ClippedRegion
+    allowed : PositionLimits
     key : tuple of float
         Equal for contacts with equal regions.
     """
 
     faces: tuple[str, ...]
-    allowed: ClippedRegion
+    allowed: PositionLimits
     key: tuple[float, ...]
 
 
 def allowed_regions(
     problem: GraspProblem,
 ) -> tuple[list[AllowedRegion], tuple[str, ...], tuple[PlacementConstraint, ...]]:
-    """Return the region of each contact, the names of relaxed parts, and the constraints that are kept.
+    """Return the region of each contact, the names of dropped parts, and the constraints that are kept.
 
-    Relaxed are the hand, constraints that couple contacts, and user-defined expressions.
+    Dropped are the hand, constraints that couple contacts, and user-defined expressions.
     """
     radii = (0.0,) * len(problem.models) if problem.hand is None else problem.hand.tip_radii
     regions, kept = list[AllowedRegion](), set[int]()
     for i, radius in enumerate(radii):
-        limits = dict[int, ClippedRegion]()
+        limits = dict[int, PositionLimits]()
         for j, constraint in enumerate(problem.constraints):
             limit = _region_limits(constraint, i, float(radius), problem.body.space)
             if limit is not None:
                 limits[j] = limit
         kept |= set(limits)
-        allowed = sum(limits.values(), ClippedRegion())
+        allowed = sum(limits.values(), PositionLimits())
         regions.append(AllowedRegion(problem.allowed_faces(i), allowed, (float(radius), *map(float, limits))))
     dropped = [] if problem.hand is None else [f"the hand ({problem.hand.kind})"]
     remaining = []
@@ -203,7 +203,7 @@ def allowed_regions(
 
 
 def relaxed_problem(problem: GraspProblem) -> GraspProblem:
-    """Return the problem without its relaxed parts; fingertips stay if limits depend on their radii.
+    """Return the problem without its dropped parts; fingertips stay if limits depend on their radii.
 
     On a mesh, contacts touch the triangles themselves, up to the edges.
     """
@@ -215,21 +215,21 @@ def relaxed_problem(problem: GraspProblem) -> GraspProblem:
     return replace(problem, hand=hand, constraints=constraints, edge_margin=margin)
 
 
-def _region_limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> ClippedRegion | None:
-    """Return the region in which a constraint allows one contact, None if it limits no single contact or is unknown."""
+def _region_limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> PositionLimits | None:
+    """Return a constraint's limits on the position of one contact; None without any, and where they are unknown."""
     if isinstance(constraint, Table):
         lowest = constraint.height + constraint.clearance + radius
-        return ClippedRegion(half_spaces=(HalfSpaces(-np.eye(space)[-1:], np.array([-lowest]), radius),))
+        return PositionLimits(half_spaces=(HalfSpaces(-np.eye(space)[-1:], np.array([-lowest]), radius),))
     if isinstance(constraint, Forbid) and constraint.region is not None:
         half_spaces = _region(constraint.region)
-        return None if half_spaces is None else ClippedRegion(excluded=(half_spaces,))
+        return None if half_spaces is None else PositionLimits(excluded=(half_spaces,))
     if isinstance(constraint, Workspace) and not constraint.palm and isinstance(constraint.region, Region):
         half_spaces = _region(constraint.region)
         applies = constraint.fingers is None or contact in constraint.fingers
-        return ClippedRegion(half_spaces=(half_spaces,)) if applies and half_spaces is not None else None
+        return PositionLimits(half_spaces=(half_spaces,)) if applies and half_spaces is not None else None
     if isinstance(constraint, Obstacle) and isinstance(constraint.body, EXACT):
         distance = _distance_from_obstacle(constraint, constraint.body)
-        return ClippedRegion(distances=(DistanceLimit(distance, radius + constraint.clearance, radius),))
+        return PositionLimits(distances=(DistanceLimit(distance, radius + constraint.clearance, radius),))
     return None
 
 

@@ -61,7 +61,7 @@ class BranchAndBound:
         return self._tree.nodes
 
     @property
-    def effort(self) -> int:
+    def evaluations(self) -> int:
         """Number of supports evaluated inside curved cells so far: on curved faces they take most of the time."""
         return sum(group.supports.evaluations for group in self.scope.contact_cells)
 
@@ -78,7 +78,7 @@ class BranchAndBound:
     @property
     def is_finished(self) -> bool:
         """Whether the gap is closed, or memory is full."""
-        return self.is_closed or (self._has_roots and (self._tree.top <= self._target or self._full))
+        return self.is_closed or (self._has_roots and (self._tree.largest_open_bound <= self._target or self._full))
 
     @property
     def _full(self) -> bool:
@@ -111,7 +111,7 @@ class BranchAndBound:
 
     def relaxed_placements(self, count: int) -> list[FloatArray]:
         """Return contact positions (k, space) from the latest fractional placements, the largest bounds first."""
-        order, groups = np.argsort(self.scope.slots), [group for group, _ in self.scope.group_of]
+        order, groups = np.argsort(self.scope.contact_of_slot), [group for group, _ in self.scope.group_of]
         loosest = sorted(self._tree.bounding.placements, key=lambda placement: -placement.bound)[:count]
         rows = [zip(groups, placement.heaviest_rows().tolist(), strict=True) for placement in loosest]
         return [np.stack([group.supports.points[row] for group, row in pairs])[order] for pairs in rows]
@@ -122,7 +122,7 @@ class BranchAndBound:
         return upper, {"asked": self.gap, **proof}
 
     def bound(self) -> GlobalBound:
-        """Return the current bound over all placements, with its certificate.
+        """Return the current bound with its certificate; on a mesh the root's where splits hardly lower it.
 
         The certificate of a mesh whose cells were split holds the order of all triangles. Where splits hardly lower the
         bound, the much smaller certificate of the root is returned.

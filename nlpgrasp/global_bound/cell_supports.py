@@ -41,16 +41,16 @@ class CombinationRule:
 
     @classmethod
     def of(cls, budget: ForceBudget) -> CombinationRule:
-        """Return the measure of a force budget.
+        """Return the combination rule of a force budget.
 
         Raises
         ------
         NotCoveredError
             On a budget whose contacts' supports do not bound the grasp's: one of joint torques.
         """
-        for kind, measure in MEASURES.items():
+        for kind, rule in COMBINATION_RULES.items():
             if type(budget) is kind:
-                return measure
+                return rule
         allowed = '"l2", "per_finger", "per_finger_size" or "shared" for a bound over all placements'
         raise NotCoveredError("force_budget", budget.kind, allowed)
 
@@ -88,7 +88,7 @@ class CombinationRule:
         return np.asarray(np.sum(supports**self.power, axis=axis) ** (1.0 / self.power))
 
 
-MEASURES: dict[type[ForceBudget], CombinationRule] = {
+COMBINATION_RULES: dict[type[ForceBudget], CombinationRule] = {
     L2Budget: CombinationRule(2.0, lengths=True),
     PerFingerBudget: CombinationRule(1.0, lengths=False),
     PerFingerSizeBudget: CombinationRule(1.0, lengths=True),
@@ -110,7 +110,7 @@ class Supports:
     Parameters
     ----------
     contact : ContactModel
-    measure : Measure
+    rule : CombinationRule
     origin : (space,) array
         Torque origin, metres, body frame.
 
@@ -124,11 +124,11 @@ class Supports:
         Whether any cell has curved parts.
     """
 
-    def __init__(self, contact: ContactModel, measure: CombinationRule, origin: FloatArray) -> None:
+    def __init__(self, contact: ContactModel, rule: CombinationRule, origin: FloatArray) -> None:
         space = len(origin)
-        self.contact, self.measure, self.origin, self.space = contact, measure, origin, space
+        self.contact, self.rule, self.origin, self.space = contact, rule, origin, space
         components = contact.components(space)
-        self.lipschitz = measure.lipschitz(contact, components)
+        self.lipschitz = rule.lipschitz(contact, components)
         self.torsion_factor = float(space == 3 and TORSION in contact.axes(space))
         d = 3 if space == 2 else 6
         self.points = np.zeros((0, space))
@@ -142,7 +142,7 @@ class Supports:
 
     def add(self, cell: SurfaceCell) -> None:
         """Add the rows of a cell, which gets the next number."""
-        contacts = cell.rows()
+        contacts = cell.representative_contacts()
         self.balls.append(cell.ball())
         self.largest_radius = max(self.largest_radius, self.balls[-1][1])
         self.curved.append(contacts.curved)
@@ -216,13 +216,13 @@ class Supports:
         square = vx**2 + vy**2 + vz**2
         across = np.sqrt(np.maximum(square - along**2, 0.0))
         about = tx * nx + ty * ny + tz * nz if self.maps.shape[2] > 3 else np.zeros(1)
-        powers = self.measure.powers_of(self.contact, Work(along, across, np.abs(about)))
+        powers = self.rule.powers_of(self.contact, Work(along, across, np.abs(about)))
         if powers is None:
             work = np.stack(np.broadcast_arrays(along, across, 0.0, about), axis=3)[..., : self.maps.shape[2]]
-            powers = self.measure.powers(self.contact, work)
+            powers = self.rule.powers(self.contact, work)
         turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
         return powers, np.sqrt(square), turning
 
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:
         """Return ``s^p`` at rows (b, m) along twists (b, j, d), (b, m, j)."""
-        return self.measure.powers(self.contact, twists[:, None] @ self.maps[rows])
+        return self.rule.powers(self.contact, twists[:, None] @ self.maps[rows])

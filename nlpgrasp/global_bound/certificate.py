@@ -76,7 +76,7 @@ def _group_data(group: ContactCells, split_cells: IntArray) -> Json:
     pairs = group.child_numbers(split_cells).tolist()
     children = [[None if child == NONE else child for child in pair] for pair in pairs]
     return {
-        "contacts": list(group.slots),
+        "contacts": list(group.contact_indices),
         "turned": group.rotated_to,
         "roots": [[i, root.to_dict() if len(split_cells) else root.unsplit_data()] for i, root in roots],
         "cuts": [[i, group.cell(i).cut(), *pair] for i, pair in zip(split_cells.tolist(), children, strict=True)],

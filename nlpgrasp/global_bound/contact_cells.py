@@ -12,7 +12,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.allowed_regions import ClippedRegion
+from nlpgrasp.global_bound.allowed_regions import PositionLimits
 from nlpgrasp.global_bound.cell_supports import Supports
 from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
@@ -51,19 +51,19 @@ class ContactCells:
 
     Parameters
     ----------
-    slots : sequence of int
+    contact_indices : sequence of int
         Indices of the contacts.
     roots : RootCells
-    allowed : ClippedRegion
+    allowed : PositionLimits
     supports : Supports
     size : float
         Size of the body, metres.
     """
 
     def __init__(
-        self, slots: Sequence[int], roots: RootCells, allowed: ClippedRegion, supports: Supports, size: float
+        self, contact_indices: Sequence[int], roots: RootCells, allowed: PositionLimits, supports: Supports, size: float
     ) -> None:
-        self.slots, self.rotated_to = tuple(slots), roots.rotated_to
+        self.contact_indices, self.rotated_to = tuple(contact_indices), roots.rotated_to
         self.allowed, self.supports = allowed, supports
         self.cells: list[SurfaceCell] = []
         self.parents: list[int] = []
@@ -78,7 +78,7 @@ class ContactCells:
         return len(self.cells) - 1
 
     def children(self, cell: int) -> tuple[int, ...]:
-        """Return the numbers of both parts of a cell, ``NONE`` of an excluded one; of a point its own alone."""
+        """Return the numbers of a cell's two parts, ``NONE`` for an excluded part; for a point, its own number."""
         if cell not in self._children:
             parts = self.cells[cell].split()
             if len(parts) == 1:
@@ -116,9 +116,9 @@ class ContactClusters(ContactCells):
     """
 
     def __init__(
-        self, slots: Sequence[int], roots: RootCells, allowed: ClippedRegion, supports: Supports, size: float
+        self, contact_indices: Sequence[int], roots: RootCells, allowed: PositionLimits, supports: Supports, size: float
     ) -> None:
-        super().__init__(slots, roots, allowed, supports, size)
+        super().__init__(contact_indices, roots, allowed, supports, size)
         self.roots = self.roots and (1,)
 
     @property
@@ -136,14 +136,14 @@ class ContactClusters(ContactCells):
     @cached_property
     def _numbers(self) -> IntArray:
         """Number of each cluster, ``NONE`` of those without an allowed point."""
-        numbers = np.arange(self.clusters.count)
+        numbers = np.arange(self.clusters.node_limit)
         if self.allowed.is_restricted:
             excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
             numbers[1:][excluded] = NONE
         return numbers
 
     def child_numbers(self, cells: IntArray) -> IntArray:
-        """Return the numbers of both halves of clusters (n,) above the last level, (n, 2)."""
+        """Return the numbers of the halves of clusters (n,) above the last level, ``NONE`` of excluded ones, (n, 2)."""
         return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
 
 
@@ -175,9 +175,9 @@ class CellUnion(SurfaceCell):
     def __init__(self, members: Sequence[SurfaceCell], size: float) -> None:
         self.members, self.size = tuple(members), size
 
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return the representative contacts of all members, without duplicates where none is curved."""
-        parts = [member.rows() for member in self.members]
+        parts = [member.representative_contacts() for member in self.members]
         points, normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "normals"))
         if not any(p.curved for p in parts):
             keys = np.round(np.concatenate([points / self.size, normals], axis=1), 10)
@@ -195,7 +195,7 @@ class CellUnion(SurfaceCell):
     def cut(self) -> list[list[int]]:
         """Return the numbers of the members of both parts, split where points and normals are most spread."""
         centres = np.stack([member.ball()[0] for member in self.members])
-        normals = np.stack([np.mean(member.rows().normals, axis=0) for member in self.members])
+        normals = np.stack([np.mean(member.representative_contacts().normals, axis=0) for member in self.members])
         features = np.concatenate([centres / self.size, 0.5 * normals], axis=1)
         features -= features.mean(axis=0)
         spread = np.round(np.var(features, axis=0), 9)

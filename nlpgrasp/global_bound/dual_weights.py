@@ -39,7 +39,7 @@ class DualWeights(NamedTuple):
 
 
 def round_weights(weights: FloatArray) -> FloatArray:
-    """Return weights (j,) rounded to the recorded digits."""
+    """Return weights (j,) rounded to the recorded digits, negligible ones as zero."""
     result = np.where(weights < LEAST, 0.0, np.round(weights, DIGITS))
     return np.asarray(np.round(result / np.sum(result), DIGITS)) if np.count_nonzero(result) == 1 else result
 

@@ -16,10 +16,10 @@ from nlpgrasp.problem.problem import GraspProblem
 
 @dataclass(frozen=True)
 class MarginalBound:
-    """Marginal bound on a contact's contribution to mu of any grasp, by its position.
+    """Upper bound on one contact's contribution to ``mu^p`` of any grasp, by its position.
 
-    For directions y with unit work of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for contacts
-    at any points p_i, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
+    For directions y with unit support of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for
+    contacts at any points p_i, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
     (docs/how_close.md). The weights are those of the least such bound over all placements.
 
     Parameters
@@ -56,16 +56,16 @@ class MarginalBound:
         NaN where no contact is allowed.
         """
         bounds = np.full(len(points), np.nan)
-        faces = nearest_cell_faces(self.scope.problem.body, points, normals)
+        faces = nearest_face_names(self.scope.problem.body, points, normals)
         for group in self.scope.contact_cells:
-            supports, allowed_faces = group.supports, self.scope.problem.allowed_faces(group.slots[0])
+            supports, allowed_faces = group.supports, self.scope.problem.allowed_faces(group.contact_indices[0])
             allowed = np.isin(faces, allowed_faces) & group.allowed.contains(points, normals)
             z = self.twists @ supports.maps_at(points[allowed], normals[allowed])
-            bounds[allowed] = np.fmax(bounds[allowed], supports.measure.powers(supports.contact, z) @ self.weights)
+            bounds[allowed] = np.fmax(bounds[allowed], supports.rule.powers(supports.contact, z) @ self.weights)
         return bounds
 
 
-def nearest_cell_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
+def nearest_face_names(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
     """Return the name of the face nearest to each point (m, 3) with an inward normal.
 
     A normal at an angle to the face's counts as a distance of ``1 - cos`` of it, times a weight and the body's size.

@@ -20,7 +20,7 @@ from nlpgrasp.global_bound.cells.cell import IntArray
 from nlpgrasp.global_bound.contact_cells import NONE, ContactCells
 from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.scope import BoundScope
-from nlpgrasp.global_bound.weak_twists import WeightedDirections
+from nlpgrasp.global_bound.weak_twists import NumberedDirections
 
 Cells = tuple[int, ...]  # a node, as the number of a cell for each slot
 Floats = FloatArray | NDArray[np.float32]
@@ -118,7 +118,7 @@ class BoundingStrategy(ABC):
         Whether symmetric copies of nodes are dropped.
     max_open : int
         Largest number of open nodes.
-    twists : WeightedDirections
+    twists : NumberedDirections
     dual_weights : list of DualWeights
     placements : list of FractionalPlacement
         Fractional placements dual to the bounds of the latest nodes.
@@ -129,7 +129,7 @@ class BoundingStrategy(ABC):
     max_open: ClassVar[int]
 
     def __init__(self, scope: BoundScope, directions: int) -> None:
-        self.scope, self.twists = scope, WeightedDirections(scope.problem.task, scope.problem.body.size, directions)
+        self.scope, self.twists = scope, NumberedDirections(scope.problem.task, scope.problem.body.size, directions)
         self.dual_weights, self.placements = list[DualWeights](), list[FractionalPlacement]()
 
     @abstractmethod
@@ -152,7 +152,7 @@ class BoundingStrategy(ABC):
         """Return bounds on mu recomputed from the recorded dual weights by plain arithmetic, (n,)."""
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Lower the bounds of some open nodes in place; return the indices of nodes within the target, on mu."""
+        """Return the indices of nodes within the target, on mu; a strategy may first lower some bounds in place."""
         return np.flatnonzero(nodes.bounds <= target**self.power)
 
     def is_full(self, count: int) -> bool:
@@ -187,21 +187,21 @@ class NodeTree:
     def __init__(self, bounding: BoundingStrategy, most_leaves: int) -> None:
         self.bounding, self.scope, self._most_leaves = bounding, bounding.scope, most_leaves
         self.nodes, self.splits, self.copies = 0, list[tuple[IntArray, IntArray]](), dict[Cells, SymmetricCopy]()
-        self.open = NodeArrays.none(len(self.scope.slots))
+        self.open = NodeArrays.none(len(self.scope.contact_of_slot))
         self._closed = [self.open]
         self._highest_closed = 0.0
         self._recorded_leaves: NodeArrays | None = None
         self._bounded: dict[Cells, tuple[Cells, int]] = {}
 
     @property
-    def top(self) -> float:
+    def largest_open_bound(self) -> float:
         """Largest bound on mu of an open node, 0 without open nodes."""
-        return self._mu(self.open)
+        return self._largest_bound(self.open)
 
     @property
     def upper(self) -> float:
         """Upper bound on mu over all placements."""
-        return max(self._highest_closed, self.top)
+        return max(self._highest_closed, self.largest_open_bound)
 
     @property
     def leaves(self) -> NodeArrays:
@@ -211,7 +211,7 @@ class NodeTree:
         return NodeArrays.concatenate([*self._closed, self.open])
 
     @property
-    def size(self) -> int:
+    def leaf_count(self) -> int:
         """Number of leaves while all nodes are recorded."""
         return len(self.open) + sum(len(nodes) for nodes in self._closed)
 
@@ -222,7 +222,9 @@ class NodeTree:
 
     def begin(self, target: float) -> None:
         """Bound the root nodes, one per choice of root cells, without symmetric copies."""
-        choices = product(*(combinations_with_replacement(p.roots, len(p.slots)) for p in self.scope.contact_cells))
+        choices = product(
+            *(combinations_with_replacement(p.roots, len(p.contact_indices)) for p in self.scope.contact_cells)
+        )
         roots = np.array([list(chain.from_iterable(choice)) for choice in choices], dtype=np.int64)
         cells, _ = self._drop_copies(roots, np.arange(len(roots)))
         self.open = self.bounding.bound_nodes(cells, None, target)
@@ -237,7 +239,7 @@ class NodeTree:
 
     def split(self, indices: IntArray, target: float) -> None:
         """Replace some open nodes by their children; close those that cannot be split."""
-        if self.complete and self.size >= self._most_leaves:
+        if self.complete and self.leaf_count >= self._most_leaves:
             self._recorded_leaves = self.leaves
         nodes = self._pop_open(indices)
         slots = self.bounding.select_slots(nodes)
@@ -261,11 +263,11 @@ class NodeTree:
 
     def _close(self, nodes: NodeArrays) -> None:
         """Close nodes: their bounds are final."""
-        self._highest_closed = max(self._highest_closed, self._mu(nodes))
+        self._highest_closed = max(self._highest_closed, self._largest_bound(nodes))
         if self.complete and len(nodes):
             self._closed.append(nodes)
 
-    def _mu(self, nodes: NodeArrays) -> float:
+    def _largest_bound(self, nodes: NodeArrays) -> float:
         """Return the largest bound on mu of some nodes."""
         return float(float(np.max(nodes.bounds, initial=0.0)) ** (1.0 / self.bounding.power))
 
@@ -301,7 +303,7 @@ class NodeTree:
 def children(
     groups: Sequence[tuple[ContactCells, slice]], nodes: IntArray, slots: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Return the children of nodes, each split at its slot, and their parents' indices.
+    """Return the children of nodes, each split at the cell of one contact, and their parents' indices.
 
     Identical contacts in the split cell are distributed over its halves in every possible way.
 

@@ -92,7 +92,7 @@ class NodeWeightStrategy(BoundingStrategy):
             if not len(cells):
                 break
             table = self._table(cells, numbers)
-            table.choose(weights)
+            table.select_rows(weights)
             weights, shares = optimal_dual_weights(table.powers)
             bounds, weights = table.tighten(weights)
             best = _lower_of_two((bounds, weights, numbers), best)
@@ -112,7 +112,7 @@ class NodeWeightStrategy(BoundingStrategy):
         return finished
 
     def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
-        """Return the open nodes with the largest bounds above the target, the largest first."""
+        """Return the indices of some open nodes with the largest bounds above the target, the largest first."""
         order = np.argsort(-nodes.bounds, kind="stable")[: min(BATCH, max(FEWEST, count // PART))]
         order = order[nodes.bounds[order] > target]
         work = np.cumsum(self._work(nodes.cells[order]))
@@ -136,17 +136,19 @@ class NodeWeightStrategy(BoundingStrategy):
         return loosest
 
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
-        """Return bounds recomputed from recorded dual weights; of a single direction by the budget's exact sum."""
-        results, measure = [np.zeros(0)], self.scope.measure
+        """Return bounds recomputed from recorded dual weights; of a single direction by the grasp's exact support."""
+        results, rule = [np.zeros(0)], self.scope.rule
         for i in range(0, len(nodes), BATCH):
             numbers, weights = self._dense(nodes.dual_index[i : i + BATCH])
             weights = np.array([round_weights(weight) for weight in weights])
             weights /= np.sum(weights, axis=1, keepdims=True)
             table = self._table(nodes.cells[i : i + BATCH], numbers)
             bounds = table.bounds(weights)
-            if not measure.exact:
-                single_maxima = np.max(table.maxima(None) * (weights == 1.0)[:, None], axis=2) ** (1.0 / measure.power)
-                single = measure.combine(single_maxima, 1) * (1.0 + ROUNDING_MARGIN)
+            if not rule.exact:
+                single_bounds = np.max(table.upper_bounds(None) * (weights == 1.0)[:, None], axis=2) ** (
+                    1.0 / rule.power
+                )
+                single = rule.combine(single_bounds, 1) * (1.0 + ROUNDING_MARGIN)
                 bounds = np.where(np.max(weights, axis=1) == 1.0, single, bounds)
             results.append(bounds)
         return np.concatenate(results)

@@ -33,17 +33,17 @@ class BoundScope:
     Parameters
     ----------
     problem : GraspProblem
-    measure : Measure
+    rule : CombinationRule
     contact_cells : tuple of ContactCells
         One for each group of identical contacts.
     symmetries : tuple of Symmetry
         Without the identity.
     dropped : tuple of str
-        Names of the relaxed parts, which can only lower mu.
+        Names of the dropped parts, which can only lower mu.
     """
 
     problem: GraspProblem
-    measure: CombinationRule
+    rule: CombinationRule
     contact_cells: tuple[ContactCells, ...]
     symmetries: tuple[Symmetry, ...]
     dropped: tuple[str, ...]
@@ -56,23 +56,18 @@ class BoundScope:
     @cached_property
     def groups(self) -> tuple[tuple[ContactCells, slice], ...]:
         """Groups of identical contacts: their cells, and their slots in a node."""
-        ends = np.cumsum([0] + [len(group.slots) for group in self.contact_cells]).tolist()
+        ends = np.cumsum([0] + [len(group.contact_indices) for group in self.contact_cells]).tolist()
         return tuple((group, slice(*limits)) for group, limits in zip(self.contact_cells, pairwise(ends), strict=True))
 
     @cached_property
     def group_of(self) -> tuple[tuple[ContactCells, slice], ...]:
         """The group of each slot of a node."""
-        return tuple(group for group in self.groups for _ in group[0].slots)
+        return tuple(group for group in self.groups for _ in group[0].contact_indices)
 
     @property
-    def complete(self) -> bool:
-        """Whether no constraint that couples contacts was dropped."""
-        return set(self.dropped) <= {EDGES}
-
-    @property
-    def slots(self) -> tuple[int, ...]:
+    def contact_of_slot(self) -> tuple[int, ...]:
         """Index of the contact in each slot of a node."""
-        return tuple(slot for group in self.contact_cells for slot in group.slots)
+        return tuple(contact for group in self.contact_cells for contact in group.contact_indices)
 
 
 def scope_of(problem: GraspProblem) -> BoundScope:
@@ -87,16 +82,16 @@ def scope_of(problem: GraspProblem) -> BoundScope:
         On a body, a contact model or a force budget that the bound does not cover, or constraints that leave a contact
         no place.
     """
-    measure, faces = _check_coverage(problem)
+    rule, faces = _check_coverage(problem)
     regions, dropped = _relax(problem)
     rotated = restrict_by_rotation(problem, faces, regions)
     for level in BundleLevel:
-        cells = _create_cells(problem, faces, regions, measure, level, rotated)
+        cells = _create_cells(problem, faces, regions, rule, level, rotated)
         group = symmetries(problem.body, problem.task, problem.origin, cells)
-        choices = prod(comb(len(own.roots) + len(own.slots) - 1, len(own.slots)) for own in cells)
+        choices = prod(comb(len(own.roots) + len(own.contact_indices) - 1, len(own.contact_indices)) for own in cells)
         if choices <= MOST_ROOTS * (1 + len(group)):
             break
-    return BoundScope(problem, measure, tuple(cells), tuple(group), dropped)
+    return BoundScope(problem, rule, tuple(cells), tuple(group), dropped)
 
 
 def whole_scope(problem: GraspProblem) -> BoundScope:
@@ -107,35 +102,35 @@ def whole_scope(problem: GraspProblem) -> BoundScope:
     NotCoveredError
         As ``scope_of``.
     """
-    measure, faces = _check_coverage(problem)
+    rule, faces = _check_coverage(problem)
     regions, dropped = _relax(problem)
-    cells = _create_cells(problem, faces, regions, measure, BundleLevel.ALL, [])
-    return BoundScope(problem, measure, tuple(cells), (), dropped)
+    cells = _create_cells(problem, faces, regions, rule, BundleLevel.ALL, [])
+    return BoundScope(problem, rule, tuple(cells), (), dropped)
 
 
 def _relax(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...]]:
-    """Return the region of each contact, and the names of relaxed parts: on a mesh the edge margin too."""
+    """Return the region of each contact, and the names of dropped parts: on a mesh the edge margin too."""
     regions, dropped, _ = allowed_regions(problem)
     has_margin = isinstance(problem.body, Mesh) and problem.margin > 0.0
     return regions, (*dropped, EDGES) if has_margin else dropped
 
 
 def _check_coverage(problem: GraspProblem) -> tuple[CombinationRule, Sequence[CellFace]]:
-    """Return the measure and the body's faces; raise for a problem that the bound does not cover."""
-    measure, faces = CombinationRule.of(problem.budget), cell_faces(problem.body, problem.margin)
+    """Return the combination rule and the body's faces; raise for a problem that the bound does not cover."""
+    rule, faces = CombinationRule.of(problem.budget), cell_faces(problem.body, problem.margin)
     if faces is None:
         raise NotCoveredError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
     for i, contact in enumerate(problem.models):
         if contact.kind not in KINDS:
             raise NotCoveredError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
-    return measure, faces
+    return rule, faces
 
 
 def _create_cells(
     problem: GraspProblem,
     faces: Sequence[CellFace],
     regions: Sequence[AllowedRegion],
-    measure: CombinationRule,
+    rule: CombinationRule,
     level: BundleLevel,
     rotated: Sequence[RotatedRoots],
 ) -> list[ContactCells]:
@@ -148,12 +143,12 @@ def _create_cells(
         if free:
             clipped = [region.allowed.clip_face(face) for face in faces if face.name in region.faces]
             roots.append((free, RootCells({face: face.cells() for face in clipped if face is not None}, None, level)))
-        for slots, root_cells in roots:
-            supports = Supports(problem.models[slots[0]], measure, problem.origin)
-            groups.append(create(slots, root_cells, region.allowed, supports, problem.body.size))
+        for indices, root_cells in roots:
+            supports = Supports(problem.models[indices[0]], rule, problem.origin)
+            groups.append(create(indices, root_cells, region.allowed, supports, problem.body.size))
             if not groups[-1].roots:
                 allowed = "constraints that leave every contact some part of the body"
-                raise NotCoveredError("GraspProblem.constraints", f"no place left for contact {slots[0]}", allowed)
+                raise NotCoveredError("GraspProblem.constraints", f"no place left for contact {indices[0]}", allowed)
     return groups
 
 

@@ -21,7 +21,7 @@ from nlpgrasp.global_bound.dual_weights import LEAST, DualWeights, optimal_dual_
 from nlpgrasp.global_bound.node_tree import BoundingStrategy, FractionalPlacement, NodeArrays, NodeTree, children
 from nlpgrasp.global_bound.scope import BoundScope
 from nlpgrasp.global_bound.support_table import ROUNDING_MARGIN
-from nlpgrasp.global_bound.weak_twists import WeightedDirections
+from nlpgrasp.global_bound.weak_twists import NumberedDirections
 
 Single = NDArray[np.float32]
 Numbers = FloatArray | Single  # double or single precision
@@ -60,7 +60,7 @@ class SharedWeightStrategy(BoundingStrategy):
 
     def __init__(self, scope: BoundScope) -> None:
         super().__init__(scope, DIRECTIONS)
-        self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.dual_weights)
+        self.power, self.maxima = scope.rule.power, ClusterMaxima(scope, self.twists, self.dual_weights)
 
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their least bounds over all dual weights; compute the first ones at the root."""
@@ -76,7 +76,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return NodeArrays(cells, bounds, dual_index)
 
     def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
-        """Return the looser half of the loosest open nodes, the largest bounds first."""
+        """Return the indices of the looser half of the loosest open nodes, the largest bounds first."""
         del count, target
         indices = self._refresh_bounds(nodes)
         bounds = nodes.bounds[indices]
@@ -95,7 +95,7 @@ class SharedWeightStrategy(BoundingStrategy):
         """Return the slot whose split gives the least mean bound of the children, ``NONE`` where none can be split."""
         chosen, score = np.full(len(nodes), NONE), np.full(len(nodes), np.inf)
         for slot in range(nodes.cells.shape[1]):
-            is_splittable = nodes.cells[:, slot] < self.maxima.clusters.last
+            is_splittable = nodes.cells[:, slot] < self.maxima.clusters.first_leaf
             if slot and self.scope.group_of[slot] is self.scope.group_of[slot - 1]:
                 is_splittable &= nodes.cells[:, slot] != nodes.cells[:, slot - 1]
             indices = np.flatnonzero(is_splittable)
@@ -186,7 +186,7 @@ class SharedWeightStrategy(BoundingStrategy):
         result.begin(0.0)
         goal = np.float32(tree.upper**self.power) * (1 + AGAIN)
         while result.complete and len(loose := np.flatnonzero(result.open.bounds > goal)):
-            remaining = max(1, MOST_LEAVES - result.size)
+            remaining = max(1, MOST_LEAVES - result.leaf_count)
             result.split(loose[np.argsort(-result.open.bounds[loose], kind="stable")[: min(BATCH, remaining)]], 0.0)
         return result
 
@@ -211,7 +211,7 @@ class ClusterMaxima:
     ----------
     scope : BoundScope
         On a mesh, with the same clusters for every contact.
-    twists : WeightedDirections
+    twists : NumberedDirections
     dual_weights : list of DualWeights
         Extended by ``add``.
 
@@ -221,22 +221,24 @@ class ClusterMaxima:
         Offsets of the slots' groups in the stored maxima, added to the cells of nodes.
     """
 
-    def __init__(self, scope: BoundScope, twists: WeightedDirections, dual_weights: list[DualWeights]) -> None:
+    def __init__(self, scope: BoundScope, twists: NumberedDirections, dual_weights: list[DualWeights]) -> None:
         self._scope, self._twists, self._dual_weights = scope, twists, dual_weights
         first_group = scope.contact_cells[0]
         if not isinstance(first_group, ContactClusters):
             raise TypeError("dual weights are shared over the clusters of a mesh alone")
         self.clusters = clusters = first_group.clusters
         self._single = self._corners(single=True)
-        self._group = np.array([i for i, group in enumerate(scope.contact_cells) for _ in group.slots], dtype=np.int64)
-        self.offsets = clusters.count * self._group
-        self._maxima = np.zeros((clusters.count * len(scope.contact_cells), FIRST), dtype=np.float32)
-        self._maximal_rows = np.zeros((clusters.last * len(scope.contact_cells), FIRST), dtype=np.int32)
-        self._cluster = np.repeat(np.arange(clusters.last), np.diff(clusters.begin))
+        self._group = np.array(
+            [i for i, group in enumerate(scope.contact_cells) for _ in group.contact_indices], dtype=np.int64
+        )
+        self.offsets = clusters.node_limit * self._group
+        self._maxima = np.zeros((clusters.node_limit * len(scope.contact_cells), FIRST), dtype=np.float32)
+        self._maximal_rows = np.zeros((clusters.first_leaf * len(scope.contact_cells), FIRST), dtype=np.int32)
+        self._cluster = np.repeat(np.arange(clusters.first_leaf), np.diff(clusters.begin))
 
     def add(self, dual: DualWeights) -> None:
         """Add dual weights."""
-        k, last = len(self._dual_weights), self.clusters.last
+        k, last = len(self._dual_weights), self.clusters.first_leaf
         if k == self._maxima.shape[1]:
             self._maxima, self._maximal_rows = (
                 np.concatenate([a, np.zeros_like(a)], axis=1) for a in (self._maxima, self._maximal_rows)
@@ -280,7 +282,7 @@ class ClusterMaxima:
 
     def _over_clusters(self, values: FloatArray) -> FloatArray:
         """Return the maxima over every cluster of values at all rows."""
-        first = self.clusters.last
+        first = self.clusters.first_leaf
         maxima = np.zeros(2 * first)
         maxima[first:] = np.maximum.reduceat(values, self.clusters.begin[:-1])
         while first > 1:
@@ -290,11 +292,11 @@ class ClusterMaxima:
         return maxima
 
     def bounds_by_weights(self, node: IntArray) -> Single:
-        """Return the bounds on a node (k,) by all dual weights, on mu to the measure's power."""
+        """Return the bounds on a node (k,) by all dual weights, on mu to the rule's power."""
         return np.asarray(np.sum(self._maxima[node + self.offsets, : len(self._dual_weights)], axis=0))
 
     def bounds(self, nodes: IntArray) -> tuple[Single, IntArray]:
-        """Return the least bounds on nodes (n, k), (n,), on mu to the measure's power, and the weights' indices."""
+        """Return the least bounds on nodes (n, k), (n,), on mu to the rule's power, and the weights' indices."""
         least, best = np.empty(len(nodes), dtype=np.float32), np.empty(len(nodes), dtype=np.int64)
         maxima, indices = self._maxima[:, : len(self._dual_weights)], nodes + self.offsets
         step = max(1, WORK // len(self._dual_weights))
@@ -310,7 +312,7 @@ class ClusterMaxima:
     def rows(self, node: IntArray, dual_indices: IntArray) -> IntArray:
         """Return the maximal rows of a node's cells (k,) by dual weights (n,), (k, n)."""
         result = np.empty((len(node), len(dual_indices)), dtype=np.int64)
-        last, count = self.clusters.last, self.clusters.count
+        last, count = self.clusters.first_leaf, self.clusters.node_limit
         for slot, (cell, offset) in enumerate(zip(node.tolist(), self.offsets.tolist(), strict=True)):
             clusters = np.full(len(dual_indices), cell)
             while clusters[0] < last:
@@ -373,18 +375,18 @@ class CornerContacts:
 
     def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:
         """Return ``s^p`` at rows along twists, (j, m)."""
-        contact, measure = self.supports.contact, self.supports.measure
-        if measure.lengths:  # the square is accurate, though the tangential part may not be
+        contact, rule = self.supports.contact, self.supports.rule
+        if rule.lengths:  # the square is accurate, though the tangential part may not be
             along = twists @ self._along[:, rows]
             across = squares @ self._products[:, rows]
             across -= along**2
             across = np.sqrt(np.maximum(across, 0.0, out=across), out=across)
             square = contact.squared_support(self._work(along, across, twists, rows), np)
             if square is not None:
-                return np.asarray(square if measure.power == 2.0 else square ** (0.5 * measure.power))
+                return np.asarray(square if rule.power == 2.0 else square ** (0.5 * rule.power))
         maps = self._maps[:, rows]
         z = (twists @ maps.reshape(6, -1)).reshape(len(twists), -1, maps.shape[2])
-        return np.asarray(measure.support(contact, np.asarray(z, dtype=float)) ** measure.power)
+        return np.asarray(rule.support(contact, np.asarray(z, dtype=float)) ** rule.power)
 
     def _work(self, along: Numbers, across: Numbers, twists: Numbers, rows: slice) -> Work:
         if not self.torsion:

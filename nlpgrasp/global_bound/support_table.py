@@ -5,7 +5,7 @@ dual weights use a selection of these rows, and bounds follow from the largest w
 the maximum; over curved cells ``weighted_supports`` bounds the excess between rows.
 
 Inside a part of a curved cell the work z of a contact deviates from a linear interpolation of the corners' by at most
-Z, and from any corner's by at most X (``CurvedFace.deviations``). ``s^p`` is convex in z, with Lipschitz constant
+Z, and from any corner's by at most X (``CurvedSurface.deviations``). ``s^p`` is convex in z, with Lipschitz constant
 ``p M^(p-1) L`` where no support exceeds M, with L the length of the largest force of one unit. So over a part
 
     s^p  <=  max over corners of  min(s^p + p (s + L X)^(p-1) L Z, (s + L X)^p) .
@@ -24,7 +24,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cell_supports import Supports
-from nlpgrasp.global_bound.cells.cell import CurvedFace, CurvedParts, IntArray
+from nlpgrasp.global_bound.cells.cell import CurvedParts, CurvedSurface, IntArray
 from nlpgrasp.global_bound.contact_cells import ContactCells
 
 ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance, least and for the largest cell
@@ -36,7 +36,7 @@ ROUNDING_MARGIN = 1e-9  # relative margin for rounding in a bound
 
 
 class SupportTable:
-    """Supports of several nodes, to the measure's power, by slot, row of its cell, and direction.
+    """Supports of several nodes, to the rule's power, by slot, row of its cell, and direction.
 
     Parameters
     ----------
@@ -48,35 +48,35 @@ class SupportTable:
     """
 
     def __init__(self, groups: Sequence[tuple[ContactCells, slice]], cells: IntArray, twists: FloatArray) -> None:
-        self._measure = groups[0][0].supports.measure
+        self._rule = groups[0][0].supports.rule
         self._parts = [GroupTable.over_cells(group, cells[:, slots], twists) for group, slots in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
         self.powers = np.zeros((0, 0, 0, 0))
 
-    def maxima(self, weights: FloatArray | None) -> FloatArray:
-        """Return the maxima over each slot's cell, weighted, (b, k), or for None along each direction, (b, k, j)."""
+    def upper_bounds(self, weights: FloatArray | None) -> FloatArray:
+        """Return upper bounds on weighted supports by slot, (b, k), or on supports along each direction, (b, k, j)."""
         if weights is None:
-            return np.concatenate([part.single_maxima() for part in self._parts], axis=1)
-        return np.concatenate([part.maxima(weights) for part in self._parts], axis=1)
+            return np.concatenate([part.single_upper_bounds() for part in self._parts], axis=1)
+        return np.concatenate([part.upper_bounds(weights) for part in self._parts], axis=1)
 
     def bounds(self, weights: FloatArray) -> FloatArray:
         """Return the nodes' bounds by dual weights, (b,), with a margin for rounding."""
-        power = self._measure.power
-        return np.asarray(np.sum(self.maxima(weights), axis=1) ** (1.0 / power) * (1.0 + ROUNDING_MARGIN))
+        power = self._rule.power
+        return np.asarray(np.sum(self.upper_bounds(weights), axis=1) ** (1.0 / power) * (1.0 + ROUNDING_MARGIN))
 
     def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds and dual weights: a single direction where the budget's exact sum along it is lower."""
-        bounds, measure = self.bounds(weights), self._measure
-        if measure.exact:
+        """Return bounds and dual weights: a single direction where the grasp's exact support along it is lower."""
+        bounds, rule = self.bounds(weights), self._rule
+        if rule.exact:
             return bounds, weights
-        single = measure.combine(self.maxima(None) ** (1.0 / measure.power), 1) * (1.0 + ROUNDING_MARGIN)
+        single = rule.combine(self.upper_bounds(None) ** (1.0 / rule.power), 1) * (1.0 + ROUNDING_MARGIN)
         direction = np.argmin(single, axis=1)
         best_single = single[np.arange(len(direction)), direction]
         unit_weights = np.eye(weights.shape[1])[direction]
         return np.minimum(bounds, best_single), np.where((best_single < bounds)[:, None], unit_weights, weights)
 
-    def choose(self, weights: FloatArray | None) -> None:
-        """Select rows for a linear program: all of few, else the maximal ones by direction and by the weights."""
+    def select_rows(self, weights: FloatArray | None) -> None:
+        """Select rows for a linear program: all where they are few, else those of the largest supports."""
         max_rows = max(part.powers.shape[1] for part in self._parts)
         rows, tables = [], []
         for part in self._parts:
@@ -149,16 +149,16 @@ class GroupTable:
         rows = np.take_along_axis(self.rows, indices, axis=1)
         return rows, np.take_along_axis(self.powers, indices[..., None], axis=1)
 
-    def maxima(self, weights: FloatArray) -> FloatArray:
-        """Return upper bounds under each node's dual weights, (b, s)."""
+    def upper_bounds(self, weights: FloatArray) -> FloatArray:
+        """Return upper bounds on the weighted supports under each node's dual weights, (b, s)."""
         supports = self.group.supports
         if supports.is_curved:
             maxima = weighted_supports(supports, self.cells, self.powers, self.twists, weights[self.owner])
             return np.asarray(maxima[self.pair_of])
         return np.asarray(np.max(self.weighted(weights), axis=1)[self.pair_of])
 
-    def single_maxima(self) -> FloatArray:
-        """Return upper bounds along each direction alone, (b, s, j)."""
+    def single_upper_bounds(self) -> FloatArray:
+        """Return upper bounds on the supports along each direction alone, (b, s, j)."""
         return single_supports(self.group.supports, self.cells, self.powers, self.twists)[self.pair_of]
 
 
@@ -179,12 +179,12 @@ def weighted_supports(
         Dual weights of each cell's node.
     """
     weighted = (powers @ weights[:, :, None])[:, :, 0]
-    largest = np.max(powers, axis=1) ** (1.0 / supports.measure.power)
+    largest = np.max(powers, axis=1) ** (1.0 / supports.rule.power)
     speed, turning = supports.speed_bounds(cells, twists)
     interval = _SupportInterval(
         supports, np.max(weighted, axis=1), excess_tolerance(supports, cells), *_weighted_directions(twists, weights)
     )
-    for surface, parts, rows, deviations, owner in _parts_by_face(supports, cells):
+    for surface, parts, rows, deviations, owner in _parts_by_surface(supports, cells):
         excess = excess_inside_parts(supports, deviations, largest[owner], speed[owner], turning[owner])
         upper = np.max(weighted[owner[:, None], rows], axis=1) + np.sum(weights[owner] * excess, axis=1)
         interval.refine(surface, parts, owner, upper)
@@ -199,7 +199,7 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
         return np.asarray(maxima)
     none = np.zeros((2, 3))
     deviations = np.stack([np.max([p.max_deviations for p in parts], axis=0) if parts else none for parts in curved])
-    largest = maxima ** (1.0 / supports.measure.power)
+    largest = maxima ** (1.0 / supports.rule.power)
     excess = excess_inside_parts(supports, deviations, largest, *supports.speed_bounds(cells, twists))
     return np.asarray((maxima + excess) * (1.0 + ARITHMETIC_MARGIN * excess_tolerance(supports, cells))[:, None])
 
@@ -219,11 +219,11 @@ def excess_inside_parts(
     ----------
     supports : Supports
     deviations : (..., 2, 3) array
-        Coefficients of each part; see ``CurvedFace.deviations``.
+        Coefficients of each part; see ``CurvedSurface.deviations``.
     largest, speed, turning : (..., j) arrays
         Upper bounds on s, ``|v|`` and ``|tau|`` at the corners along each direction.
     """
-    p, L = supports.measure.power, supports.lipschitz
+    p, L = supports.rule.power, supports.lipschitz
     linear = deviations[..., 1] + supports.torsion_factor * deviations[..., 2]
     deviation, corner_deviation = (deviations[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1))
     largest_inside = largest + L * corner_deviation
@@ -239,9 +239,9 @@ def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[Float
     return np.take_along_axis(twists, heaviest[..., None], axis=1), np.take_along_axis(weights, heaviest, axis=1)
 
 
-def _parts_by_face(
+def _parts_by_surface(
     supports: Supports, cells: IntArray
-) -> list[tuple[CurvedFace, FloatArray, IntArray, FloatArray, IntArray]]:
+) -> list[tuple[CurvedSurface, FloatArray, IntArray, FloatArray, IntArray]]:
     """Return the parts of cells by surface: surface, corners (n, c, q), rows (n, c), deviations, and cells' indices."""
     kinds: dict[tuple[int, int], list[tuple[CurvedParts, int]]] = {}
     for pair, cell in enumerate(cells.tolist()):
@@ -277,7 +277,7 @@ class _SupportInterval:
         self._supports, self._tolerance, self._twists, self._weights = supports, tolerance, twists, weights
         self._lower, self._upper = lower, lower.copy()
 
-    def refine(self, surface: CurvedFace, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
+    def refine(self, surface: CurvedSurface, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
         """Bound parts (n, c, q) of cells, and subdivide those that may contain the maximum."""
         for _ in range(ROUNDS):
             is_open = upper > (1.0 + self._tolerance[owner]) * self._lower[owner]
@@ -290,7 +290,7 @@ class _SupportInterval:
         np.maximum.at(self._upper, owner, upper)
 
     def _subdivide(
-        self, surface: CurvedFace, parts: FloatArray, owner: IntArray
+        self, surface: CurvedSurface, parts: FloatArray, owner: IntArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return the quarters (n r, c, q) of parts (n, c, q), their cells' indices, and upper bounds, (n r,)."""
         vertices, corner_indices = surface.subdivide(parts)
@@ -302,12 +302,12 @@ class _SupportInterval:
         np.maximum.at(self._lower, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
         quarters = vertices[:, corner_indices].reshape(-1, corner_indices.shape[1], q)
         deviations = surface.deviations(quarters).reshape(n, len(corner_indices), 1, 2, 3)
-        supports_at = powers ** (1.0 / supports.measure.power)
+        supports_at = powers ** (1.0 / supports.rule.power)
         at_corners = (supports_at[:, corner_indices], speed[:, corner_indices], turning[:, None, None])
         excess = excess_inside_parts(supports, deviations, *at_corners)
         upper = np.sum((powers[:, corner_indices] + excess) * weights[:, None], axis=3)
         return quarters, np.repeat(owner, len(corner_indices)), np.max(upper, axis=2).ravel()
 
     def upper_bounds(self) -> FloatArray:
-        """Return the upper bounds, (c,), with a margin for rounding."""
+        """Return the upper bounds, (c,), with a margin for independent recomputation."""
         return np.asarray(np.maximum(self._upper, self._lower) * (1.0 + ARITHMETIC_MARGIN * self._tolerance))

@@ -72,7 +72,7 @@ def symmetries(body: Body, task: Task, origin: FloatArray, groups: Sequence[Cont
             continue
         if np.max(np.abs(rotation @ origin + translation - origin)) > SAME * body.size:
             continue
-        if not leaves_invariant(task, wrench_map(rotation)):
+        if not is_invariant_task(task, wrench_map(rotation)):
             continue
         if not all(group.allowed.is_invariant(rotation, translation, SAME * body.size) for group in groups):
             continue
@@ -122,7 +122,7 @@ def _polygon_symmetries(corners: FloatArray) -> list[tuple[FloatArray, FloatArra
 def restrict_by_rotation(
     problem: GraspProblem, faces: Sequence[CellFace], regions: Sequence[AllowedRegion]
 ) -> list[RotatedRoots]:
-    """Return parts of the surface to which a rotation takes the first contacts, with cells; empty without symmetry.
+    """Return the root cells to which a rotational symmetry restricts the first contacts; empty without one.
 
     On a sphere with a task invariant under all rotations, the first contact is rotated to the pole and the second to a
     meridian. On a body of revolution with a task invariant about its axis, the first contact is rotated to the
@@ -139,7 +139,7 @@ def restrict_by_rotation(
     if (
         isinstance(sphere, EllipsoidFace)
         and centred
-        and leaves_invariant(problem.task, wrench_map(unit_rotation(side)))
+        and is_invariant_task(problem.task, wrench_map(rotation_by_one_radian(side)))
     ):
         pole: FacesToCells = {sphere: [EllipsoidCell(axis[None], sphere.surface)]}
         meridian: FacesToCells = {sphere: sphere.half_plane(axis, side)}
@@ -161,8 +161,8 @@ def _axis(problem: GraspProblem, faces: Sequence[CellFace]) -> FloatArray | None
         return None
     for axis in _axes_of(faces):
         offset = problem.origin - (problem.origin @ axis) * axis
-        if np.max(np.abs(offset)) <= SAME * problem.body.size and leaves_invariant(
-            problem.task, wrench_map(unit_rotation(axis))
+        if np.max(np.abs(offset)) <= SAME * problem.body.size and is_invariant_task(
+            problem.task, wrench_map(rotation_by_one_radian(axis))
         ):
             return axis
     return None
@@ -178,7 +178,7 @@ def _axes_of(faces: Sequence[CellFace]) -> list[FloatArray]:
     return [np.eye(3)[i] for i in range(3) if face.a[i - 1] == face.a[i - 2]]
 
 
-def unit_rotation(axis: FloatArray) -> FloatArray:
+def rotation_by_one_radian(axis: FloatArray) -> FloatArray:
     """Return the rotation by one radian about a coordinate axis."""
     i = int(np.argmax(np.abs(axis)))
     c, s = np.cos(ANGLE), np.sin(ANGLE)
@@ -198,25 +198,25 @@ def wrench_map(rotation: FloatArray) -> FloatArray:
     return result
 
 
-def leaves_invariant(task: Task, matrix: FloatArray) -> bool:
+def is_invariant_task(task: Task, matrix: FloatArray) -> bool:
     """Return whether a linear map of wrenches provably maps a task onto itself."""
     if isinstance(task, TaskSum):
-        return all(leaves_invariant(part, matrix) for part in task.tasks)
+        return all(is_invariant_task(part, matrix) for part in task.tasks)
     if isinstance(task, TaskEllipsoid):
         shape = task.axes.T @ task.axes
         sizes = np.sqrt(np.maximum(np.diag(shape), 0.0)) + np.abs(task.center)
-        mapped, blocks = matrix @ shape @ matrix.T, _blocks(sizes)
+        mapped, blocks = matrix @ shape @ matrix.T, _component_scales(sizes)
         is_close = np.all(np.abs(mapped - shape) <= SAME * np.outer(blocks, blocks))
         return bool(is_close and np.all(np.abs(matrix @ task.center - task.center) <= SAME * np.max(blocks)))
     if isinstance(task, TaskPolytope):
-        sizes = _blocks(np.max(np.abs(task.wrenches), axis=0))
+        sizes = _component_scales(np.max(np.abs(task.wrenches), axis=0))
         images, wrenches = (w / sizes for w in (task.wrenches @ matrix.T, task.wrenches))
         distances = np.max(np.abs(images[:, None] - wrenches[None]), axis=2)
         return bool(np.max(distances.min(axis=1)) <= SAME and np.max(distances.min(axis=0)) <= SAME)
     return False
 
 
-def _blocks(scale: FloatArray) -> FloatArray:
+def _component_scales(scale: FloatArray) -> FloatArray:
     """Return for each wrench component the largest force or moment, 1 where all are zero."""
     space = 2 if len(scale) == 3 else 3
     force, moment = float(np.max(scale[:space])), float(np.max(scale[space:]))

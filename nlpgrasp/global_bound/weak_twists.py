@@ -1,6 +1,6 @@
 """Directions of wrench space in which fractional placements are weakest.
 
-``WeightedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
+``NumberedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
 placements dual to the bounds (``FractionalContacts``), by inverse iteration.
 """
 
@@ -18,7 +18,7 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.cells.cell import IntArray
 from nlpgrasp.global_bound.contact_cells import ContactCells
-from nlpgrasp.quality.ratio_minimisation import iterate_inverse
+from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.tasks import Task
 
 STEPS = 5  # steps of inverse iteration
@@ -33,8 +33,8 @@ ALIKE = 0.999  # cosine above which directions count as equal
 DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # significant digits of directions; excess over unit work, mean and largest
 
 
-class WeightedDirections:
-    """Numbered list of directions y with unit work of the task, ``phi_A(y) = 1``, that grows in a search.
+class NumberedDirections:
+    """Numbered list of directions y with unit support of the task, ``phi_A(y) = 1``, that grows in a search.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class WeightedDirections:
 
         A zero direction, along which the task does no work, is replaced by one of the lattice.
         """
-        twists = _short_directions(
+        twists = _round_directions(
             self.task, np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1])
         )
         numbers = np.arange(self._count, self._count + len(twists))
@@ -154,8 +154,8 @@ def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(np.any(is_near & (rank[:, None] < rank[:, :, None]), axis=2))
 
 
-def _short_directions(task: Task, twists: FloatArray) -> FloatArray:
-    """Return directions (m, d) rounded to few digits, along which the task does slightly more than unit work.
+def _round_directions(task: Task, twists: FloatArray) -> FloatArray:
+    """Return directions (m, d) rounded to few digits, with a task support slightly above one.
 
     Bounds that assume unit work then remain valid. Directions for which this fails are not rounded.
     """
@@ -173,7 +173,7 @@ class FractionalContacts:
     Parameters
     ----------
     contact : ContactModel
-    measure : Measure
+    rule : CombinationRule
     maps : (b, m, d, n_i) array
         Grasp maps of the contact at each row.
     weights : (b, m) array
@@ -181,7 +181,7 @@ class FractionalContacts:
     """
 
     contact: ContactModel
-    measure: CombinationRule
+    rule: CombinationRule
     maps: FloatArray
     weights: FloatArray
 
@@ -194,16 +194,16 @@ class FractionalContacts:
             rows = np.take_along_axis(rows, heaviest, axis=1)
             weights = np.take_along_axis(weights, heaviest, axis=1)
             weights = weights * (total / np.sum(weights, axis=1, keepdims=True))
-        return cls(supports.contact, supports.measure, supports.maps[rows], weights)
+        return cls(supports.contact, supports.rule, supports.maps[rows], weights)
 
     def value(self, twists: FloatArray) -> FloatArray:
         """Return ``sum of w s^p`` along twists (b, m, d), (b, m)."""
         s = self._work(twists)[1]
-        return np.asarray(np.sum(s**self.measure.power * self.weights[:, None], axis=2))
+        return np.asarray(np.sum(s**self.rule.power * self.weights[:, None], axis=2))
 
     def model(self, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the value, (b, m), and the Hessian of its quadratic model, (b, m, d, d)."""
-        p, maps = self.measure.power, self.maps
+        p, maps = self.rule.power, self.maps
         z, s = self._work(twists)
         scaled = np.broadcast_to(self.weights[:, None], s.shape)
         if p != 2.0:  # sum of w s^(p-2) |P z|^2 / 2, as in ``quality.screening``
@@ -220,11 +220,11 @@ class FractionalContacts:
         """Return force components (b, m, r, n) and supports (b, m, r)."""
         b, r, d, n = self.maps.shape
         z = (twists @ self.maps.transpose(0, 2, 1, 3).reshape(b, d, r * n)).reshape(b, twists.shape[1], r, n)
-        return z, self.measure.support(self.contact, z)
+        return z, self.rule.support(self.contact, z)
 
 
 def normalise_twists(task: Task, twists: FloatArray) -> FloatArray:
-    """Return twists (..., d) scaled to unit work of the task, zero without work."""
+    """Return twists (..., d) scaled to unit support of the task, zero without work."""
     reach = task.support(twists.reshape(-1, twists.shape[-1]))[0].reshape(twists.shape[:-1])
     size = np.linalg.norm(twists, axis=-1)
     has_work = (reach > 1e-12 * size) & np.isfinite(size)
@@ -243,7 +243,7 @@ def minimise_ratio(
     ratios : (b, m) array
         ``phi_G / phi_A`` there.
     """
-    power = fractional[0].measure.power
+    power = fractional[0].rule.power
 
     def model(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         parts = [contacts.model(u) for contacts in fractional]
@@ -256,5 +256,5 @@ def minimise_ratio(
         ratio = np.maximum(value, 0.0) ** (1.0 / power) / np.where(reach > 0.0, reach, 1.0)
         return np.where(reach > 0.0, ratio, np.inf), wrench.reshape(u.shape), H
 
-    u, value = iterate_inverse(model, twists, STEPS)
+    u, value = minimise_by_inverse_iteration(model, twists, STEPS)
     return normalise_twists(task, u), value

@@ -1,8 +1,10 @@
 """Collision spheres that cover the links of a hand, with a stated error.
 
 A sphere of radius ``d + e`` about an inner point at depth ``d`` reaches at most ``e`` beyond the shape. A greedy set
-cover chooses few such spheres that cover samples of the surface; the error e grows until they are few enough. So the
-spheres contain the link and reach at most ``error`` beyond it: a clearance kept by the spheres is kept by the link.
+cover chooses few such spheres that cover samples of the surface; the error e grows until they are few enough. Where
+more than ``MOST_ERROR`` is needed, as for thick blocks, spheres are reduced to it: they no longer forbid grasps that
+the hand can take, and the link sticks out of them by ``uncovered``. The penetration of the shapes themselves is
+measured at every grasp (``nlpgrasp.motion.penetration``).
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ INSETS = (1.0, 1.3, 1.7, 2.2)  # distances of the outer spheres from the ends, i
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error as a share of the link's size; growth factor
 SPACING_MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples
 WORTH_A_WARNING = 6e-4  # metres: possible penetration of a link that is warned of
+MOST_ERROR = 3e-3  # metres: largest distance of spheres beyond the shapes
 PALM_SHARE = 5  # spheres of the palm over those of a finger's link
 
 
@@ -51,8 +54,8 @@ class SphereFit:
     error : float
         Largest distance that the spheres reach beyond the collision shapes, metres.
     uncovered : float
-        Distance that the shapes stick out of spheres and fingertips where spheres were shrunk next to a fingertip,
-        metres: the link may penetrate the body this far there.
+        Largest distance that the shapes stick out of spheres and fingertips, metres: the constraints of the program
+        let the link penetrate the body this far there.
     """
 
     centres: FloatArray
@@ -124,15 +127,20 @@ def fit_spheres(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
     arrays = cached_arrays(
-        "spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fit_cover(shapes, most)
+        "reduced spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fit_cover(shapes, most)
     )
-    return SphereFit(arrays["centres"], arrays["radii"], float(arrays["error"]))
+    return SphereFit(arrays["centres"], arrays["radii"], float(arrays["error"]), float(arrays["uncovered"]))
 
 
 def _fit_cover(shapes: Sequence[CollisionShape], most: int) -> dict[str, FloatArray]:
     """Return centres, radii and error of the better of set cover and regular arrangement."""
     fit = min((_greedy_cover(shapes, most), _regular_cover(shapes, most)), key=lambda fit: fit.error)
-    return {"centres": fit.centres, "radii": fit.radii, "error": np.asarray(fit.error)}
+    if fit.error > MOST_ERROR:
+        depth = np.max([shape.depth(fit.centres) for shape in shapes], axis=0)
+        radii = np.minimum(fit.radii, np.maximum(depth, 0.0) + MOST_ERROR)
+        fit = replace(fit, radii=radii, error=MOST_ERROR)
+        fit = replace(fit, uncovered=_uncovered_depth(shapes, fit, ()))
+    return {name: np.asarray(getattr(fit, name)) for name in ("centres", "radii", "error", "uncovered")}
 
 
 def _greedy_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:

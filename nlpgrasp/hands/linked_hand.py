@@ -46,6 +46,11 @@ class LinkedHand(InNotebook, PosedHand):
         names = ", ".join([*tips[:MAX_NAMED], *rest])
         return f"{type(self).__name__}({robot.name!r}, {len(robot.free_joints)} joints, fingertips on {names})"
 
+    @property
+    def posing_radii(self) -> tuple[float, ...]:
+        """Radius of the ball that stands for each fingertip where the hand is posed, metres."""
+        return tuple(tip.posing_radius for _, tip in self.tree.tips)
+
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body's frame."""
         return self.tree.palm(variables)

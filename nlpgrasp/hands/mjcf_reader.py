@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
-from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, raise_invalid
+from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, joint_motion, raise_invalid
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -497,16 +497,6 @@ def transform(position: FloatArray, quaternion: FloatArray | None = None) -> Flo
     pose[:3, 3] = position
     if quaternion is not None:
         pose[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return pose
-
-
-def joint_motion(slides: bool, axis: FloatArray, position: float) -> FloatArray:
-    """Return the (4, 4) motion of a joint along, or about, an axis (3,) through the origin."""
-    pose = np.eye(4)
-    if slides:
-        pose[:3, 3] = position * axis
-    else:
-        pose[:3, :3] = Rotation.from_rotvec(position * axis).as_matrix()
     return pose
 
 

@@ -48,7 +48,7 @@ class Preset:
     """
 
     palms: tuple[str, ...]
-    tips: Mapping[str, Tip | tuple[Tip, Tip]]
+    tips: Mapping[str, Tip | tuple[Tip, Tip] | None]
     approach: Direction
     limits: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
@@ -64,17 +64,14 @@ PRESETS = {
     ),
     "barrett": Preset(
         palms=("base_link",),
-        tips={f"finger_{number}_dist_link": SphereTip(0.007, (-0.038, 0.034, 0.0)) for number in (1, 2, 3)},
+        tips=dict.fromkeys([f"finger_{number}_dist_link" for number in (1, 2, 3)]),
         approach=(0.0, 0.0, 1.0),
         limits={"prox_joint": 1.7, "med_joint": 1.7, "dist_joint": 0.77},
         description="barrett_hand_description",
     ),
     "leap": Preset(
         palms=("palm_lower",),
-        tips={
-            **dict.fromkeys(("fingertip", "fingertip_2", "fingertip_3"), SphereTip(0.012, (0.0, -0.036, 0.015))),
-            "thumb_fingertip": SphereTip(0.012, (0.0, -0.048, -0.015)),
-        },
+        tips=dict.fromkeys(["fingertip", "fingertip_2", "fingertip_3", "thumb_fingertip"]),
         approach=(0.0, 0.0, -1.0),
         limits={"": 0.93},
         description="leap_hand_v1_description",
@@ -104,7 +101,7 @@ PRESETS = {
     ),
     "robotiq_3f": Preset(
         palms=("palm",),
-        tips={f"finger_{name}_link_3": SphereTip(0.011, (0.0205, 0.016, 0.0)) for name in ("1", "2", "middle")},
+        tips=dict.fromkeys([f"finger_{name}_link_3" for name in ("1", "2", "middle")]),
         approach=(0.0, 1.0, 0.0),
         limits={"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6},
     ),
@@ -373,13 +370,13 @@ class _PresetReader:
         options.setdefault("clearance", CLEARANCE)
         return URDFHand.load(self.path, self._tips(robot), approach=self.preset.approach, **options)
 
-    def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip]]:
+    def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip] | None]:
         """Return the fingertips by link: the preset's, or the link's own capsule in place of a sphere."""
         joints = {joint.child: joint for joint in robot.joints}
-        result: dict[str, float | Tip | Sequence[Tip]] = {}
+        result: dict[str, float | Tip | Sequence[Tip] | None] = {}
         for name, tip in self.preset.tips.items():
             link = self._tip_link(robot, name)
-            if not isinstance(tip, Tip):
+            if isinstance(tip, tuple):
                 tip = tip[0 if joints[link].axis[1] > 0.0 else 1]
             capsule = tip_from_shapes(robot.shapes.get(link, ()))
             result[link] = capsule if isinstance(capsule, CapsuleTip) and isinstance(tip, SphereTip) else tip

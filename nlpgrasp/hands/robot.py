@@ -220,6 +220,16 @@ class Inertial:
     inertia: FloatArray
 
 
+def joint_motion(slides: bool, axis: FloatArray, position: float) -> FloatArray:
+    """Return the (4, 4) motion of a joint along, or about, an axis (3,) through the origin."""
+    pose = np.eye(4)
+    if slides:
+        pose[:3, 3] = position * axis
+    else:
+        pose[:3, :3] = Rotation.from_rotvec(position * axis).as_matrix()
+    return pose
+
+
 def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
     """Refuse joints that follow missing joints, or each other."""
     by_name = {j.name: j for j in joints if j.moves}

@@ -5,12 +5,14 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from dataclasses import InitVar, dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
+from scipy.special import logsumexp
 
 from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.common.scalar_constraints import ON_FINGERTIP, ScalarConstraint
@@ -44,6 +46,11 @@ class Tip(ABC):
     def standoff(self) -> float:
         """Radius of the patch's ball behind the contact, metres; 0 for patches that are not round."""
         return 0.0
+
+    @property
+    def posing_radius(self) -> float:
+        """Radius of the ball about ``centre`` that stands for the patch where a hand is posed, metres."""
+        return self.standoff
 
     @property
     def normal(self) -> FloatArray | None:
@@ -385,16 +392,17 @@ class EllipsoidTip(Tip):
         object.__setattr__(self, "rpy", rpy)
         object.__setattr__(self, "angle", angle("EllipsoidTip.angle", self.angle, np.pi, "pi"))
         if self.facing is not None:
-            direction = array("EllipsoidTip.facing", self.facing, (3,))
-            length = float(np.linalg.norm(direction))
-            if length == 0.0:
-                raise InputError("EllipsoidTip.facing", self.facing, "a direction")
-            object.__setattr__(self, "facing", tuple((direction / length).tolist()))
+            object.__setattr__(self, "facing", _unit_direction("EllipsoidTip.facing", self.facing))
 
     @property
     def centre(self) -> FloatArray:
         """Centre of the ellipsoid, (3,), metres, link frame."""
         return np.asarray(self.offset, dtype=float)
+
+    @property
+    def posing_radius(self) -> float:
+        """Smallest semi-axis, metres."""
+        return float(np.min(self.semi_axes))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraint ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's limit."""
@@ -438,6 +446,108 @@ class EllipsoidTip(Tip):
             "rpy": list(np.asarray(self.rpy, float)),
             "facing": None if self.facing is None else list(np.asarray(self.facing, float)),
             "angle": self.angle,
+        }
+
+
+@dataclass(frozen=True)
+class HullTip(Tip):
+    """The patch of a rounded convex hull whose outward normals are within an angle of a direction.
+
+    The hull of points v_i is given by its support function ``max_i v_i . m``, smoothed to
+    ``h(m) = e log sum_i exp(v_i . m / e)`` for unit normals m, which exceeds it by at most ``e log(number of points)``.
+    With the weights ``w_i = exp((v_i . m - h(m)) / e)`` the point with the normal m is
+    ``V w + (h(m) - m . V w) m``, the gradient of the support function ``|m| h(m / |m|)``.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Corners of the hull, metres, link frame.
+    facing : (3,) array
+        Middle of the patch: an outward direction in the link's frame.
+    angle : float
+        Radians from ``facing``, up to pi.
+    rounding : float
+        The length e, metres: small for sharp edges.
+    """
+
+    kind: ClassVar[str] = "hull"
+    points: ArrayLike
+    facing: ArrayLike
+    angle: float = np.pi / 4.0
+    rounding: float = 2e-4
+
+    def __post_init__(self) -> None:
+        points = array("HullTip.points", self.points, (None, 3))
+        object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
+        object.__setattr__(self, "angle", angle("HullTip.angle", self.angle, np.pi, "pi"))
+        object.__setattr__(self, "rounding", number("HullTip.rounding", self.rounding, above=0.0))
+        object.__setattr__(self, "facing", _unit_direction("HullTip.facing", self.facing))
+
+    @cached_property
+    def _ball(self) -> FloatArray:
+        """Centre and radius of the ball whose support function is nearest over the patch's normals, (4,)."""
+        normals = dome(np.asarray(self.facing), self.angle, FINE).vertices
+        support = np.max(normals @ np.asarray(self.points).T, axis=1)
+        return np.asarray(np.linalg.lstsq(np.column_stack([normals, np.ones(len(normals))]), support, rcond=None)[0])
+
+    @property
+    def centre(self) -> FloatArray:
+        """Centre of the ball nearest to the patch, (3,), metres, link frame."""
+        return self._ball[:3]
+
+    @property
+    def posing_radius(self) -> float:
+        """Radius of the ball nearest to the patch, metres."""
+        return max(0.0, float(self._ball[3]))
+
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
+        """Return the constraint that the hull's point with the outward normal n is p, and the patch's limit."""
+        corners, rotation = ca.DM(np.asarray(self.points)), touch.pose[:3, :3]
+        m = ca.mtimes(rotation.T, touch.n)
+        exponents = ca.mtimes(corners, m) / self.rounding
+        total = ca.logsumexp(exponents)
+        mean = ca.mtimes(corners.T, ca.exp(exponents - total))
+        point = mean + (self.rounding * total - ca.dot(m, mean)) * m
+        towards = ca.dot(ca.DM(np.asarray(self.facing)), m)
+        return [
+            *equality_constraints(touch, touch.pose[:3, 3] + ca.mtimes(rotation, point), touch.p),
+            touch.row("within the patch", towards, float(np.cos(self.angle))),
+        ]
+
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, 3) outside the hull's tangent planes, (m,), metres, negative inside."""
+        normals = dome(np.asarray(self.facing), np.pi, 2 * FINE).vertices
+        support = np.max(normals @ np.asarray(self.points).T, axis=1)
+        return np.asarray(np.max(points @ normals.T - support, axis=1))
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return the radii about points (m, 3) that stay behind all tangent planes of the patch, (m,), metres."""
+        normals = dome(np.asarray(self.facing), self.angle, FINE).vertices
+        support = np.max(normals @ np.asarray(self.points).T, axis=1)
+        return np.asarray(np.min(support - centres @ normals.T, axis=1) - SLACK)
+
+    def surface(self, sides: int = FINE) -> Triangles:
+        """Return the patch as triangles, sampled by outward normals."""
+        patch = dome(np.asarray(self.facing), self.angle, sides)
+        return Triangles(self.points_with_normals(patch.vertices), patch.faces)
+
+    def points_with_normals(self, normals: FloatArray) -> FloatArray:
+        """Return the points of the rounded hull with unit outward normals (m, 3), (m, 3), metres, link frame."""
+        corners = np.asarray(self.points)
+        exponents = normals @ corners.T / self.rounding
+        total = logsumexp(exponents, axis=1, keepdims=True)
+        mean = np.exp(exponents - total) @ corners
+        height = self.rounding * total[:, 0] - np.sum(normals * mean, axis=1)
+        return np.asarray(mean + height[:, None] * normals)
+
+    def to_dict(self) -> Json:
+        """Return corners, rounding and extent as JSON data."""
+        return {
+            "type": self.kind,
+            "points": np.asarray(self.points).tolist(),
+            "facing": np.asarray(self.facing).tolist(),
+            "angle": self.angle,
+            "rounding": self.rounding,
         }
 
 
@@ -538,6 +648,15 @@ def tip_frame(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
     return pose
 
 
+def _unit_direction(field: str, given: ArrayLike) -> tuple[float, ...]:
+    """Return a direction (3,) scaled to length one; refuse zero."""
+    direction = array(field, given, (3,))
+    length = float(np.linalg.norm(direction))
+    if length == 0.0:
+        raise InputError(field, given, "a direction")
+    return tuple((direction / length).tolist())
+
+
 def check_offset(
     field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -603,4 +722,4 @@ def _ring_triangles(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dt
     return np.concatenate([np.column_stack([a, c, d]), np.column_stack([a, d, b])]).astype(np.int64)
 
 
-__all__ = ["CapsuleTip", "CylinderTip", "EllipsoidTip", "FlatTip", "SphereTip", "SymbolicTouch", "Tip"]
+__all__ = ["CapsuleTip", "CylinderTip", "EllipsoidTip", "FlatTip", "HullTip", "SphereTip", "SymbolicTouch", "Tip"]

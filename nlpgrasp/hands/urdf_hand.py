@@ -28,6 +28,7 @@ from nlpgrasp.common.validation import (
 )
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import HandVariable, Values
+from nlpgrasp.hands.fitted_tips import fit_hull_tips
 from nlpgrasp.hands.kinematics import LinkTree, require_kinematics
 from nlpgrasp.hands.link_spheres import SphereFit, fit_around_tips, fit_hand
 from nlpgrasp.hands.linked_hand import LinkedHand
@@ -294,8 +295,9 @@ def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str,
             "URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {format_known_names(unknown, robot.links)}"
         )
     result: list[tuple[str, Tip]] = []
+    from_shapes = _tips_from_shapes(robot, [link for link, patch in fingertips.items() if patch is None])
     for link, patch in fingertips.items():
-        patches = _tip_of_link(robot, link) if patch is None else patch
+        patches = from_shapes[link] if patch is None else patch
         patch_list = list(patches) if isinstance(patches, list | tuple) else [patches]
         if not patch_list:
             raise InputError(f"URDFHand.fingertips[{link!r}]", patches, "a radius, a tip, or several tips")
@@ -322,15 +324,11 @@ def _suggest_tips(robot: Robot) -> str:
     return f"{{{examples}}}{ending}"
 
 
-def _tip_of_link(robot: Robot, link: str) -> Tip:
-    """Return the fingertip given by a link's collision shape."""
-    shapes = robot.shapes.get(link, ())
-    tip = tip_from_shapes(shapes)
-    if tip is None:
-        kinds = ", ".join(shape.kind for shape in shapes) or "none"
-        allowed = "a radius or a tip: its collision shapes are no single sphere or capsule"
-        raise InputError(f"URDFHand.fingertips[{link!r}]", f"nothing for shapes {kinds}", allowed)
-    return tip
+def _tips_from_shapes(robot: Robot, links: Sequence[str]) -> dict[str, Tip]:
+    """Return the fingertips given by links' shapes: the only sphere or capsule, else the hull of the link's end."""
+    exact = {link: tip_from_shapes(robot.shapes.get(link, ())) for link in links}
+    fitted = fit_hull_tips(robot, links) if None in exact.values() else {}
+    return {link: fitted[link] if tip is None else tip for link, tip in exact.items()}
 
 
 def unit_approach(approach: ArrayLike) -> FloatArray:

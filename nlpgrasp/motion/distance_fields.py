@@ -94,6 +94,7 @@ def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Di
 
 
 def _minimum(distances: Sequence[Distance]) -> Distance:
+    """Return the distance to the nearest of several solids."""
     return lambda points: np.min([distance(points) for distance in distances], axis=0)
 
 

@@ -33,7 +33,7 @@ LIMIT_ROUNDING = 1e-6  # radians or metres: tolerance of joint limits
 
 @dataclass(frozen=True)
 class PalmPath:
-    """Palm path to a grasp: waypoints of the hand from the start of the approach on, or why there is no path.
+    """Palm path to a grasp: waypoints of the hand from the start of the approach on, or the reason for having none.
 
     Parameters
     ----------

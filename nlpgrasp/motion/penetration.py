@@ -290,7 +290,7 @@ class _Solid:
         volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
         hull = _convex_hull(vertices)
         if hull is None or SHEET_VOLUME * hull.volume <= abs(volume) < CONVEX_VOLUME * hull.volume:
-            return cls(corners, SearchTree(vertices, faces).clearance)
+            return cls(corners, SearchTree(vertices, faces).exact_signed_distance)
         if abs(volume) < SHEET_VOLUME * hull.volume:
             corners = vertices[hull.simplices]
         normals, corner_points = np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0), vertices[hull.vertices]

@@ -146,4 +146,5 @@ def certified_clearance(model: CollisionModel, postures: Sequence[PathPosture]) 
 
 
 def _least_value(clearances: Sequence[FloatArray]) -> float:
+    """Return the least of several arrays of clearances."""
     return min(float(np.min(values)) for values in clearances)

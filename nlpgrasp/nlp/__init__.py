@@ -1,7 +1,6 @@
 """Nonlinear program of optimal grasping: formulation (read ``formulation.py`` first), derivatives and solver."""
 
 from nlpgrasp.nlp.blocks import HAND, Block
-from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
 from nlpgrasp.nlp.formulation import (
     SUPPORT,
     SurfaceConstraints,
@@ -12,6 +11,7 @@ from nlpgrasp.nlp.formulation import (
 )
 from nlpgrasp.nlp.ipopt import CompiledProgram, NlpResult
 from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.virtual_work import VirtualWork
 

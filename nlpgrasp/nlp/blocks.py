@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from nlpgrasp.common.scalar_constraints import Label
-from nlpgrasp.problem.candidate_constraints import hand_name
+from nlpgrasp.problem.candidate_constraints import hand_variable_name
 
 HAND = "hand"  # kind of the hand's variables
 
@@ -70,7 +70,7 @@ class Block(Range):
     @property
     def public_name(self) -> str:
         """Displayed name; a hand's variables by their own names, ``"joints"`` or ``"palm position"``."""
-        return hand_name(str(self.index)) if self.kind == HAND else self.name
+        return hand_variable_name(str(self.index)) if self.kind == HAND else self.name
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ class FaceConstraints:
 
 
 @dataclass
-class FacePart:
-    """Surface constraints that depend nonlinearly on one contact position only.
+class SplineSurface:
+    """Surface constraints of a contact on a spline surface, nonlinear in its position alone.
 
     ``function(p)`` plus a linear expression of the variables. Separate because a mesh's spline exists only as ``MX``,
     while everything else is an ``SX`` graph that evaluates many times faster.
@@ -134,7 +134,9 @@ class DistancePart:
 
 @dataclass(frozen=True)
 class ConstraintCopy:
-    """A copy of repeated constraints ``g(s, f_j; theta_j)`` with shared variables s; see ``Repeats``.
+    """Variables, constraint indices and parameters of one copy of repeated constraints.
+
+    The constraints are ``g(s, f_j; theta_j)`` with shared variables s; see ``Repeats``.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.nlp.blocks import ConstraintCopy, FacePart
+from nlpgrasp.nlp.blocks import ConstraintCopy, SplineSurface
 from nlpgrasp.nlp.program import Program
 
 UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # upper triangle of a 3 x 3 matrix, column by column
@@ -37,28 +37,28 @@ class ProgramFunctions:
         self.program = program
         self._x = ca.MX.sym("x", program.z.shape[0])
         self._p = ca.MX.sym("p", program.theta.shape[0])
-        self._smooth = program.g.shape[0]
-        self._linear = ca.vertcat(ca.SX(0, 1), *[part.linear for part in program.face_parts])
+        self._sx_count = program.g.shape[0]
+        self._linear = ca.vertcat(ca.SX(0, 1), *[part.linear for part in program.spline_surfaces])
 
     @cached_property
-    def is_scalar(self) -> bool:
+    def is_sx(self) -> bool:
         """Whether the whole program is one ``SX`` graph, for which CasADi's own derivatives are best."""
-        faces = all(part.function.is_a("SXFunction") for part in self.program.face_parts)
+        faces = all(part.function.is_a("SXFunction") for part in self.program.spline_surfaces)
         return faces and not self.program.distance_parts and self.program.slots is None
 
     @cached_property
     def nlp(self) -> dict[str, ca.SX] | dict[str, ca.MX]:
         """Program as for CasADi's ``nlpsol``, with the negative objective to minimise."""
         z, theta = self.program.z, self.program.theta
-        if self.is_scalar:
-            return {"x": z, "p": theta, "f": -self.program.objective, "g": self._scalar_rows()}
+        if self.is_sx:
+            return {"x": z, "p": theta, "f": -self.program.objective, "g": self._sx_program_constraints()}
         objective = ca.Function("objective", [z, theta], [-self.program.objective])
         return {"x": self._x, "p": self._p, "f": objective(self._x, self._p), "g": self._rows}
 
     @property
     def first_derivatives(self) -> dict[str, ca.Function]:
         """First-derivative function for ``nlpsol``; empty where CasADi's own is best."""
-        return {} if self.is_scalar and not self.program.copies else {"jac_g": self.jacobian}
+        return {} if self.is_sx and not self.program.copies else {"jac_g": self.jacobian}
 
     @property
     def derivatives(self) -> dict[str, ca.Function]:
@@ -71,21 +71,21 @@ class ProgramFunctions:
         """Function of ``(x, p)`` that returns the constraints and their Jacobian."""
         names = (["x", "p"], ["g", "jac_g_x"])
         z, theta = self.program.z, self.program.theta
-        if self.is_scalar:
-            g = self._scalar_rows()
-            jacobian = ca.vertcat(self._smooth_jacobian(), ca.jacobian(g[self._smooth :], z))
+        if self.is_sx:
+            g = self._sx_program_constraints()
+            jacobian = ca.vertcat(self._sx_jacobian(), ca.jacobian(g[self._sx_count :], z))
             return ca.Function("jac_g", [z, theta], [g, jacobian], *names)
         points, distances = self.program.points, self.program.distances
         slopes = ca.SX.sym("slopes", points.shape[0])
-        blocks = [self._smooth_jacobian(), chain_first(ca.jacobian(points, z), slopes, distances)]
+        blocks = [self._sx_jacobian(), chain_first(ca.jacobian(points, z), slopes, distances)]
         blocks.append(ca.jacobian(self._linear, z))
         smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*blocks)])
         faces = [
             _embed(_face_jacobian(part)(self._x[part.position.range]), part, z.shape[0])
-            for part in self.program.face_parts
+            for part in self.program.spline_surfaces
         ]
         matrix = smooth(self._x, self._p, self._distances.first()[1])
-        matrix = matrix + ca.vertcat(ca.MX(self._smooth + distances, z.shape[0]), *faces)
+        matrix = matrix + ca.vertcat(ca.MX(self._sx_count + distances, z.shape[0]), *faces)
         if self.program.slots is not None:
             matrix = ca.vertcat(self.program.slots.jacobian(self._x, self._p), matrix)
         return ca.Function("jac_g", [self._x, self._p], [self._rows, matrix], *names)
@@ -94,17 +94,17 @@ class ProgramFunctions:
     def hessian(self) -> ca.Function:
         """Function of ``(x, p, lam_f, lam_g)`` that returns the upper triangle of the Lagrangian's Hessian."""
         names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
-        if self.is_scalar:
-            return self._scalar_hessian(*names)
+        if self.is_sx:
+            return self._sx_program_hessian(*names)
         program, distances = self.program, self.program.distances
         slot_rows = 0 if program.slots is None else program.slots.count
-        total = slot_rows + self._smooth + distances + self._linear.shape[0]
+        total = slot_rows + self._sx_count + distances + self._linear.shape[0]
         lam_g, sigma = ca.MX.sym("lam_g", total), ca.MX.sym("lam_f")
         lam = lam_g[slot_rows:]
-        slopes, bends = self._distances.second(lam[self._smooth : self._smooth + distances])
-        matrix = self._expression_hessian()(self._x, self._p, sigma, lam[: self._smooth], slopes, bends)
-        begin = self._smooth + distances
-        for part in program.face_parts:
+        slopes, bends = self._distances.second(lam[self._sx_count : self._sx_count + distances])
+        matrix = self._expression_hessian()(self._x, self._p, sigma, lam[: self._sx_count], slopes, bends)
+        begin = self._sx_count + distances
+        for part in program.spline_surfaces:
             rows = part.linear.shape[0]
             block = _face_hessian(part)(self._x[part.position.range], lam[begin : begin + rows])
             matrix = matrix + _embed_square(block, part, program.z.shape[0])
@@ -117,10 +117,10 @@ class ProgramFunctions:
         """Return the upper triangle of the Hessian of objective, SX constraints and weighted distances."""
         program, distances = self.program, self.program.distances
         z, points = program.z, program.points
-        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._smooth)
+        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._sx_count)
         slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * distances)
         weighted = -lam_f * program.objective + ca.dot(slopes, points)
-        matrix = self._smooth_hessian(weighted, lam_g) + chain_second(ca.jacobian(points, z), bends, distances)
+        matrix = self._sx_hessian(weighted, lam_g) + chain_second(ca.jacobian(points, z), bends, distances)
         return ca.Function("rows_hess", [z, program.theta, lam_f, lam_g, slopes, bends], [ca.triu(matrix)])
 
     @cached_property
@@ -134,7 +134,7 @@ class ProgramFunctions:
         """All constraints at ``x``, as ``MX``."""
         smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
         rows, linear = smooth(self._x, self._p)
-        faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
+        faces = [part.function(self._x[part.position.range]) for part in self.program.spline_surfaces]
         slots = ca.MX(0, 1) if self.program.slots is None else self.program.slots.rows(self._x, self._p)
         return ca.vertcat(slots, rows, self._distances.first()[0], linear + ca.vertcat(*faces))
 
@@ -142,12 +142,12 @@ class ProgramFunctions:
     def _repeats(self) -> Repeats:
         return Repeats(self.program.z, self.program.g, self.program.copies)
 
-    def _smooth_jacobian(self) -> ca.SX:
+    def _sx_jacobian(self) -> ca.SX:
         """Return the Jacobian of the SX constraints."""
         z, g, repeated = self.program.z, self.program.g, self._repeated
         return ca.jacobian(g, z) if not repeated else ca.vertcat(self._repeats.jacobian(), ca.jacobian(g[repeated:], z))
 
-    def _smooth_hessian(self, expression: ca.SX, lam: ca.SX) -> ca.SX:
+    def _sx_hessian(self, expression: ca.SX, lam: ca.SX) -> ca.SX:
         """Return the Hessian of ``expression`` plus the weighted SX constraints."""
         z, g, repeated = self.program.z, self.program.g, self._repeated
         rest_hessian = ca.hessian(expression + ca.dot(lam[repeated:], g[repeated:]), z)[0]
@@ -158,39 +158,39 @@ class ProgramFunctions:
         """Number of repeated constraints, which are the first ones."""
         return self.program.copies[-1].rows.stop if self.program.copies else 0
 
-    def _scalar_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
-        z, theta, rows = self.program.z, self.program.theta, self._scalar_rows()
+    def _sx_program_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
+        z, theta, rows = self.program.z, self.program.theta, self._sx_program_constraints()
         lam_f, lam = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", rows.shape[0])
-        expression = -lam_f * self.program.objective + ca.dot(lam[self._smooth :], rows[self._smooth :])
-        matrix = ca.triu(self._smooth_hessian(expression, lam[: self._smooth]))
+        expression = -lam_f * self.program.objective + ca.dot(lam[self._sx_count :], rows[self._sx_count :])
+        matrix = ca.triu(self._sx_hessian(expression, lam[: self._sx_count]))
         return ca.Function("hess_lag", [z, theta, lam_f, lam], [matrix], inputs, outputs)
 
-    def _scalar_rows(self) -> ca.SX:
+    def _sx_program_constraints(self) -> ca.SX:
         z = self.program.z
-        faces = [part.function(z[part.position.range]) + part.linear for part in self.program.face_parts]
+        faces = [part.function(z[part.position.range]) + part.linear for part in self.program.spline_surfaces]
         return ca.vertcat(self.program.g, *faces)
 
 
-def _face_jacobian(part: FacePart) -> ca.Function:
+def _face_jacobian(part: SplineSurface) -> ca.Function:
     """Return the Jacobian of surface constraints with respect to the position."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     return ca.Function("face_jac", [q], [ca.jacobian(part.function(q), q)])
 
 
-def _face_hessian(part: FacePart) -> ca.Function:
+def _face_hessian(part: SplineSurface) -> ca.Function:
     """Return the upper triangle of the Hessian of a weighted sum of surface constraints."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     weight = ca.MX.sym("w", part.linear.shape[0])
     return ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, part.function(q)), q)[0])])
 
 
-def _embed(block: ca.MX, part: FacePart, width: int) -> ca.MX:
+def _embed(block: ca.MX, part: SplineSurface, width: int) -> ca.MX:
     """Embed a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
     rows, columns = block.shape[0], part.position
     return ca.horzcat(ca.MX(rows, columns.start), block, ca.MX(rows, width - columns.stop))
 
 
-def _embed_square(block: ca.MX, part: FacePart, width: int) -> ca.MX:
+def _embed_square(block: ca.MX, part: SplineSurface, width: int) -> ca.MX:
     """Embed a block as a diagonal block of a sparse (width, width) matrix."""
     columns = part.position
     return ca.diagcat(ca.MX(columns.start, columns.start), block, ca.MX(width - columns.stop, width - columns.stop))

@@ -13,7 +13,7 @@
 
 A is the task, ``phi(. | A)`` its support function; the y_j are directions of wrench space and the w_j wrenches of A.
 With finitely many of them "support" bounds mu from above and "vertex", times the inradius of its directions, from
-below. Where ``phi(y | G(B n K))`` has a closed form, "support" may be stated without the forces (``eliminated``).
+below. Where ``phi(y | G(B ∩ K))`` has a closed form, "support" may be stated without the forces (``eliminated``).
 
 Everything is written in SI units and the body's frame; ``Program`` scales what the solver sees, and
 ``ProgramFunctions`` differentiates it.
@@ -32,7 +32,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import Work
 from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.blocks import HAND, FaceConstraints
-from nlpgrasp.nlp.program import ForceCopy, Program
+from nlpgrasp.nlp.program import ForceTemplate, Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.virtual_work import joint_torque_constraints
 from nlpgrasp.problem.candidate_constraints import build_candidate_constraints
@@ -198,7 +198,7 @@ class SurfaceConstraints:
             rows.append(FaceConstraints(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf))
         rows.append(FaceConstraints(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0))
         function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
-        program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
+        program.constrain_spline_surface(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
@@ -211,20 +211,25 @@ def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
     return np.array([float(name == face) for face, names in choices if len(names) > 1 for name in names])
 
 
-def _add_forces(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> ForceCopy:
-    """Return the forces x_j, newtons (moments newton-metres), in friction cones (2.4-1) and force budget (2.5-2)."""
+def _force_template(
+    program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols
+) -> ForceTemplate:
+    """Return the force variables and their constraints, for repetition along every direction.
+
+    Forces x_j, newtons (moments newton-metres), are in the friction cones (2.4-1) and the force budget (2.5-2).
+    """
     sizes = [m.variables(problem.body.space) for m in problem.models]
     most = problem.budget.largest * scaling.force
-    copy = ForceCopy(ca.SX.sym("x", sum(sizes)), -most, most, scaling.force, sizes)
-    for i, (model, n, f) in enumerate(zip(problem.models, contacts.normals, copy.of_contacts, strict=True)):
+    template = ForceTemplate(ca.SX.sym("x", sum(sizes)), -most, most, scaling.force, sizes)
+    for i, (model, n, f) in enumerate(zip(problem.models, contacts.normals, template.of_contacts, strict=True)):
         for kind, expression in model.membership(f / scaling.force, n):
-            copy.rows.append(("(2.4-1)", ScalarConstraint(kind, expression, 0.0, fingers=(i,))))
-    budget = problem.budget.rows(problem.models, copy.of_contacts, contacts.normals)
+            template.rows.append(("(2.4-1)", ScalarConstraint(kind, expression, 0.0, fingers=(i,))))
+    budget = problem.budget.rows(problem.models, template.of_contacts, contacts.normals)
     if problem.budget.follows_hand:
         hand, p = program.hand_symbols, contacts.positions
-        budget = joint_torque_constraints(hand, problem, p, contacts.normals, copy.of_contacts)
-    copy.rows.extend(("(2.5-2)", row) for row in budget)
-    return copy
+        budget = joint_torque_constraints(hand, problem, p, contacts.normals, template.of_contacts)
+    template.rows.extend(("(2.5-2)", row) for row in budget)
+    return template
 
 
 def wrench(problem: GraspProblem, contacts: ContactSymbols, forces: Sequence[ca.SX]) -> ca.SX:
@@ -247,10 +252,10 @@ def _add_support_inequalities(
     Parameters are the directions y_j, 1/N and 1/(N m), and ``phi(y_j | A)``, dimensionless.
     """
     y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
-    copy = _add_forces(program, problem, scaling, contacts)
-    work = ca.dot(y, wrench(problem, contacts, copy.of_contacts))
-    copy.rows.append(("(3.4-3)", ScalarConstraint(SUPPORT, work - beta * reach, 0.0, scale=1.0 / scaling.beta)))
-    program.constrain_copies(copy, {"directions": y, "reach": reach}, count, _has_distributed_forces(problem))
+    template = _force_template(program, problem, scaling, contacts)
+    work = ca.dot(y, wrench(problem, contacts, template.of_contacts))
+    template.rows.append(("(3.4-3)", ScalarConstraint(SUPPORT, work - beta * reach, 0.0, scale=1.0 / scaling.beta)))
+    program.constrain_copies(template, {"directions": y, "reach": reach}, count, _has_distributed_forces(problem))
 
 
 def _add_closed_form_supports(
@@ -262,7 +267,7 @@ def _add_closed_form_supports(
     count: int,
     pieces: bool,
 ) -> bool:
-    """Add (3.4-3) without forces, ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; return False without closed form."""
+    """Add (3.4-3) without forces, ``phi(y_j | G(B ∩ K)) >= beta phi(y_j | A)``; return False without closed form."""
     closed_form = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
     if closed_form is None:
         return False
@@ -287,10 +292,10 @@ def _add_wrench_equations(
     Parameters are the wrenches w_j, N and N m.
     """
     w = ca.SX.sym("w", problem.dimension)
-    copy = _add_forces(program, problem, scaling, contacts)
-    balance = ca.DM(scaling.wrench) * (wrench(problem, contacts, copy.of_contacts) - beta * w)
-    copy.rows.append(("(3.3-4)", ScalarConstraint(BALANCE, balance, 0.0, 0.0, scale=scaling.force)))
-    program.constrain_copies(copy, {"wrenches": w}, count, _has_distributed_forces(problem))
+    template = _force_template(program, problem, scaling, contacts)
+    balance = ca.DM(scaling.wrench) * (wrench(problem, contacts, template.of_contacts) - beta * w)
+    template.rows.append(("(3.3-4)", ScalarConstraint(BALANCE, balance, 0.0, 0.0, scale=scaling.force)))
+    program.constrain_copies(template, {"wrenches": w}, count, _has_distributed_forces(problem))
 
 
 def _has_distributed_forces(problem: GraspProblem) -> bool:
@@ -321,9 +326,9 @@ def has_pieces(problem: GraspProblem) -> bool:
 
 
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return ``phi(y)`` or its square as a function of ``(y, p_1 ... p_k, n_1 ... n_k)``, and the power.
+    """Return ``phi(y)^p`` as a function of ``(y, p_1 ..., n_1 ...)``, and p (1 or 2); None without closed form.
 
-    Positions in metres, inward unit normals; y in 1/N and 1/(N m), so phi is dimensionless. None without closed form.
+    Positions in metres, inward unit normals; y in 1/N and 1/(N m), so phi is dimensionless.
     """
     if not has_closed_form(problem):
         return None

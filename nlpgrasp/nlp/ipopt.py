@@ -105,10 +105,10 @@ class CompiledProgram:
         result.program = self.program.with_hand_bounds(name, lower, upper)
         return result
 
-    def with_lower_limits(self, increase: FloatArray) -> CompiledProgram:
-        """Return a copy with raised lower limits, without recompilation; see ``Program.with_lower_limits``."""
+    def with_raised_lower_limits(self, increase: FloatArray) -> CompiledProgram:
+        """Return a copy with raised lower limits, without recompilation; see ``Program.with_raised_lower_limits``."""
         result = copy(self)
-        result.program = self.program.with_lower_limits(increase)
+        result.program = self.program.with_raised_lower_limits(increase)
         return result
 
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:

@@ -29,8 +29,8 @@ from nlpgrasp.nlp.blocks import (
     ConstraintCopy,
     DistancePart,
     FaceConstraints,
-    FacePart,
     Range,
+    SplineSurface,
     block_name,
 )
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints
@@ -56,7 +56,7 @@ class Program:
     parameters: list[Block] = field(default_factory=list)
     rows: list[ConstraintBlock] = field(default_factory=list)
     distance_parts: list[DistancePart] = field(default_factory=list)
-    face_parts: list[FacePart] = field(default_factory=list)
+    spline_surfaces: list[SplineSurface] = field(default_factory=list)
     copies: list[ConstraintCopy] = field(default_factory=list)  # repeated constraints that share derivatives
     slots: ConstraintSlots | None = None  # constraints of one function, before all others
     contained: int = 0  # number of containment constraints, which come first
@@ -108,7 +108,7 @@ class Program:
 
     def constrain(self, constraint: ScalarConstraint) -> None:
         """Add a scalar constraint or a column with common limits; call before ``constrain_distance``."""
-        if self.distance_parts or self.face_parts:
+        if self.distance_parts or self.spline_surfaces:
             raise RuntimeError(
                 f"{constraint.name}: an SX expression after rows through distances, whose limits it would get"
             )
@@ -148,12 +148,14 @@ class Program:
             self._add_constraints(label, 1, (constraint.lower, np.inf), constraint.scale)
         self.slots = ConstraintSlots(function, columns, np.concatenate(indices))
 
-    def constrain_copies(self, copy: ForceCopy, symbols: dict[str, ca.SX], count: int, differentiated: bool) -> None:
-        """Add ``count`` copies of the variables and constraints of a ``ForceCopy``; call before ``constrain``.
+    def constrain_copies(
+        self, template: ForceTemplate, symbols: dict[str, ca.SX], count: int, differentiated: bool
+    ) -> None:
+        """Add ``count`` copies of the variables and constraints of a ``ForceTemplate``; call before ``constrain``.
 
         Parameters
         ----------
-        copy : ForceCopy
+        template : ForceTemplate
         symbols : dict
             Symbols (columns) by name of the parameters that differ between copies.
         count : int
@@ -163,15 +165,17 @@ class Program:
         parameters = {}
         for name, symbol in symbols.items():
             parameters[name] = ca.reshape(self.parameter(name, symbol.numel() * count), symbol.numel(), count)
-        rows = [ca.vec(row.expression / self._applied(row.scale)) for _, row in copy.rows]
+        rows = [ca.vec(row.expression / self._applied(row.scale)) for _, row in template.rows]
         shared = self.z
-        function = ca.Function("copy", [shared, copy.values, *symbols.values()], [ca.vertcat(*rows)])
+        function = ca.Function("copy", [shared, template.values, *symbols.values()], [ca.vertcat(*rows)])
         for j in range(count):
-            x = self.variable("forces", sum(copy.sizes), copy.lower, copy.upper, copy.scale, index=j, unit="N")
+            x = self.variable(
+                "forces", sum(template.sizes), template.lower, template.upper, template.scale, index=j, unit="N"
+            )
             copy_parameters = [values[:, j] for values in parameters.values()]
             self._g.append(function(shared, x, *copy_parameters))
             begin = _next_index(self.rows)
-            for self.equation, row in copy.rows:
+            for self.equation, row in template.rows:
                 part = ", ".join(filter(None, (row.part, f"direction {j}")))
                 self._add_constraints(
                     replace(row.label, part=part), row.expression.numel(), (row.lower, row.upper), row.scale
@@ -212,13 +216,13 @@ class Program:
         part.scales.append(self._applied(clearance.scale))
         self._add_constraints(clearance, 1, (clearance.lower, np.inf), clearance.scale)
 
-    def constrain_face(
+    def constrain_spline_surface(
         self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
     ) -> None:
         """Add surface constraints ``function(position) + linear`` of a contact; call last."""
         for row in rows:
             self._add_constraints(row.label, row.size, (row.lower, 0.0), row.scale)
-        self.face_parts.append(FacePart(function, position, linear))
+        self.spline_surfaces.append(SplineSurface(function, position, linear))
 
     def _applied(self, scale: float) -> float:
         return scale if self.scaled else 1.0
@@ -304,7 +308,7 @@ class Program:
         result._bounds[self.variables.index(block)] = lower / block.scale, upper / block.scale
         return result
 
-    def with_lower_limits(self, increase: FloatArray) -> Program:
+    def with_raised_lower_limits(self, increase: FloatArray) -> Program:
         """Return a copy with raised lower limits of the constraints of problem and hand, (rows,), scaled."""
         low, high = self.limits
         result, low = copy(self), low.copy()
@@ -319,7 +323,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class ForceCopy:
+class ForceTemplate:
     """Force variables of one direction and their constraints, which a program repeats for every direction.
 
     Parameters
@@ -419,10 +423,12 @@ def _next_index(blocks: Sequence[Range]) -> int:
 
 
 def _broadcast(value: ArrayLike, size: int) -> FloatArray:
+    """Return an array (size,) of one value for all entries, or of one per entry."""
     return np.array(np.broadcast_to(np.asarray(value, dtype=float), size))
 
 
 def _stacked(pairs: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and the upper limits of all blocks, (n,) each, from the pair of each block."""
     if not pairs:
         return np.zeros(0), np.zeros(0)
     return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])

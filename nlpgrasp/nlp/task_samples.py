@@ -1,4 +1,4 @@
-"""Task samples for the initial NLP: boundary wrenches and directions."""
+"""Well-spread samples of a task's boundary: wrenches and directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Derivatives of the support function under joint-torque limits, by virtual work.
+"""Joint-torque limits in the nonlinear program: constraints on forces, and support derivatives by virtual work.
 
 ``phi(y) = max <y, G x>`` over forces x in the cones with ``|sum_i J_i^T f_i| <= tau`` has no closed form, but the
 envelope theorem gives its derivative from the optimal forces and the limits' multipliers nu. As virtual work, with the

@@ -37,7 +37,7 @@ class GraspCandidate:
 
 
 @dataclass(frozen=True)
-class Effort:
+class SolverEffort:
     """Solver effort: calls of IPOPT, iterations and seconds.
 
     Parameters
@@ -59,14 +59,14 @@ class Effort:
     failures: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, result: NlpResult) -> Effort:
+    def of(cls, result: NlpResult) -> SolverEffort:
         """Return the effort of one solve."""
         failures = {} if result.ran else {result.status: 1}
         return cls(result.iterations, result.seconds, result.function_seconds, 1, failures)
 
-    def __add__(self, other: Effort) -> Effort:
+    def __add__(self, other: SolverEffort) -> SolverEffort:
         """Return the sum of two efforts."""
-        return Effort(
+        return SolverEffort(
             self.iterations + other.iterations,
             self.solver_seconds + other.solver_seconds,
             self.function_seconds + other.function_seconds,
@@ -89,7 +89,7 @@ class SearchState:
         Its known weak directions, each with ``phi_A = 1``.
     multipliers : (rows,) array
         Multipliers of the constraints in the last step's program, solver units.
-    effort : Effort
+    effort : SolverEffort
     history : list of float
         Initial ``value``, and that after each step.
     """
@@ -98,5 +98,5 @@ class SearchState:
     value: float = 0.0
     cuts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
-    effort: Effort = field(default_factory=Effort)
+    effort: SolverEffort = field(default_factory=SolverEffort)
     history: list[float] = field(default_factory=list)

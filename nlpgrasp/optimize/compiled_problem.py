@@ -23,7 +23,7 @@ from nlpgrasp.optimize.compiled_programs import (
     compile_initial_nlp,
     follows_contacts,
 )
-from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.hand_workspace import HandWorkspace
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
@@ -49,7 +49,7 @@ class CompiledProblem:
     rows : ConstraintValues
         Functions of the constraints, those of the hand included.
     surface : SurfaceSamples
-    hand_points : HandPoints
+    hand_functions : HandFunctions
     cutting_planes : CuttingPlaneProgram
     """
 
@@ -58,7 +58,7 @@ class CompiledProblem:
         self.scaling = Scaling.of(problem)
         self.rows = ConstraintValues(problem)
         self.surface = SurfaceSamples(problem)
-        self.hand_points = HandPoints(problem)
+        self.hand_functions = HandFunctions(problem)
         self.cutting_planes = CuttingPlaneProgram(problem, options)
         self._initial_nlps: dict[int, CompiledProgram] = {}  # by the number of task samples
         self._parent: CompiledProblem | None = None  # the problem that this one shares its parts with
@@ -76,7 +76,9 @@ class CompiledProblem:
     def workspace(self) -> HandWorkspace:
         """Sampled workspace of a hand that has a palm pose."""
         return (
-            HandWorkspace(self.problem, self.hand_points, self.rows) if self._parent is None else self._parent.workspace
+            HandWorkspace(self.problem, self.hand_functions, self.rows)
+            if self._parent is None
+            else self._parent.workspace
         )
 
     def with_task(self, problem: GraspProblem) -> CompiledProblem:
@@ -113,11 +115,11 @@ class CompiledProblem:
         result.surface = self.surface
         return result
 
-    def with_joints(self, limits: FloatArray) -> CompiledProblem:
+    def with_joint_limits(self, limits: FloatArray) -> CompiledProblem:
         """Return the compiled problem with other joint limits (2, m) of its linked hand, without recompiling."""
-        problem = self.problem.unchecked(hand=self.hand_points.linked_hand.with_limits(limits))
+        problem = self.problem.unchecked(hand=self.hand_functions.linked_hand.with_limits(limits))
         result = self._share_with(CompiledProblem(problem, self.options))
-        result.hand_points = self.hand_points.of_limits(problem)
+        result.hand_functions = self.hand_functions.of_limits(problem)
         result.cutting_planes = self.cutting_planes.with_hand_bounds("joints", limits)
         if problem.budget.follows_hand:
             result.virtual_work = self.virtual_work
@@ -141,12 +143,12 @@ class CompiledProblem:
         On a mesh it makes up for a smoothed distance that is larger than the mesh's own.
         """
         result = self._share_with(CompiledProblem(self.problem, self.options))
-        result.cutting_planes = self.cutting_planes.with_lower_limits(increase / self.scaling.length)
+        result.cutting_planes = self.cutting_planes.with_raised_lower_limits(increase / self.scaling.length)
         return result
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Give another compiled problem the constraint functions and samples of this one, and return it."""
-        other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
+        other.rows, other.surface, other.hand_functions = self.rows, self.surface, self.hand_functions
         other._parent = self
         return other
 
@@ -172,7 +174,7 @@ class CompiledProblem:
     def sample_tables(self) -> SampleTables:
         """Supports of the contacts at surface samples, for coordinate exchange."""
         clouds = [self.surface.cloud(i) for i in range(len(self.problem.models))]
-        return SampleTables(self.problem, clouds, self.rows, self.hand_points)
+        return SampleTables(self.problem, clouds, self.rows, self.hand_functions)
 
     @property
     def follows_contacts(self) -> bool:
@@ -233,7 +235,7 @@ class CompiledProblem:
         values: FloatArray = self.rows.values(candidate.points[None], normals[None], candidate.repeated_hand(1))[0]
         body = self.problem.body
         if isinstance(body, Mesh) and len(self.rows.clearances):
-            values[self.rows.clearances] = self.hand_points.mesh_clearances(body, candidate.hand)
+            values[self.rows.clearances] = self.hand_functions.mesh_clearances(body, candidate.hand)
         return values
 
 

@@ -1,4 +1,4 @@
-"""Compiled nonlinear programs of a problem: the initial NLP and the cutting-plane program.
+"""Compiled nonlinear programs of a problem, with their IPOPT settings: initial NLP and cutting-plane program.
 
 One program serves every assignment of contacts to faces: the face of each contact is a parameter.
 """
@@ -72,7 +72,10 @@ def budget_at(problem: GraspProblem, candidate: GraspCandidate) -> ForceBudget:
 
 
 def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
-    """Return the initial NLP of a start (vertex transcription), with a number of task samples."""
+    """Return the initial NLP of a start (vertex transcription), with a number of task samples.
+
+    A budget that depends on the posture is replaced by L2.
+    """
     plain = problem.unchecked(force_budget=closure_budget(problem))
     program = optimal_grasp_program(plain, "vertex", samples)
     tolerances: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
@@ -136,9 +139,9 @@ class CuttingPlaneProgram:
         """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
         return self._with_functions(self.functions.with_hand_bounds(name, bounds[0], bounds[1]))
 
-    def with_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
-        """Return the program with higher lower limits, without recompiling: see ``Program.with_lower_limits``."""
-        return self._with_functions(self.functions.with_lower_limits(increase))
+    def with_raised_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
+        """Return the program with raised lower limits; see ``Program.with_raised_lower_limits``."""
+        return self._with_functions(self.functions.with_raised_lower_limits(increase))
 
     def _with_functions(self, functions: CompiledProgram) -> CuttingPlaneProgram:
         """Return the cutting-plane program with functions that differ in their limits alone."""
@@ -156,6 +159,7 @@ class CuttingPlaneProgram:
 
 
 def _compile_program(program: Program, options: SolveOptions, tolerances: Ipopt) -> CompiledProgram:
+    """Return a compiled program with IPOPT's options: the package's limits, given tolerances, the user's."""
     # MUMPS scaling 7 avoids factorizations that take 20 times as long as the rest (measured on scans)
     limits: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
     if options.time_limit is not None:

@@ -110,6 +110,15 @@ class ConstraintValues:
         """Indices of the constraints that keep a link away from the held body."""
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
+    def link_slack(self, values: FloatArray, link: str) -> FloatArray:
+        """Return how far values (rows,) are above the lower limits of a link's spheres, inf for others, (rows,)."""
+        return np.array(
+            [
+                value - constraint.lower if constraint.link.startswith(f"{link}/") else np.inf
+                for constraint, value in zip(self.named, values, strict=True)
+            ]
+        )
+
     @cached_property
     def _rows(self) -> tuple[CandidateConstraints, list[ca.SX]]:
         """Symbolic constraints with their free symbols."""
@@ -137,8 +146,8 @@ class ConstraintValues:
         return ca.Function("rows", symbols, [ca.vertcat(rows, *distances)])
 
 
-class HandPoints:
-    """Fingertip and link positions of a problem's hand.
+class HandFunctions:
+    """Functions of a problem's hand: initial values, tip and link positions, clearances, jaw approach.
 
     Parameters
     ----------
@@ -175,7 +184,7 @@ class HandPoints:
         hand = self._problem.hand
         return isinstance(hand, LinkedHand) and any(tip.normal is not None for _, tip in hand.tree.tips)
 
-    def of_limits(self, problem: GraspProblem) -> HandPoints:
+    def of_limits(self, problem: GraspProblem) -> HandFunctions:
         """Return the same functions for a problem whose hand differs in its joint limits alone."""
         result = copy(self)
         result._problem = problem

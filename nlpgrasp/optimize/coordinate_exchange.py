@@ -30,7 +30,7 @@ from nlpgrasp.optimize.surface_samples import BAND, IntArray, SampleCloud, Sampl
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screening_score
-from nlpgrasp.quality.weakest_directions import weaker_in_polytope
+from nlpgrasp.quality.weakest_directions import weakest_in_polytope
 
 POPULATION = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many at first
 DRAWN = 2048  # random tuples, the best of which are half of the initial ones
@@ -83,7 +83,7 @@ def exchanged_candidates(
         repaired = [repair for repair in repairs if repair is not None]
         candidates = _rank(compiled, repaired) if repaired else candidates
     if has_jaws:
-        candidates.sort(key=lambda candidate: not compiled.hand_points.has_free_approach(candidate.points))
+        candidates.sort(key=lambda candidate: not compiled.hand_functions.has_free_approach(candidate.points))
     return drop_congruent(compiled, candidates, count)
 
 
@@ -124,11 +124,11 @@ class CoordinateExchange:
         good tuples: every other round compares by the least support alone, and tuples before exchanges are kept.
         """
         initial = self.draw() if known is None else np.concatenate([self.draw(), known])
-        best = self.select_best(initial, self.exchange(initial), self.exchange(initial, LAST_TIE))
-        best = self.select_best(best, self.exchange(best))
+        best = self.update_population(initial, self.exchange(initial), self.exchange(initial, LAST_TIE))
+        best = self.update_population(best, self.exchange(best))
         for number in range(perturbations):
-            best = self.select_best(best, self.exchange(self.perturb(best), LAST_TIE if number % 2 else TIE))
-        return self.select_best(best, self.exchange(best, LAST_TIE))
+            best = self.update_population(best, self.exchange(self.perturb(best), LAST_TIE if number % 2 else TIE))
+        return self.update_population(best, self.exchange(best, LAST_TIE))
 
     def draw(self) -> IntArray:
         """Return random tuples, (b, k); half of them are the best of ``DRAWN`` random ones."""
@@ -146,7 +146,7 @@ class CoordinateExchange:
             samples[moved] = drawn[moved]
         return result
 
-    def select_best(self, *tuples: IntArray) -> IntArray:
+    def update_population(self, *tuples: IntArray) -> IntArray:
         """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions."""
         self.history += tuples
         best = self.best(np.concatenate(tuples), 4 * self._population)
@@ -154,10 +154,13 @@ class CoordinateExchange:
         best = self.best(best, len(best))
         incongruent = select_incongruent(self._compiled, self._tables.contacts_of(best)[0])
         congruent = [b for b in range(len(best)) if b not in incongruent]
-        return self.rerank_by_certificates(best[sorted((incongruent + congruent)[: self._population])])
+        return self.exchange_by_certificates(best[sorted((incongruent + congruent)[: self._population])])
 
     def values(self, tuples: IntArray) -> FloatArray:
-        """Return the least ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,); -1 less any violation."""
+        """Return the least ratio ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,).
+
+        It is minus one minus the violation where that is not repairable.
+        """
         least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
         violation = self.violations(tuples)
         return np.where(violation <= REPAIRABLE, least ** (1.0 / self._tables.power), -1.0 - violation)
@@ -167,7 +170,7 @@ class CoordinateExchange:
         if not self._tables.coupled:
             return np.zeros(len(tuples))
         rows, (points, normals) = self._compiled.rows, self._tables.contacts_of(tuples)
-        values = rows.values(points, normals, self._compiled.hand_points.start(points, normals))
+        values = rows.values(points, normals, self._compiled.hand_functions.start(points, normals))
         return np.asarray(np.max(rows.each_violation(values, BAND), axis=1))
 
     def best(self, tuples: IntArray, count: int) -> IntArray:
@@ -221,8 +224,8 @@ class CoordinateExchange:
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
         self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
 
-    def rerank_by_certificates(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k), best first, re-ranked with weak directions from loose certificates of the best one.
+    def exchange_by_certificates(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k), best first, exchanged along weak directions from loose certificates of the best one.
 
         Descents miss narrow minima of the support ratio, which a certificate shows.
         """
@@ -236,7 +239,7 @@ class CoordinateExchange:
                 if value > 0.0
                 else None
             )
-            weaker = None if certificate is None else weaker_in_polytope(certificate, value)
+            weaker = None if certificate is None else weakest_in_polytope(certificate, value)
             if weaker is None:
                 self._certified.add(self._key(tuples[0]))
                 break
@@ -257,7 +260,7 @@ class CoordinateExchange:
     def candidate(self, samples: IntArray) -> GraspCandidate:
         """Return the candidate of a tuple (k,) of samples, with its hand."""
         points, normals = self._tables.contacts_of(samples[None])
-        hand = self._compiled.hand_points.start(points, normals)
+        hand = self._compiled.hand_functions.start(points, normals)
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
         return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
 
@@ -342,12 +345,12 @@ def exchange_nearby(
         faces[0] = face
         clouds.append(SampleCloud(faces, points, normals, cKDTree(points)))
     directions = np.concatenate([cuts, compiled.sample_tables.directions])
-    tables = SampleTables(compiled.problem, clouds, compiled.rows, compiled.hand_points, directions)
+    tables = SampleTables(compiled.problem, clouds, compiled.rows, compiled.hand_functions, directions)
     search = CoordinateExchange(compiled, tables, rng)
     initial = np.zeros((1, len(clouds)), dtype=np.intp)
     if search.values(initial)[0] <= 0.0:
         return None
-    best = search.select_best(initial, search.exchange(initial))[0]
+    best = search.update_population(initial, search.exchange(initial))[0]
     return search.candidate(best) if best.any() else None
 
 
@@ -388,8 +391,8 @@ def screening_directions(compiled: CompiledProblem) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class RandomContacts:
-    """Random placements of all contacts.
+class ContactPlacements:
+    """Placements of all contacts, with normals and faces.
 
     Parameters
     ----------
@@ -403,11 +406,11 @@ class RandomContacts:
     faces: NDArray[np.object_]
 
 
-def draw_contacts(compiled: CompiledProblem, count: int, rng: np.random.Generator) -> RandomContacts:
+def draw_contacts(compiled: CompiledProblem, count: int, rng: np.random.Generator) -> ContactPlacements:
     """Return random placements on the samples of the faces that each contact may use."""
     clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
     drawn = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
-    return RandomContacts(
+    return ContactPlacements(
         np.stack([cloud.points[indices] for cloud, indices in drawn], axis=1),
         np.stack([cloud.normals[indices] for cloud, indices in drawn], axis=1),
         np.stack([cloud.faces[indices] for cloud, indices in drawn], axis=1),

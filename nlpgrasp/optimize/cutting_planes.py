@@ -14,12 +14,12 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.quality.containment import condition
+from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
-    descend_by_inverse_iteration,
-    newton,
+    minimise_l2_ratio,
     random_directions,
+    refine_by_newton,
     select_separated,
 )
 from nlpgrasp.quality.sandwich import ResumableCertificate
@@ -37,8 +37,8 @@ from nlpgrasp.quality.weakest_directions import (
     WeakestDirections,
     scale_to_unit_support,
     to_coordinates,
-    weaker_in_polytope,
     weakest_directions,
+    weakest_in_polytope,
 )
 
 SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
@@ -64,15 +64,15 @@ def exact_minimisers(
 
     Descents begin from ``directions``, such as those of a candidate nearby, and from a few random ones.
     """
-    problem, _ = condition(compiled.wrench_set(candidate), compiled.problem.task)
+    problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
     if problem is None:
         return WeakestDirections(0.0, directions[:0])
     start = np.concatenate([to_coordinates(problem, directions), random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(compiled.budget(candidate), L2Budget)
-    y, values = descend_by_inverse_iteration(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
+    y, values = minimise_l2_ratio(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)
     chosen = select_separated(y, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
-    y, values = newton(problem, y[chosen], NEWTON_STEPS)
+    y, values = refine_by_newton(problem, y[chosen], NEWTON_STEPS)
     order = np.argsort(values)
     chosen = select_separated(y, order, DIFFERENT, KEEP)
     return WeakestDirections(
@@ -83,7 +83,7 @@ def exact_minimisers(
 def missed_directions(
     compiled: CompiledProblem, candidate: GraspCandidate, value: float
 ) -> tuple[WeakestDirections | None, ResumableCertificate | None]:
-    """Return directions in which a candidate is weaker than its known value, or None, and the certificate's state.
+    """Return the directions of less than the known value that descents missed, and the certificate; each may be None.
 
     Descents miss narrow minima far from their initial directions; a certificate's polytope does not. Budgets other than
     the L2 budget have no such certificate here: descents are repeated, and the second value is None.
@@ -95,7 +95,7 @@ def missed_directions(
         weakest = weakest_directions_of(compiled, candidate, np.random.default_rng(0))
         return (weakest if weakest.value < value * (1.0 - NEWS) else None), None
     certificate = ResumableCertificate.of(compiled.grasp(candidate), compiled.problem.task, budget, LOOK)
-    return (None if certificate is None else weaker_in_polytope(certificate, value)), certificate
+    return (None if certificate is None else weakest_in_polytope(certificate, value)), certificate
 
 
 def nearest_to_binding(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> FloatArray:
@@ -119,7 +119,7 @@ def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: Floa
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
 
 
-def empty_slots(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
+def parameters_without_cuts(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
     """Return the program's parameters (q,) without cuts: for the placement constraints alone."""
     return piece_parameters(compiled, candidate, np.zeros((0, compiled.problem.dimension)))
 
@@ -161,7 +161,9 @@ def slot_parameters(
 def torque_cuts(
     compiled: CompiledProblem, candidate: GraspCandidate, z: FloatArray, cuts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the supports along cuts (m,) and their gradients in the program's variables (m, n), in solver units.
+    """Return the supports along cuts under the hand's torque limits, and their gradients, solver units.
+
+    They are (m,), and (m, n) in the program's variables.
 
     Parameters
     ----------
@@ -178,7 +180,7 @@ def torque_cuts(
     grasp = compiled.grasp(candidate)
     limits = budget.at(grasp.frames, grasp.contacts)
     work = cuts @ grasp.G
-    x, prices = limits.prices(work)
+    x, prices = limits.maximise_with_prices(work)
     wrenches = np.array([grasp.contact_wrenches(forces) for forces in x]).reshape(len(cuts), len(grasp), 6)
     rates = prices[:, : len(budget.limits)] / budget.limits
     normals = compiled.inward_normals(candidate)

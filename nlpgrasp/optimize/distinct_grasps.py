@@ -12,7 +12,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import integer, share
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.coordinate_exchange import RandomContacts, exchanged_candidates, sampled_quality
+from nlpgrasp.optimize.coordinate_exchange import ContactPlacements, exchanged_candidates, sampled_quality
 from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
 from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
 from nlpgrasp.optimize.hand_approach import add_hand_record, hand_posture
@@ -91,9 +91,9 @@ class GraspCollection:
         others.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
         for start in others:
             distinct.add(start)
-        self._finished_results = runner.begin(partial(_finish, deadline=deadline), distinct.grasps[1:])
+        self._finished_results = runner.begin(partial(_complete_record, deadline=deadline), distinct.grasps[1:])
         self._least = HALF * max(r.record.mu.lower for r in (best, *others[:1]))
-        complete = distinct.missing <= 0 or not runner.compiled.follows_contacts or deadline.is_requested()
+        complete = distinct.missing <= 0 or not runner.compiled.follows_contacts or deadline.should_stop()
         self._candidates = iter(()) if complete else _further_candidates(runner, distinct, deadline)
         self._batch = self._begin_batch()
 
@@ -118,7 +118,7 @@ class GraspCollection:
 
     def _begin_batch(self) -> Callable[[], list[_CertifiedGrasp | None]] | None:
         """Begin to certify about as many candidates as are missing; return a call for the results, None without any."""
-        if self._distinct.missing <= 0 or self._deadline.is_requested():
+        if self._distinct.missing <= 0 or self._deadline.should_stop():
             return None
         batch: list[GraspCandidate] = []
         for candidate in self._candidates:
@@ -127,7 +127,7 @@ class GraspCollection:
             if len(batch) >= OVERSHOOT * self._distinct.missing:
                 break
         return (
-            self._runner.begin(partial(_finish_unrefined, least=self._least, deadline=self._deadline), batch)
+            self._runner.begin(partial(_certify_candidate, least=self._least, deadline=self._deadline), batch)
             if batch
             else None
         )
@@ -161,7 +161,7 @@ class DistinctGrasps:
         return is_new
 
 
-def neighbouring_grasps(
+def neighbouring_candidates(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], count: int
 ) -> list[GraspCandidate]:
     """Return up to ``count`` feasible candidates that differ from given ones in one contact, the best first.
@@ -179,7 +179,7 @@ def neighbouring_grasps(
     points = np.concatenate([moved.points for moved in neighbours])
     normals = np.concatenate([moved.normals for moved in neighbours])
     faces = np.concatenate([moved.faces for moved in neighbours])
-    hand = compiled.hand_points.start(points, normals)
+    hand = compiled.hand_functions.start(points, normals)
     feasible = np.flatnonzero(compiled.rows.violations(points, normals, hand) <= FEASIBLE)
     if not len(feasible):
         return []
@@ -192,7 +192,7 @@ def neighbouring_grasps(
     return [GraspCandidate(tuple(faces[i]), points[i], {name: v[i] for name, v in hand.items()}) for i in chosen]
 
 
-def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> RandomContacts:
+def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> ContactPlacements:
     """Return placements with each contact of a candidate in turn at points spread over its allowed faces."""
     k, count = len(candidate.faces), POSITIONS * len(candidate.faces)
     points, normals = (np.stack([a] * count) for a in (candidate.points, compiled.inward_normals(candidate)))
@@ -206,32 +206,32 @@ def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> 
             cloud.normals[spread],
             cloud.faces[spread],
         )
-    return RandomContacts(points, normals, faces)
+    return ContactPlacements(points, normals, faces)
 
 
 def _further_candidates(runner: StartRunner, distinct: DistinctGrasps, deadline: Deadline) -> Iterator[GraspCandidate]:
     """Yield candidates of a coordinate exchange, then the best neighbours of the kept grasps."""
     compiled, count = runner.compiled, EXCHANGED * distinct.missing
-    if not deadline.is_requested():
+    if not deadline.should_stop():
         yield from exchanged_candidates(compiled, np.random.default_rng(0), count=count)
-    yield from neighbouring_grasps(compiled, [start.on_body.candidate for start in distinct.grasps], count)
+    yield from neighbouring_candidates(compiled, [start.on_body.candidate for start in distinct.grasps], count)
 
 
-def _finish_unrefined(
+def _certify_candidate(
     compiled: CompiledProblem, candidate: GraspCandidate, least: float, deadline: Deadline
 ) -> _CertifiedGrasp | None:
     """Return a candidate on the body itself, certified and finished; None where infeasible or below the least mu."""
     start = certify_as_is(compiled, WarmStart(candidate), 0)
     if start is None or start.record.mu.lower < least:
         return None
-    return start, replace(_finish(compiled, start, deadline), start=None)
+    return start, replace(_complete_record(compiled, start, deadline), start=None)
 
 
-def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
+def _complete_record(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
     """Return the record of a start's grasp with its forces and, where time permits, its robustness and hand record."""
     candidate, grasp = start.on_body.candidate, start.on_body.grasp
     with single_thread():
-        if deadline.is_requested():
+        if deadline.should_stop():
             return _kept_grasp_record(compiled, replace(start, hand=hand_posture(compiled, start)), start.robust)
         robust = start.robust
         if robust is None and compiled.options.weighs_fragility:

@@ -61,7 +61,7 @@ def exchange_fingers(
     best = initial = MeshContacts(candidate, normals)
     search, reach = _FingerSearch(compiled, initial, rng), FIRST_REACH
     for _ in range(SWEEPS):
-        if deadline.is_requested() or reach < LAST_REACH:
+        if deadline.should_stop() or reach < LAST_REACH:
             break
         search.sweep(reach * compiled.scaling.length)
         search.add_weak_directions()
@@ -123,7 +123,7 @@ class _FingerSearch:
         self.compiled, self.current, self.rng = compiled, initial, rng
         self._learned = AdaptiveScore(compiled, rng)
         self.add_weak_directions()
-        hand = compiled.hand_points.posed_hand
+        hand = compiled.hand_functions.posed_hand
         variables = hand.variables(compiled.problem.body.bounds)
         self._limits = np.concatenate([v.lower for v in variables]), np.concatenate([v.upper for v in variables])
         self._radii = np.asarray(hand.tip_radii)
@@ -200,7 +200,7 @@ class _FingerSearch:
 
     def _tip(self, hand: Values, i: int) -> tuple[FloatArray, FloatArray]:
         """Return the centre of tip i, (3,), and its Jacobian in the hand's variables, (3, m)."""
-        positions, jacobian = self.compiled.hand_points.tip_jacobian_function(*hand.values())
+        positions, jacobian = self.compiled.hand_functions.tip_jacobian_function(*hand.values())
         return positions.full()[:, i], jacobian.full()[3 * i : 3 * i + 3]
 
     def _violation(self, grasp: MeshContacts) -> float:
@@ -216,7 +216,7 @@ def _least_improvement(score: float) -> float:
 
 def _single_finger_variables(compiled: CompiledProblem, candidate: GraspCandidate) -> NDArray[np.bool_]:
     """Return the mask of the hand's variables that move only one finger, for each finger, (k, m)."""
-    jacobian = np.abs(compiled.hand_points.tip_jacobian_function(*candidate.hand.values())[1].full())
+    jacobian = np.abs(compiled.hand_functions.tip_jacobian_function(*candidate.hand.values())[1].full())
     moves = jacobian.reshape(len(candidate.points), 3, -1).max(axis=1) > FIXED
     return np.asarray(moves & (np.sum(moves, axis=0) == 1))
 

@@ -1,7 +1,7 @@
 """Global optimisation of the placement: certified upper bound on mu, and a grasp within a gap of it.
 
 ``best_possible`` alternates between starts and branch and bound. The other functions set up the branch and bound of
-``ng.solve``, and limit its effort.
+``ng.solve``, and limit its size.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from nlpgrasp.quality import Bounds
 
 NODES, FLAT_NODES, MESH_NODES = 400, 1000, 160  # nodes with many starts: curved faces, flat faces, a mesh
 POSED_HAND_NODES = 100  # the same, with a hand that has a pose
-EFFORT = 20_000_000  # supports evaluated in curved cells, at most, with many starts: about 3 seconds
+EVALUATIONS = 20_000_000  # supports evaluated in curved cells, at most, with many starts: about 3 seconds
 FIRST_SHARE, FIRST_SHARE_FLAT = 0.15, 0.65  # share of these limits for one start; on flat faces
 FURTHER_SHARE = 0.35  # share for each further start
 GAP = 0.01  # relative gap at which the tree stops where none is requested
@@ -52,7 +52,7 @@ def best_possible(
 ) -> BestPossible:
     """Return an upper bound on mu over all placements of a problem's contacts, and the best known grasp.
 
-    Branch and bound (docs/how_close.md): for directions y with unit work of the task and weights w of sum one,
+    Branch and bound (docs/how_close.md): for directions y with unit support of the task and weights w of sum one,
     ``mu^2 <= sum_i max_p sum_j w_j s_i(p, y_j)^2`` with the support s_i of contact i alone, so that contacts are
     bounded one by one over their cells; the least such bound is a linear program. Grasps come from starts, as in
     ``ng.solve``, that begin from the relaxed placements of the bound as well. The search stops when the gap is closed,
@@ -124,14 +124,14 @@ def _search(
     tree.branch(0)
     compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
     starts, next_start = 0, 0  # starts run; number of nodes at which the next one is due
-    while not (tree.is_finished or deadline.is_requested()):
+    while not (tree.is_finished or deadline.should_stop()):
         if tree.nodes >= next_start or starts < FIRST_STARTS:
             result = run_start(compiled, starts, 0, deadline, tree.relaxed_placements(RELAXED))
             best = _better_certified(compiled, best, result, gap)
             starts, next_start = starts + 1, max(LEAST_NODES, 2 * tree.nodes)
             tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
         else:
-            tree.branch(1, deadline.is_requested)
+            tree.branch(1, deadline.should_stop)
         if progress is not None:
             progress(tree.upper, Bounds(0.0, 0.0) if best is None else best.record.mu, tree.nodes)
     return best
@@ -160,22 +160,22 @@ def new_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> Branch
         return None
 
 
-def node_count(problem: GraspProblem, starts: int) -> int:
+def node_limit(problem: GraspProblem, starts: int) -> int:
     """Return the largest number of nodes of the short branch and bound for a number of starts."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
-    share = _effort_share(problem, starts)
+    share = _limit_share(problem, starts)
     if follows_contacts(problem):
         return int(share * (MESH_NODES if mesh else FLAT_NODES if flat else NODES))
     smooth = flat or isinstance(problem.budget, L2Budget)
     return int(share * POSED_HAND_NODES) if smooth and not mesh else 0
 
 
-def effort_limit(problem: GraspProblem, starts: int) -> float:
-    """Return the largest effort of the short branch and bound for a number of starts."""
-    return _effort_share(problem, starts) * EFFORT
+def evaluation_limit(problem: GraspProblem, starts: int) -> float:
+    """Return the largest number of supports that the short branch and bound evaluates in curved cells."""
+    return _limit_share(problem, starts) * EVALUATIONS
 
 
-def _effort_share(problem: GraspProblem, starts: int) -> float:
+def _limit_share(problem: GraspProblem, starts: int) -> float:
     """Return the share of the limits of the short branch and bound for a number of starts, at most 1."""
     flat = isinstance(problem.body, Box | Prism)
     return min(1.0, (FIRST_SHARE_FLAT if flat else FIRST_SHARE) + FURTHER_SHARE * (starts - 1))

@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.symmetry import leaves_invariant, motions_of, unit_rotation, wrench_map
+from nlpgrasp.global_bound.symmetry import is_invariant_task, motions_of, rotation_by_one_radian, wrench_map
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -190,7 +190,7 @@ class Symmetries:
             return
         drawn = draw_contacts(compiled, TESTED, np.random.default_rng(0))
         self._drawn = drawn.points, drawn.normals, self._violations(drawn.points, drawn.normals)
-        axes = [axis for axis in np.eye(3) if space == 3 and self._is_symmetry(unit_rotation(axis), zero)]
+        axes = [axis for axis in np.eye(3) if space == 3 and self._is_symmetry(rotation_by_one_radian(axis), zero)]
         self.axis, self.is_round = axes[0] if axes else None, len(axes) > 1
         for rotation, translation in motions_of(problem.body):
             is_known = any(self._kind(rotation, translation) == self._kind(*motion) for motion in self.motions)
@@ -210,11 +210,13 @@ class Symmetries:
         """Return whether a motion leaves task, allowed contact regions and constraints unchanged."""
         problem = self._compiled.problem
         shift = float(np.max(np.abs(rotation @ problem.origin + translation - problem.origin)))
-        if shift > SAME * problem.body.size or not leaves_invariant(problem.task, wrench_map(rotation)):
+        if shift > SAME * problem.body.size or not is_invariant_task(problem.task, wrench_map(rotation)):
             return False
         points, normals, violations = self._drawn
         images = points @ rotation.T + translation
-        contacts = {self._compiled.surface.usable(i): i for i in range(len(problem.models))}  # one of each set of faces
+        contacts = {
+            self._compiled.surface.usable_faces(i): i for i in range(len(problem.models))
+        }  # one of each set of faces
         if not all(self._are_allowed(faces, images[:, i]) for faces, i in contacts.items()):
             return False
         image_violations = self._violations(images, normals @ rotation.T)
@@ -230,7 +232,7 @@ class Symmetries:
 
     def _violations(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the largest constraint violation of each placement, (b,), relative to the scales."""
-        hand = self._compiled.hand_points.start(points, normals)
+        hand = self._compiled.hand_functions.start(points, normals)
         return np.asarray(self._compiled.rows.violations(points, normals, hand))
 
 

@@ -37,7 +37,7 @@ class GraspOnBody:
         Largest violation of these, relative to their scales, and of the per-contact ones, over the body's size.
     surface : SurfaceMatch or None
         Differences from the smoothed surface, for meshes.
-    per_contact : tuple of LowerLimit
+    per_contact : tuple of LimitedLength
         Constraints of single contacts: margin from sharp edges, and on a mesh clearance of the fingertip.
     """
 
@@ -46,7 +46,7 @@ class GraspOnBody:
     values: FloatArray
     violation: float
     surface: SurfaceMatch | None = None
-    per_contact: tuple[LowerLimit, ...] = ()
+    per_contact: tuple[LimitedLength, ...] = ()
 
     @classmethod
     def of(
@@ -87,7 +87,7 @@ def constraint_reports(
     return tuple(reports)
 
 
-def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArray, free: bool) -> SurfaceMatch:
+def surface_differences(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArray, free: bool) -> SurfaceMatch:
     """Return the differences between contacts on the smoothed surface and the grasp on the mesh.
 
     Parameters
@@ -110,7 +110,7 @@ def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArra
 
 
 @dataclass(frozen=True)
-class LowerLimit:
+class LimitedLength:
     """Length with a lower limit.
 
     Parameters
@@ -125,21 +125,25 @@ class LowerLimit:
     lower: float
 
 
-def contact_constraints(problem: GraspProblem, candidate: GraspCandidate, normals: FloatArray) -> Iterator[LowerLimit]:
-    """Yield the distances of contacts with inward normals (k, space) from sharp edges, and of tip centres from a mesh.
+def contact_constraints(
+    problem: GraspProblem, candidate: GraspCandidate, normals: FloatArray
+) -> Iterator[LimitedLength]:
+    """Yield each contact's distance from sharp edges, and each tip centre's from a mesh, with their lower limits.
+
+    Inward normals are (k, space).
 
     Faces without sharp edges and point fingertips have none. The clearance of fingertips of a hand with a pose, and on
     bodies other than meshes, is among the constraints of the program.
     """
     for i, value in enumerate(edge_distances(problem, candidate)):
         if np.isfinite(value):
-            yield LowerLimit(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
+            yield LimitedLength(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
     body, hand = problem.body, problem.hand
     if isinstance(body, Mesh) and hand is not None and hand.follows_contacts:
         for i, radius in enumerate(hand.tip_radii):
             if radius > 0.0:
                 centre = candidate.points[i] - radius * normals[i]
-                yield LowerLimit(
+                yield LimitedLength(
                     Label(FINGERTIP_CLEARANCE, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius
                 )
 

@@ -23,11 +23,11 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.keyframes import plan_keyframes
 from nlpgrasp.nlp import HAND
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, hand_of, pack_variables, set_contacts
-from nlpgrasp.optimize.cutting_planes import empty_slots
-from nlpgrasp.optimize.final_step import converge_to_optimum
+from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.refine import JointLimitMargins
+from nlpgrasp.optimize.refine_on_body import JointLimitMargins
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.solution.obstructions import approach_obstructions
 
@@ -43,10 +43,9 @@ IntArray = NDArray[np.intp]
 def choose_free_approach(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> tuple[StartGrasp, ...]:
-    """Return the answer with its hand record, then other starts whose approach is blocked, with theirs.
+    """Return the best start with a free approach, else the best; then the blocked starts; each with its hand record.
 
-    The answer is the best start if its approach is collision-free, else the next by decreasing mu whose approach is,
-    else the best start.
+    The best start comes first if its approach is collision-free, else the next by decreasing mu whose approach is.
 
     Parameters
     ----------
@@ -64,7 +63,7 @@ def choose_free_approach(
         blocked = [answer]
         others = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
         for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
-            if deadline.is_requested():
+            if deadline.should_stop():
                 break
             converged = add_hand_record(compiled, converge_to_optimum(compiled, other, deadline))
             if converged.solved and not converged.record.obstruction:
@@ -100,7 +99,7 @@ def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, obje
     if hand is None:
         return None
     data = dict(hand.describe(on_body.candidate.hand)) if on_body.candidate.hand else {}
-    data |= compiled.hand_points.at_contacts(on_body.grasp.points)
+    data |= compiled.hand_functions.at_contacts(on_body.grasp.points)
     if not data:
         return None
     if start.depth is not None:
@@ -160,14 +159,14 @@ class _HandOpening:
     def __init__(self, compiled: CompiledProblem, on_body: GraspOnBody) -> None:
         self.compiled, self.hand, self.normals = compiled, on_body.candidate.hand, on_body.grasp.normals
         self.functions = compiled.cutting_planes.functions
-        self.theta = empty_slots(compiled, on_body.candidate)
+        self.theta = parameters_without_cuts(compiled, on_body.candidate)
         self.initial = pack_variables(compiled, self.functions.program, on_body.candidate)
         set_contacts(compiled, self.functions.program, self.initial, on_body.grasp.points, on_body.grasp.normals)
         of_hand = compiled.rows.sources[len(compiled.problem.constraints)]
         touching = {i for i in of_hand if compiled.rows.named[i].kind == ON_FINGERTIP}
         self.indices = np.array([i for i in range(len(compiled.rows.named)) if i not in touching], int)
         self.clearances = np.flatnonzero(np.isin(self.indices, compiled.rows.clearances))
-        self.tip_motion = compiled.hand_points.tip_jacobian_function
+        self.tip_motion = compiled.hand_functions.tip_jacobian_function
         self.contact_tips = self.tip_motion(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
@@ -205,7 +204,7 @@ class _HandOpening:
         g, J = g[rows], J[rows][:, free]
         body, hand, size = self.compiled.problem.body, hand_of(program, z), self.compiled.scaling.length
         if isinstance(body, Mesh) and len(self.clearances):
-            g[self.clearances] = self.compiled.hand_points.mesh_clearances(body, hand) / size
+            g[self.clearances] = self.compiled.hand_functions.mesh_clearances(body, hand) / size
         distances, slopes = self._tip_distances(hand)
         first = program.block(HAND, next(iter(hand))).start
         dependent = np.abs(J).sum(axis=1) > 1e-9

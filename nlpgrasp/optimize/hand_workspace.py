@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.surface_samples import IntArray, SampleCloud
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -47,11 +47,11 @@ class HandWorkspace:
     ----------
     problem : GraspProblem
         Problem with a hand that has a pose of its own.
-    hand : HandPoints
+    hand : HandFunctions
     rows : ConstraintValues
     """
 
-    def __init__(self, problem: GraspProblem, hand: HandPoints, rows: ConstraintValues) -> None:
+    def __init__(self, problem: GraspProblem, hand: HandFunctions, rows: ConstraintValues) -> None:
         self._hand, self._tree = hand, hand.posed_hand.tree
         lower, upper = self._tree.joint_limits
         self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
@@ -81,7 +81,7 @@ class HandWorkspace:
         if np.min(self._clearance(self._palm, self._palm.centres, palm), initial=0.0) < -PALM_INSIDE:
             return None
         reachable, postures = [], []
-        for i, (cloud, radius) in enumerate(zip(samples, self._hand.hand.tip_radii, strict=True)):
+        for i, (cloud, radius) in enumerate(zip(samples, self._hand.posed_hand.posing_radii, strict=True)):
             corner, cells = self._in_cells[i]
             position = ((cloud.points - radius * cloud.normals - t) @ R - corner) / CELL
             inside = np.all((position >= 0.0) & (position < cells.shape[:3]), axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.projection import fix_to_triangles, project_onto_body
@@ -18,7 +18,7 @@ FIRST_BETA = 0.1  # initial value of beta, solver units
 
 
 @dataclass(frozen=True)
-class InitialGrasp:
+class ScoredCandidate:
     """Candidate before or after the initial NLP, with its score.
 
     Parameters
@@ -28,18 +28,18 @@ class InitialGrasp:
         Least support ratio; the negative violation where constraints are violated.
     message : str
         IPOPT's status; empty where the initial NLP was not solved.
-    effort : Effort
+    effort : SolverEffort
     """
 
     candidate: GraspCandidate
     score: float
     message: str = ""
-    effort: Effort = field(default_factory=Effort)
+    effort: SolverEffort = field(default_factory=SolverEffort)
 
 
-def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: np.random.Generator) -> InitialGrasp:
+def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: np.random.Generator) -> ScoredCandidate:
     """Return a candidate unchanged if it exerts the task, otherwise the best of it and the initial NLP's solutions."""
-    grasps = [InitialGrasp(proposed, _score(compiled, proposed, rng))]
+    grasps = [ScoredCandidate(proposed, _score(compiled, proposed, rng))]
     if grasps[0].score > 0.0:
         return grasps[0]
     program = compiled.initial_nlp.program
@@ -51,10 +51,12 @@ def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: 
         parameters = [initial_parameters(compiled, rng, factor), face_parameters(compiled.problem, proposed.faces)]
         result = compiled.initial_nlp.solve(start, np.concatenate(parameters))
         candidate = _on_body(compiled, candidate_of(compiled, program, proposed.faces, result.z))
-        grasps.append(InitialGrasp(candidate, _score(compiled, candidate, rng), result.status, Effort.of(result)))
+        grasps.append(
+            ScoredCandidate(candidate, _score(compiled, candidate, rng), result.status, SolverEffort.of(result))
+        )
         if grasps[-1].score > 0.0:
             break
-    effort = sum((grasp.effort for grasp in grasps), Effort())
+    effort = sum((grasp.effort for grasp in grasps), SolverEffort())
     best = max(reversed(grasps), key=lambda grasp: grasp.score)  # the latest of equals
     return replace(best, effort=effort)
 
@@ -81,7 +83,7 @@ def _score(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.
     violation = on_faces.violation(projected)
     if (
         violation > FEASIBLE
-        and compiled.hand_points.has_flat_tips
+        and compiled.hand_functions.has_flat_tips
         and candidate.faces[0] in compiled.problem.body.face_names
     ):
         on_faces, projected, violation = compiled, candidate, compiled.violation(candidate)  # on the smoothed surface

@@ -14,7 +14,7 @@ import numpy as np
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import (
     append_new,
@@ -53,8 +53,8 @@ class LocalOptimum:
         ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
     kkt : KKT
         Residuals of the program along the cuts.
-    effort : Effort
-        Effort of IPOPT.
+    effort : SolverEffort
+        SolverEffort of IPOPT.
     """
 
     candidate: GraspCandidate
@@ -64,10 +64,10 @@ class LocalOptimum:
     prices: FloatArray
     bounds: dict[str, FloatArray]
     kkt: KKT
-    effort: Effort
+    effort: SolverEffort
 
 
-def local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> LocalOptimum | None:
+def find_local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> LocalOptimum | None:
     """Return the local optimum next to a candidate; its residuals are large where the solve did not converge.
 
     None for a candidate that does not exert the task, and under joint torque limits, which the program does not hold.
@@ -107,7 +107,7 @@ def _solve_program(
     compiled: CompiledProblem, point: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
 ) -> LocalOptimum:
     """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
-    cuts, effort, solutions = point.cuts, Effort(), list[LocalOptimum]()
+    cuts, effort, solutions = point.cuts, SolverEffort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS if compiled.cutting_planes.uses_linearised_steps else ROUNDS_WITH_FORCES):
         cuts = nearest_to_binding(compiled, point.candidate, cuts)
         is_first = compiled.cutting_planes.uses_linearised_steps and not solutions
@@ -115,7 +115,7 @@ def _solve_program(
         optimum = _solve_in_trust_region(compiled, functions, point, cuts, radius, rng)
         solutions.append(optimum)
         effort += optimum.effort
-        if deadline.is_requested() or optimum.kkt.is_small:
+        if deadline.should_stop() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
         cuts = append_new(compiled, cuts, exact_minimisers(compiled, optimum.candidate, rng, cuts).directions)
         if optimum.value > point.value:
@@ -152,7 +152,7 @@ def _solve_in_trust_region(
         result.multipliers[program.placement] / (scale * scales),
         {name: result.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
         _residuals(functions, result, theta),
-        Effort.of(result),
+        SolverEffort.of(result),
     )
     return replace(optimum, kkt=_full_kkt(compiled, optimum, result.objective / scale))
 

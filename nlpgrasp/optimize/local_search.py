@@ -15,7 +15,7 @@ import numpy as np
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.quadratic_program import QuadraticStep
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
+from nlpgrasp.optimize.candidate import GraspCandidate, SearchState, SolverEffort
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, pack_variables
 from nlpgrasp.optimize.cutting_planes import (
     exact_minimisers,
@@ -76,8 +76,8 @@ class RefinementResult:
         Multipliers of the constraints on contacts and hand in the last step, solver units.
     history : tuple of float
         The least ratio initially and after each step.
-    effort : Effort
-        Effort of IPOPT.
+    effort : SolverEffort
+        SolverEffort of IPOPT.
     certificate : ResumableCertificate or None
         Certificate of the point, as far as it was needed to show that descents missed no direction.
     """
@@ -86,7 +86,7 @@ class RefinementResult:
     length: float
     multipliers: FloatArray
     history: tuple[float, ...] = ()
-    effort: Effort = field(default_factory=Effort)
+    effort: SolverEffort = field(default_factory=SolverEffort)
     certificate: ResumableCertificate | None = None
 
     def state(self) -> SearchState:
@@ -110,11 +110,12 @@ def refine(
     rounds: int | None = None,
     least: float = LEAST_GAIN,
 ) -> RefinementResult:
-    """Return the local optimum reached from a candidate; the candidate itself where it does not exert the task.
+    """Return a candidate refined until steps gain little, or after the most rounds.
 
-    Rounds end where two in a row gain less than a share ``least``, or where the Lagrangian is flat. Descents may
-    overestimate the value: the polytope of a certificate then gives the directions that they missed, and the search
-    goes on with these, from the best previous point where the corrected value is no better than its value.
+    A candidate that does not exert the task is returned as it is. Rounds end where two in a row gain less than a share
+    ``least``, or where the Lagrangian is flat. Descents may overestimate the value: the polytope of a certificate then
+    gives the directions that they missed, and the search goes on with these, from the best previous point where the
+    corrected value is no better than its value.
     """
     rng, rounds = np.random.default_rng(0), compiled.options.rounds if rounds is None else rounds
     best = result = _initial_result(compiled, candidate, rng)
@@ -133,7 +134,7 @@ def refine(
         else:
             cuts = np.concatenate([missed.directions, best.point.nearby_cuts])
             best = result = replace(best, point=replace(best.point, nearby_cuts=cuts), effort=result.effort)
-        if deadline.is_requested():
+        if deadline.should_stop():
             break
     return best
 
@@ -161,10 +162,10 @@ def _iterate_steps(
     rounds: int,
     least: float,
 ) -> RefinementResult:
-    """Return the result after at most so many trust-region steps, fewer where no step improves it."""
+    """Return the result after at most ``rounds`` trust-region steps; fewer at small gains or the deadline."""
     search = _TrustRegionSearch(compiled, result, rng, least)
     for _ in range(rounds):
-        if deadline.is_requested() or search.has_ended or not search.try_step():
+        if deadline.should_stop() or search.has_ended or not search.try_step():
             break
     return search.result
 

@@ -156,7 +156,7 @@ class SolveOptions:
         return data if self.ipopt else {name: value for name, value in data.items() if name != "ipopt"}
 
 
-def check_search(starts: int, seed: int, options: SolveOptions | None) -> tuple[int, int, SolveOptions]:
+def check_solve_arguments(starts: int, seed: int, options: SolveOptions | None) -> tuple[int, int, SolveOptions]:
     """Return number of starts, seed and options of a solve, the default ones where they are left out.
 
     Raises

@@ -23,7 +23,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import Processes, WorkerPayload, cores
-from nlpgrasp.optimize.start import failed, run_start
+from nlpgrasp.optimize.start import failed_start, run_start
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.problem.problem import GraspProblem
@@ -39,9 +39,10 @@ StartCandidates = Iterable[tuple[int, Sequence[GraspCandidate]]]
 
 
 class StartRunner:
-    """Runner of starts and analyses of one problem, in worker processes that hold its programs or in this one.
+    """Runner of a problem's starts and analyses, in worker processes or the calling one.
 
-    A worker that dies costs the starts in flight, which are reported as failed.
+    Worker processes hold the compiled programs. A worker that dies costs the starts in flight, which are reported as
+    failed.
 
     Parameters
     ----------
@@ -80,14 +81,14 @@ class StartRunner:
         for _ in range(self.workers):
             processes.submit(_compile_in_worker, payload)
 
-    def starts(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
+    def run_starts(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
         """Yield the result of each start as it completes, in any order, from the starts' indices and candidates."""
         if self.workers == 1:
             yield from self._run_in_process(candidates, seed, deadline)
         else:
             yield from self._run_in_workers(candidates, seed, deadline)
 
-    def warm_starts(self, grasps: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
+    def run_warm_starts(self, grasps: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
         """Yield the starts from known grasps, two each: unchanged and refined, numbered from ``first`` on."""
         items = [(first + 2 * i, grasp) for i, grasp in enumerate(grasps)]
         for results in self.begin(partial(_run_known_grasp, deadline=deadline), items)():
@@ -120,7 +121,7 @@ class StartRunner:
     def _run_in_process(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
         """Yield the results of the starts, run in this process; after a stop request only the first is still begun."""
         for index, proposed in candidates:
-            if deadline.is_requested() and index:
+            if deadline.should_stop() and index:
                 break
             yield run_start(self.compiled, index, seed, deadline, candidates=proposed)
 
@@ -141,7 +142,7 @@ class StartRunner:
             completed, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
             for future in completed:
                 yield _result_of(future, pending.pop(future))
-            if deadline.is_requested() and pending:
+            if deadline.should_stop() and pending:
                 give_up = give_up or time.monotonic() + GRACE
                 for future in [f for f in pending if f.cancel()]:
                     pending.pop(future)
@@ -243,7 +244,7 @@ def _run_start_in_worker(
     payload: _Payload, index: int, candidates: Sequence[GraspCandidate], seed: int, deadline: Deadline
 ) -> StartResult:
     """Return the result of one start; after a stop only the first is still run."""
-    if deadline.is_requested() and index:
+    if deadline.should_stop() and index:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
     return run_start(payload.unpack().compiled, index, seed, deadline, candidates=candidates)
 
@@ -272,4 +273,4 @@ def _result_of(future: Future[StartResult], index: int) -> StartResult:
     try:
         return future.result()
     except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:
-        return failed(index, RuntimeError(f"the worker process ended: {type(error).__name__}: {error}"))
+        return failed_start(index, RuntimeError(f"the worker process ended: {type(error).__name__}: {error}"))

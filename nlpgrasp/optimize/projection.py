@@ -32,8 +32,8 @@ from nlpgrasp.optimize.compiled_problem import (
     pack_variables,
     set_contacts,
 )
-from nlpgrasp.optimize.cutting_planes import empty_slots
-from nlpgrasp.optimize.grasp_on_body import GraspOnBody, match_on_mesh
+from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody, surface_differences
 from nlpgrasp.quality.grasp import Grasp
 
 LONGEST = 0.4  # longest step of contacts and hand onto the constraints, solver units
@@ -49,7 +49,7 @@ OVERLAP = 0.2  # share of a tip's radius: nearer to the tip's centre the mesh ha
 def project_onto_constraints(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[GraspCandidate, float]:
     """Return a candidate projected onto the constraints, and the remaining violation, relative to their scales."""
     functions = compiled.cutting_planes.functions
-    program, theta = functions.program, empty_slots(compiled, candidate)
+    program, theta = functions.program, parameters_without_cuts(compiled, candidate)
     constraints = slice(program.contained, None)
     low, high = (limits[constraints] for limits in program.limits)
 
@@ -71,7 +71,7 @@ def project_onto_body(
     """
     on_faces, snapped = fix_to_triangles(compiled, candidate)
     moved, violation = project_onto_constraints(on_faces, snapped)
-    if violation > TOUCHING and on_faces is not compiled and compiled.hand_points.has_flat_tips:
+    if violation > TOUCHING and on_faces is not compiled and compiled.hand_functions.has_flat_tips:
         on_faces, faces = compiled, compiled.problem.body.face_names * len(candidate.points)
         moved, violation = project_onto_constraints(
             on_faces, on_faces.projected_onto_faces(replace(candidate, faces=faces))
@@ -134,7 +134,7 @@ def put_on_body(
     if on_faces is compiled:
         placed, grasp = move_to_contact(compiled, placed)
     start = candidate.points if smooth_points is None else smooth_points
-    match = match_on_mesh(body, start, grasp, compiled.inward_normals(placed), compiled.follows_contacts)
+    match = surface_differences(body, start, grasp, compiled.inward_normals(placed), compiled.follows_contacts)
     return GraspOnBody.of(compiled, placed, grasp, match)
 
 
@@ -152,7 +152,7 @@ class _TouchConstraints:
 
     def __init__(self, compiled: CompiledProblem, start: GraspCandidate) -> None:
         self.compiled, self.program = compiled, compiled.cutting_planes.functions.program
-        self.theta = empty_slots(compiled, start)
+        self.theta = parameters_without_cuts(compiled, start)
         self.z = pack_variables(compiled, self.program, start)
         self.smooth = compiled.inward_normals(start)
         self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
@@ -163,8 +163,8 @@ class _TouchConstraints:
         Tips that are not round keep the smooth surface's normal, along which they touch.
         """
         compiled = self.compiled
-        radii = np.asarray(compiled.hand_points.hand.tip_radii)
-        centres = compiled.hand_points.tip_centres(self._hand(free), contact_points(compiled, self.program, self.z))
+        radii = np.asarray(compiled.hand_functions.hand.tip_radii)
+        centres = compiled.hand_functions.tip_centres(self._hand(free), contact_points(compiled, self.program, self.z))
         contacts, _, distance = compiled.surface.mesh.closest(centres)
         towards = contacts - centres
         outside = np.sum(towards * self.smooth, axis=1) > 0.0
@@ -180,7 +180,7 @@ class _TouchConstraints:
         placement = program.placement
         g = g[placement]
         g[compiled.rows.clearances] = (
-            compiled.hand_points.mesh_clearances(compiled.surface.mesh, hand) / compiled.scaling.length
+            compiled.hand_functions.mesh_clearances(compiled.surface.mesh, hand) / compiled.scaling.length
         )
         low, high = (limits[placement] for limits in program.limits)
         bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)

@@ -48,7 +48,7 @@ MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch wit
 def propose(
     compiled: CompiledProblem, rng: np.random.Generator, known_contacts: Sequence[FloatArray] = (), starts: int = 1
 ) -> list[GraspCandidate]:
-    """Return initial candidates for so many starts, the most promising first; also near known contacts (k, space).
+    """Return initial candidates for a number of starts, the most promising first; also near known contacts (k, space).
 
     The fingertips of a hand with a pose need not touch the body yet. Poses are compared under the L2 budget. There is
     at least one candidate, the least violated one where none is feasible.
@@ -60,7 +60,7 @@ def propose(
 
 
 def deal_candidates(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
-    """Return the candidates dealt in turn to so many starts, so that each begins with one of the best."""
+    """Return the candidates dealt in turn to a number of starts, so that each begins with one of the best."""
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
@@ -90,7 +90,7 @@ def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, co
     return [random_poses.candidate(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
 
 
-def candidates_in_contact(
+def move_into_contact(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, deadline: Deadline
 ) -> list[GraspCandidate]:
     """Return hand poses moved until all fingertips touch the body, best first, then the nearest few that fail to.
@@ -101,7 +101,7 @@ def candidates_in_contact(
     count = FEW if len(compiled.problem.models) >= MANY else len(candidates)
     touching, apart = list[tuple[GraspCandidate, float]](), list[tuple[GraspCandidate, float]]()
     for proposed in candidates:
-        if len(touching) == count or (touching and deadline.is_requested()):
+        if len(touching) == count or (touching and deadline.should_stop()):
             break
         on_faces, moved, violation = project_onto_body(compiled, proposed)
         if violation <= TOUCHING and on_faces.violation(moved) <= FEASIBLE:
@@ -148,7 +148,7 @@ def _reachable_palms(compiled: CompiledProblem, palms: Sequence[Values]) -> tupl
     """Return the first palm poses from which all fingertips reach the body, and the samples in their reach."""
     tables, space = compiled.handless_variant.sample_tables, compiled.workspace
     clouds = [tables.samples(i) for i in range(len(compiled.problem.models))]
-    tree, hands, reaches = compiled.hand_points.posed_hand.tree, list[Values](), list[ReachableSamples]()
+    tree, hands, reaches = compiled.hand_functions.posed_hand.tree, list[Values](), list[ReachableSamples]()
     for hand in palms:
         reach = space.reach(tree.palm_frame(hand), clouds)
         if reach is not None:
@@ -201,16 +201,16 @@ def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator) -> _
     samples = np.concatenate([compiled.surface.cloud(i).points for i in range(len(compiled.problem.models))])
     target = samples[rng.integers(len(samples), size=POSES)]
     centres = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    return _nearest_samples(compiled, *compiled.hand_points.posed_hand.draw(POSES, centres, rng))
+    return _nearest_samples(compiled, *compiled.hand_functions.posed_hand.draw(POSES, centres, rng))
 
 
 def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
     """Return poses fitted to exchanged tuples of free contacts, in several assignments of fingers to contacts."""
-    hand, tables = compiled.hand_points.posed_hand, compiled.handless_variant.sample_tables
+    hand, tables = compiled.hand_functions.posed_hand, compiled.handless_variant.sample_tables
     points, normals = tables.contacts_of(search.exchange(search.draw()))
     interchangeable = len(set(tables.of_contact)) == 1
     orders = np.array(list(permutations(range(hand.count))) if interchangeable else [range(hand.count)])
-    radii = np.asarray(hand.tip_radii)[:, None]
+    radii = np.asarray(hand.posing_radii)[:, None]
     targets = (points[:, orders] - radii * normals[:, orders]).reshape(-1, *points.shape[1:])
     values, tips = hand.reach(targets, POSTURES, rng)
     misses = np.linalg.norm(tips - np.repeat(targets, POSTURES, axis=0), axis=2).mean(axis=1).reshape(len(points), -1)
@@ -225,7 +225,7 @@ def _nearest_samples(compiled: CompiledProblem, values: Values, tips: FloatArray
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
     mean_distances = np.zeros(len(tips))
-    radii = compiled.hand_points.hand.tip_radii
+    radii = compiled.hand_functions.posed_hand.posing_radii
     for i, radius in enumerate(radii):
         cloud = compiled.surface.cloud(i)
         to_sample, nearest = cloud.tree.query(tips[:, i])

@@ -84,7 +84,7 @@ def maximise_robustness(compiled: CompiledProblem, on_body: GraspOnBody) -> tupl
     candidate, search = on_body.candidate, _RobustSearch(compiled, on_body.candidate)
     for step in STEP_SIZES:
         for _ in range(MOVES_PER_SIZE):
-            search.add_weak_directions()
+            search.add_worst_displacement()
             if not search.move(step * compiled.scaling.length):
                 break
         moved = search.candidate
@@ -229,7 +229,7 @@ class _RobustSearch:
         """Current candidate."""
         return GraspCandidate(self.start.faces, self.points.copy(), self.start.hand)
 
-    def add_weak_directions(self) -> None:
+    def add_worst_displacement(self) -> None:
         """Add the worst displacement found of the current contacts, and its weak directions."""
         compiled, rng = self.compiled, np.random.default_rng(0)
         candidate = self.candidate

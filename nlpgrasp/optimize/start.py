@@ -9,21 +9,23 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
-from nlpgrasp.optimize.initial_nlp import InitialGrasp, solve_initial_nlp
+from nlpgrasp.optimize.initial_nlp import ScoredCandidate, solve_initial_nlp
 from nlpgrasp.optimize.local_search import RefinementResult, refine
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import fix_to_triangles
-from nlpgrasp.optimize.propose import candidates_in_contact, propose
-from nlpgrasp.optimize.refine import advance_on_body, refine_on_body
+from nlpgrasp.optimize.propose import move_into_contact, propose
+from nlpgrasp.optimize.refine_on_body import advance_on_body, refine_on_body, refine_on_triangles
 from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
+MOST_CLEARANCES = 3  # refinements with more clearance of links that touch, at most
+ADDED_CLEARANCE = 2e-4  # metres beyond the depth of a link that touches
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
 MOST_COLLIDING = 2  # candidates that end in link collisions before a start gives up
 
@@ -36,7 +38,7 @@ def run_start(
     known_contacts: Sequence[FloatArray] = (),
     candidates: Sequence[GraspCandidate] = (),
 ) -> StartResult:
-    """Return the result of start ``index`` from candidates, or from those proposed by its index and seed.
+    """Run one start from given candidates, or from those proposed with its index and seed.
 
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on the number of cores.
@@ -58,11 +60,11 @@ def run_start(
                 compiled, index, np.random.default_rng([seed, index]), deadline, clock, known_contacts, candidates
             )
         except SOLVER_ERRORS as error:
-            return failed(index, error, clock.seconds)
+            return failed_start(index, error, clock.seconds)
     return replace(result, record=replace(result.record, seconds=clock.seconds))
 
 
-def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
+def failed_start(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
     """Return the result of a start that an error ended."""
     return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=format_error(error)))
 
@@ -75,7 +77,7 @@ def follow_with_hand(
     Inward normals (k, space) are the body's if not given.
     """
     inward_normals = compiled.inward_normals(candidate) if normals is None else normals
-    hand = compiled.hand_points.start(candidate.points[None], inward_normals[None])
+    hand = compiled.hand_functions.start(candidate.points[None], inward_normals[None])
     return GraspCandidate(candidate.faces, candidate.points, {name: value[0] for name, value in hand.items()})
 
 
@@ -94,35 +96,35 @@ def _best_of_candidates(
     comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
     if not compiled.follows_contacts:
-        proposed = candidates_in_contact(comparing, proposed, rng, deadline)
+        proposed = move_into_contact(comparing, proposed, rng, deadline)
     clock.mark("propose")
-    results, unpromising, initial_effort = list[StartGrasp](), list[InitialGrasp](), Effort()
+    results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
-    batch = list[InitialGrasp]()
+    batch = list[ScoredCandidate]()
     for count, initial in enumerate(initial_grasps, 1):
         initial_effort += initial.effort
         clock.mark("first program")
         (batch if initial.score > 0.0 else unpromising).append(initial)
-        if len(batch) < COMPARED and count < len(proposed) and not deadline.is_requested():
+        if len(batch) < COMPARED and count < len(proposed) and not deadline.should_stop():
             continue
         for promising in _sort_by_promise(comparing, batch, deadline):
             results.append(_result_of_candidate(compiled, index, promising, origin, deadline, clock))
             if _can_stop(results):
                 break
-        if deadline.is_requested() or _can_stop(results):
+        if deadline.should_stop() or _can_stop(results):
             break
         batch = []
     for initial in sorted(unpromising, key=lambda grasp: -grasp.score) if not results else ():
         results.append(_result_of_candidate(compiled, index, initial, origin, deadline, clock))
-        if deadline.is_requested() or results[-1].record.has_grasp:
+        if deadline.should_stop() or results[-1].record.has_grasp:
             break
     best = _best_of_results(results)
     return replace(best, total_effort=best.total_effort + initial_effort)
 
 
 def _sort_by_promise(
-    compiled: CompiledProblem, batch: Sequence[InitialGrasp], deadline: Deadline
-) -> list[InitialGrasp]:
+    compiled: CompiledProblem, batch: Sequence[ScoredCandidate], deadline: Deadline
+) -> list[ScoredCandidate]:
     """Return initial grasps after a few rounds of refinement each, the best first; a single one unchanged."""
     if len(batch) < 2:
         return list(batch)
@@ -131,7 +133,7 @@ def _sort_by_promise(
     return [replace(initial, candidate=advanced.point.candidate) for initial, advanced in advanced_grasps]
 
 
-def _refine_candidates(
+def _refined_grasps(
     compiled: CompiledProblem, index: int, candidate: GraspCandidate, deadline: Deadline
 ) -> Iterator[tuple[GraspOnBody, RefinementResult]]:
     """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
@@ -158,14 +160,14 @@ def _can_stop(results: Sequence[StartGrasp]) -> bool:
 def _result_of_candidate(
     compiled: CompiledProblem,
     index: int,
-    initial: InitialGrasp,
+    initial: ScoredCandidate,
     origin: CandidateOrigin,
     deadline: Deadline,
     clock: Stopwatch,
 ) -> StartGrasp:
     """Return the best result of a candidate: refined on the body, certified and measured."""
     results, message = list[StartGrasp](), initial.message or origin.value
-    for on_body, refined in _refine_candidates(compiled, index, initial.candidate, deadline):
+    for on_body, refined in _refined_grasps(compiled, index, initial.candidate, deadline):
         clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:
@@ -174,9 +176,36 @@ def _result_of_candidate(
         bounds = _certify_grasp(compiled, on_body, refined, deadline)
         clock.mark("certificate")
         state = refined.state()
-        results.append(StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust))
+        result = StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust)
         clock.mark("link depth")
+        results.append(result)
+        if result.record.status is Status.TOUCHES:
+            results.append(_free_links(compiled, result, deadline))
+            clock.mark("refine")
     return _best_of_results(results)
+
+
+def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadline) -> StartGrasp:
+    """Return a grasp whose links touch refined again, the nearest sphere of the deepest link farther off, in turn.
+
+    The spheres need not cover a link, so that its shape may penetrate where they do not. It ends where this no longer
+    makes the penetration smaller.
+    """
+    increase, result = np.zeros(len(compiled.rows.named)), touching
+    for _ in range(MOST_CLEARANCES):
+        if result.depth is None or result.depth.is_free or deadline.should_stop():
+            break
+        slack = compiled.rows.link_slack(result.on_body.values, str(result.depth.link))
+        nearest = int(np.argmin(slack))
+        increase[nearest] = slack[nearest] + result.depth.depth + ADDED_CLEARANCE
+        on_body, refined = refine_on_triangles(compiled, result.refined_candidate, deadline, increase)
+        bounds = _certify_grasp(compiled, on_body, refined, deadline)
+        record, state = result.record, refined.state()
+        freed = StartGrasp.of(compiled, record.index, on_body, bounds, state, record.message, origin=record.origin)
+        if not freed.record.has_grasp or freed.depth is None or freed.depth.depth >= result.depth.depth:
+            break
+        result = freed
+    return result
 
 
 def _certify_grasp(
@@ -202,5 +231,5 @@ def _certify_grasp(
 
 def _best_of_results(results: Sequence[StartGrasp]) -> StartGrasp:
     """Return the best of several results, collision-free ones first, with their total effort."""
-    best = best_of(results) or max(results, key=lambda result: result.rank.lower)
-    return replace(best, total_effort=sum((result.effort for result in results), Effort()))
+    best = best_of(results) or max(results, key=lambda result: result.ranking_bounds.lower)
+    return replace(best, total_effort=sum((result.effort for result in results), SolverEffort()))

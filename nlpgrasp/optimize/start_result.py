@@ -10,7 +10,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts.pad import AlongNormalError
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
+from nlpgrasp.optimize.candidate import GraspCandidate, SearchState, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, constraint_reports
@@ -30,7 +30,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of one start; an instance of this base class itself is of a start without a grasp.
+    """Result of one start; without a grasp unless it is a ``StartGrasp``.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ class StartResult:
         return self.record.status is Status.SOLVED
 
     @property
-    def effort(self) -> Effort:
+    def effort(self) -> SolverEffort:
         """Solver effort of the start, in iterations and seconds."""
-        return Effort()
+        return SolverEffort()
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class StartGrasp(StartResult):
     on_body : GraspOnBody
         The grasp on the body itself.
     constraints : tuple of ConstraintReport
-    total_effort : Effort
+    total_effort : SolverEffort
         Solver effort.
     robust : Robustness or None
         Robustness, where it was computed.
@@ -80,7 +80,7 @@ class StartGrasp(StartResult):
 
     on_body: GraspOnBody
     constraints: tuple[ConstraintReport, ...]
-    total_effort: Effort
+    total_effort: SolverEffort
     robust: Robustness | None
     refined_candidate: GraspCandidate
     optimum: LocalOptimum | None = None
@@ -128,12 +128,12 @@ class StartGrasp(StartResult):
         return cls(record, on_body, reports, state.effort, robust, state.candidate, depth=depth, tip_gaps=tuple(gaps))
 
     @property
-    def effort(self) -> Effort:
+    def effort(self) -> SolverEffort:
         """Solver effort of the start, in iterations and seconds."""
         return self.total_effort
 
     @property
-    def rank(self) -> Bounds:
+    def ranking_bounds(self) -> Bounds:
         """Bounds by which starts are ranked: mu under the worst displacement where that was computed, else mu."""
         return self.record.mu if self.robust is None else self.robust.mu
 
@@ -178,6 +178,6 @@ def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
     eligible = [r for r in grasps if r.solved] or grasps
     if not eligible:
         return None
-    lower = max(r.rank.lower for r in eligible)
-    tied = [r for r in eligible if r.rank.upper >= lower and r.rank.lower >= (1.0 - TIE) * lower]
-    return max(tied, key=lambda r: (r.rank.upper, -r.record.index))
+    lower = max(r.ranking_bounds.lower for r in eligible)
+    tied = [r for r in eligible if r.ranking_bounds.upper >= lower and r.ranking_bounds.lower >= (1.0 - TIE) * lower]
+    return max(tied, key=lambda r: (r.ranking_bounds.upper, -r.record.index))

@@ -20,9 +20,9 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.pad import is_off_normal
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.cell_supports import MEASURES, CombinationRule
+from nlpgrasp.global_bound.cell_supports import COMBINATION_RULES, CombinationRule
 from nlpgrasp.hands import ParallelJaw
-from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.problem.candidate_constraints import FITS
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
@@ -101,7 +101,7 @@ class SurfaceSamples:
                 )
         return samples
 
-    def usable(self, contact: int) -> tuple[str, ...]:
+    def usable_faces(self, contact: int) -> tuple[str, ...]:
         """Return the faces that a contact may use and that have points."""
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
@@ -109,7 +109,7 @@ class SurfaceSamples:
         """Return the points that a contact may use; on a mesh points of the mesh itself."""
         if isinstance(self._problem.body, Mesh):
             return self.mesh_cloud
-        names = self.usable(contact)
+        names = self.usable_faces(contact)
         if names not in self._clouds:
             points = np.concatenate([self.faces[n] for n in names])
             labels = np.concatenate([np.full(len(self.faces[n]), n, dtype=object) for n in names])
@@ -167,7 +167,7 @@ class SampleTables:
     clouds : sequence of k SampleCloud
         Samples of each contact.
     rows : ConstraintValues
-    hand : HandPoints
+    hand : HandFunctions
     directions : (j, d) array, optional
         Each with ``phi_A = 1``; well spread for the task if not given.
 
@@ -196,13 +196,13 @@ class SampleTables:
         problem: GraspProblem,
         clouds: Sequence[SampleCloud],
         rows: ConstraintValues,
-        hand: HandPoints,
+        hand: HandFunctions,
         directions: FloatArray | None = None,
     ) -> None:
-        self.budget: ForceBudget = problem.budget if type(problem.budget) in MEASURES else L2Budget()
-        measure = CombinationRule.of(self.budget)
-        self.power = measure.power if measure.exact else 1.0
-        self.combine: np.ufunc = np.add if measure.exact else np.maximum
+        self.budget: ForceBudget = problem.budget if type(problem.budget) in COMBINATION_RULES else L2Budget()
+        rule = CombinationRule.of(self.budget)
+        self.power = rule.power if rule.exact else 1.0
+        self.combine: np.ufunc = np.add if rule.exact else np.maximum
         models, origin = problem.models, problem.origin
         self._jaws = isinstance(problem.hand, ParallelJaw)
         allowed = [_satisfying_samples(rows, hand, clouds, i) for i in range(len(models))]
@@ -214,7 +214,7 @@ class SampleTables:
         for i in order:
             samples = _table_samples(clouds[i], allowed[i])
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
-            self.distinct.append(SampleTable(models[i], measure, samples, np.asarray(maps)))
+            self.distinct.append(SampleTable(models[i], rule, samples, np.asarray(maps)))
         on_one_contact = ~rows.dependence_mask[:, -1] & (np.sum(rows.dependence_mask, axis=1) <= 1)
         self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
         if directions is None:
@@ -262,14 +262,14 @@ class SampleTable:
     Parameters
     ----------
     model : ContactModel
-    measure : Measure
+    rule : CombinationRule
         Combination of the contacts' supports under the force budget.
     samples : SampleCloud
     maps : (m, d, n) array
     """
 
     model: ContactModel
-    measure: CombinationRule
+    rule: CombinationRule
     samples: SampleCloud
     maps: FloatArray
 
@@ -277,7 +277,7 @@ class SampleTable:
         """Return ``s^p``, the power of the support, at all samples along directions (j, d), (j, m)."""
         m, d, n = self.maps.shape
         work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
-        powers = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
+        powers = (self.rule.powers if self.rule.exact else self.rule.support)(self.model, work)
         return np.asarray(powers, dtype=np.float32)
 
 
@@ -329,7 +329,7 @@ def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleClou
 
 
 def _satisfying_samples(
-    rows: ConstraintValues, hand: HandPoints, clouds: Sequence[SampleCloud], contact: int
+    rows: ConstraintValues, hand: HandFunctions, clouds: Sequence[SampleCloud], contact: int
 ) -> NDArray[np.bool_]:
     """Return the mask of a contact's samples that satisfy the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)

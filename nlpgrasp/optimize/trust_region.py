@@ -30,10 +30,10 @@ from nlpgrasp.common.quadratic_program import (
 )
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, contact_points, hand_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import piece_parameters, slot_parameters, torque_cuts
-from nlpgrasp.quality.containment import condition
+from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import principal_curvatures
 from nlpgrasp.quality.weakest_directions import to_coordinates
@@ -63,15 +63,15 @@ class TrustRegionStep:
         Increase of mu predicted by the linearised or nonlinear program.
     multipliers : (rows,) array
         Multipliers of the constraints on contacts and hand, solver units.
-    effort : Effort
-    support : (m,) array
+    effort : SolverEffort
+    cut_multipliers : (m,) array
         Multipliers of the cuts, at least zero up to rounding.
     """
 
     candidate: GraspCandidate
     predicted_gain: float
     multipliers: FloatArray
-    effort: Effort
+    effort: SolverEffort
     cut_multipliers: FloatArray
 
 
@@ -124,7 +124,7 @@ class Linearisation:
         """Return all constraints linearised, cuts outside the program last, without a bound on the step."""
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
-    def at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluate_at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return all constraints at nearby variables, with the cuts replaced, and their Jacobian (rows, n)."""
         if self.outside_cuts is not None:
             support, slopes = torque_cuts(self.compiled, self.candidate_at(z), z, cuts)
@@ -171,7 +171,7 @@ class Linearisation:
             candidate_of(self.compiled, program, self.faces, corrected.last),
             float(first.d[self.beta]) / self.compiled.scaling.beta,
             first.multipliers[program.placement],
-            Effort(),
+            SolverEffort(),
             self.cut_multipliers(first.multipliers),
         )
 
@@ -224,7 +224,7 @@ def program_step(
         candidate_of(compiled, program, faces, result.z),
         result.objective / compiled.scaling.beta - value,
         result.multipliers[program.placement],
-        Effort.of(result),
+        SolverEffort.of(result),
         -result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)],
     )
 
@@ -248,7 +248,7 @@ def reduced_hessian(
     rows = linear.rows()
     basis = _tangents(rows.jacobian[rows.lower == rows.upper], linear.beta)
     gradient = multipliers @ rows.jacobian
-    displaced = [multipliers @ linear.at(linear.z + DIFFERENCE * direction, cuts)[1] for direction in basis.T]
+    displaced = [multipliers @ linear.evaluate_at(linear.z + DIFFERENCE * direction, cuts)[1] for direction in basis.T]
     hessian = np.array([(g - gradient) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
     hessian = 0.5 * (hessian + hessian.T) + _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
@@ -263,7 +263,7 @@ def _moving_minimiser_part(
     """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the moving minimisers."""
     size, task = basis.shape[1], linear.compiled.problem.task
     budget = linear.compiled.budget(linear.candidate_at(linear.z))
-    problem, _ = condition(WrenchSet.of(linear.grasp_at(linear.z), budget), task)
+    problem, _ = make_containment(WrenchSet.of(linear.grasp_at(linear.z), budget), task)
     if problem is None or not len(moving):
         return np.zeros((size, size))
     cut_rows = linear.cut_indices[moving]
@@ -271,7 +271,7 @@ def _moving_minimiser_part(
     def rows_at(y: FloatArray) -> tuple[FloatArray, FloatArray]:
         moved_cuts = cuts.copy()
         moved_cuts[moving] = y
-        values, jacobian = linear.at(linear.z, moved_cuts)
+        values, jacobian = linear.evaluate_at(linear.z, moved_cuts)
         return values[cut_rows], jacobian[cut_rows] @ basis
 
     u = to_coordinates(problem, cuts[moving])

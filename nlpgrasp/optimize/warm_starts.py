@@ -19,14 +19,14 @@ from nlpgrasp.common.files import json_round_trip
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cone_inclusion import assign_contacts
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.marginal_bound import nearest_cell_faces
+from nlpgrasp.global_bound.marginal_bound import nearest_face_names
 from nlpgrasp.hands.base import PosedHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import sampled_quality
-from nlpgrasp.optimize.grasp_on_body import GraspOnBody, match_on_mesh
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody, surface_differences
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.refine import refine_on_body
+from nlpgrasp.optimize.refine_on_body import refine_on_body
 from nlpgrasp.optimize.start import follow_with_hand
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp
 from nlpgrasp.problem.problem import GraspProblem
@@ -135,7 +135,7 @@ def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, de
     None after a stop, without rounds of refinement, where numerics fail, or where a contact is on a forbidden face.
     """
     started = time.perf_counter()
-    if deadline.is_requested() or not compiled.options.rounds or not _is_on_faces(compiled, warm.candidate):
+    if deadline.should_stop() or not compiled.options.rounds or not _is_on_faces(compiled, warm.candidate):
         return None
     with single_thread():
         try:
@@ -214,7 +214,7 @@ def best_feasible(
         Metres, body frame; inward unit normals.
     faces : (b, k) array of str
     """
-    hand = compiled.hand_points.start(points, normals)
+    hand = compiled.hand_functions.start(points, normals)
     feasible = compiled.rows.violations(points, normals, hand) <= FEASIBLE
     if not feasible.any():
         return None
@@ -260,7 +260,7 @@ def _check_source(problem: GraspProblem, source: KnownGrasp, name: str) -> None:
 
 
 def _grasp_of(source: KnownGrasp, name: str = "") -> Grasp:
-    """Return the grasp of what a user passed, or raise an InputError where there is none."""
+    """Return the grasp in a user's argument, or raise an InputError where there is none."""
     grasp = source if isinstance(source, Grasp) else source.grasp
     if grasp is None:
         raise InputError(name, "a solution without a grasp", "one with a grasp")
@@ -271,7 +271,7 @@ def _faces_of(problem: GraspProblem, source: KnownGrasp, grasp: Grasp) -> tuple[
     """Return the faces stated by a grasp, or the ones nearest to its contacts."""
     if not isinstance(source, Grasp) and set(source.faces) <= set(problem.body.face_names):
         return source.faces
-    return tuple(map(str, nearest_cell_faces(problem.body, grasp.points, grasp.normals, SNAP_DISTANCE)))
+    return tuple(map(str, nearest_face_names(problem.body, grasp.points, grasp.normals, SNAP_DISTANCE)))
 
 
 def _is_on_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> bool:
@@ -300,7 +300,7 @@ def _unchanged_grasp(compiled: CompiledProblem, warm: WarmStart) -> GraspOnBody:
         candidate = GraspCandidate(candidate.faces, points, candidate.hand)
     grasp = compiled.grasp_at(candidate.points, normals)
     if isinstance(body, Mesh):
-        match = match_on_mesh(body, warm.candidate.points, grasp, smooth, compiled.follows_contacts)
+        match = surface_differences(body, warm.candidate.points, grasp, smooth, compiled.follows_contacts)
     return GraspOnBody.of(compiled, candidate, grasp, match)
 
 

@@ -1,1 +1,1 @@
-"""``ng.solve``: compile, propose, refine and certify starts, choose, bound, certify the answer, analyse."""
+"""``ng.solve``: compile, root bound, propose, refine, close gap, choose, bound, certify, analyse."""

@@ -15,11 +15,11 @@ from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.hands.base import Hand, PosedHand
-from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.candidate import SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
-from nlpgrasp.optimize.final_step import FRAGILE, converge_to_optimum, keep_unconverged
+from nlpgrasp.optimize.local_convergence import FRAGILE, converge_to_optimum, keep_unconverged
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
@@ -77,25 +77,25 @@ class SearchRecord:
         """Records of the starts, in their order."""
         return tuple(r.record for r in self.results)
 
-    def bound_above(self, lower: float) -> GlobalBound | None:
+    def raised_bound(self, lower: float) -> GlobalBound | None:
         """Return the global bound, raised to the certified lower bound of a grasp that exceeds it by rounding."""
         return None if self.bound is None else replace(self.bound, upper=max(self.bound.upper, lower))
 
 
-def total_effort(results: Sequence[StartResult]) -> Effort:
+def total_effort(results: Sequence[StartResult]) -> SolverEffort:
     """Return the solver effort of all starts together."""
-    return sum((r.effort for r in results), Effort())
+    return sum((r.effort for r in results), SolverEffort())
 
 
-def choose_start(
+def prefer_robust_start(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> StartGrasp:
-    """Return the start selected as the answer, with its robustness where it was computed.
+    """Return the best start, or where it is fragile a more robust one of enough mu.
 
-    The best start is selected unless it is fragile. Then it is replaced by the first start, by decreasing mu, that is
-    not fragile, has at least half its mu and more mu under the worst displacement. A start that is not fragile but
-    keeps less than half of its mu is replaced in the same way by one with 0.95 of its mu. Two other starts are
-    compared, and the best start as it was before it converged to its local optimum.
+    A fragile best start is replaced by the first start, by decreasing mu, that is not fragile, has at least half its mu
+    and more mu under the worst displacement. A start that is not fragile but keeps less than half of its mu is replaced
+    in the same way by one with 0.95 of its mu. Two other starts are compared, and the best start as it was before it
+    converged to its local optimum. The start returned has its robustness where that was computed.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def choose_start(
             return best
         share = HALF if best.robust.is_fragile(best.record.mu) else TIE
         for other in _next_best(compiled, best, results, share):
-            if deadline.is_requested():
+            if deadline.should_stop():
                 break
             start = _with_robustness(compiled, other)
             if start.robust is None or start.robust.is_fragile(start.record.mu):
@@ -124,15 +124,14 @@ def choose_start(
     return best
 
 
-def pressing_starts(
+def restrict_to_pressing(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can press against each other, and all such starts.
+    """Return the best start that can press, and the starts eligible for the answer.
 
-    Without any, or where a hand does not need it, ``best`` and ``results`` are returned.
-
-    Other grasps of a hand with joints exert the task only while it pushes into the fingers. Starts with less than half
-    of the best mu are left out.
+    A grasp can press where its contacts can press against each other: other grasps of a hand with joints exert the
+    task only while it pushes into the fingers. Eligible are the pressing starts with at least half of the best mu;
+    ``best`` and ``results`` are returned where there are none, or where the hand does not need it.
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.on_body.grasp):
         return best, results
@@ -209,7 +208,7 @@ def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
     search.clock.mark("certificate")
     exerted = compute_exerted_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
-    bound = search.bound_above(certified.lower)
+    bound = search.raised_bound(certified.lower)
     solution = GraspSolution(
         status=search.cut_short or _final_status(search.options, bound, certified.lower, best),
         name=problem.name,
@@ -245,7 +244,7 @@ def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float
 
 
 def solver_record(
-    options: SolveOptions, seed: int, effort: Effort, seconds: float, stages: Mapping[str, float] | None = None
+    options: SolveOptions, seed: int, effort: SolverEffort, seconds: float, stages: Mapping[str, float] | None = None
 ) -> SolverData:
     """Return the solver's record for the file: seed, effort, wall time by stage, options, versions.
 

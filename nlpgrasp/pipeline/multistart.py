@@ -21,29 +21,29 @@ from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.distinct_grasps import ONE, GraspCollection, KeepOptions
-from nlpgrasp.optimize.final_step import converge_to_optimum
 from nlpgrasp.optimize.global_search import (
     RELAXED,
     STRIDE,
-    effort_limit,
+    evaluation_limit,
     missing_bound_reason,
     new_branch_and_bound,
-    node_count,
+    node_limit,
 )
 from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approach
+from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, StartRunner
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import deal_candidates, propose
-from nlpgrasp.optimize.start import failed, run_start
+from nlpgrasp.optimize.start import failed_start, run_start
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.pipeline.answer import (
     SearchRecord,
-    choose_start,
     make_answer,
-    pressing_starts,
+    prefer_robust_start,
+    restrict_to_pressing,
     solver_record,
     total_effort,
 )
@@ -64,7 +64,7 @@ Progress = Callable[[StartRecord, Bounds], None]
 class Multistart:
     """Multistart search, with one method for each stage of a solve.
 
-    The stages are ``compile``, ``begin_bound``, ``propose``, ``refine``, ``close_gap``, ``choose``, ``bound``,
+    The stages are ``compile``, ``begin_bound``, ``propose``, ``run_candidates``, ``close_gap``, ``choose``, ``bound``,
     ``certify`` and ``analyse``. Warm starts may be added until the answer is chosen. A search can resume from an
     earlier solution.
 
@@ -107,7 +107,7 @@ class Multistart:
         self._tree: BranchAndBound | None = None
         self._nodes = 0  # nodes branched on beyond the root
         self._known_bound: GlobalBound | None = None
-        self._spent = Effort()
+        self._spent = SolverEffort()
 
     @classmethod
     def resume(cls, runner: StartRunner, solution: GraspSolution, seed: int) -> Multistart:
@@ -121,7 +121,7 @@ class Multistart:
             search._known_bound = replace(solution.bound, stated_gap=None)  # the gap was to another grasp
         record, seconds = solution.solver, solution.solver.get("seconds", {})
         search._start_time -= float(seconds.get("total", 0.0))
-        search._spent = Effort(
+        search._spent = SolverEffort(
             int(record.get("iterations", 0)),
             float(seconds.get("ipopt", 0.0)),
             float(seconds.get("functions", 0.0)),
@@ -162,9 +162,9 @@ class Multistart:
         """Compile, compute the root bound, then propose, refine and certify the requested starts and warm starts."""
         self.compile()
         self.begin_bound()
-        self.refine(self.propose(), warm_starts)
+        self.run_candidates(self.propose(), warm_starts)
 
-    def refine(
+    def run_candidates(
         self, candidates: Iterable[tuple[int, Sequence[GraspCandidate]]], warm_starts: Sequence[KnownGrasp] = ()
     ) -> None:
         """Refine and certify the candidates of each start, then warm starts, each as it is and refined.
@@ -177,8 +177,8 @@ class Multistart:
             Known grasps.
         """
         runner, deadline = self.runner, self.deadline
-        starts = runner.starts(candidates, self.seed, deadline)
-        for result in chain(starts, runner.warm_starts(warm_starts, self.next_index, deadline)):
+        starts = runner.run_starts(candidates, self.seed, deadline)
+        for result in chain(starts, runner.run_warm_starts(warm_starts, self.next_index, deadline)):
             self.results.append(result)
             if self._progress is not None:
                 best = best_of(self.results)
@@ -192,7 +192,7 @@ class Multistart:
         Where the proposal fails numerically, the starts of its batch are recorded as failed.
         """
         for first in range(0, self.runner.count, BATCH):
-            if self.deadline.is_requested():
+            if self.deadline.should_stop():
                 return
             indices = range(first, min(first + BATCH, self.runner.count))
             rng = np.random.default_rng([self.seed, first])
@@ -201,12 +201,12 @@ class Multistart:
             try:
                 proposed = propose(self.runner.compiled, rng, starts=len(indices))
             except SOLVER_ERRORS as error:
-                self.results += [failed(index, error) for index in indices]
+                self.results += [failed_start(index, error) for index in indices]
                 continue
             self._clock.mark("propose")
             yield from zip(indices, deal_candidates(proposed, len(indices)), strict=True)
 
-    def add(self, warm: WarmStart, improve: bool = True) -> bool:
+    def add_warm_start(self, warm: WarmStart, improve: bool = True) -> bool:
         """Run a warm start in this process; return whether the best mu rose by more than the certificate's gap."""
         self._clock.restart()
         previous = self.best
@@ -219,7 +219,7 @@ class Multistart:
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
     def run_until_proved(self, starts: int, rtol: float, contacts: Sequence[FloatArray] = ()) -> None:
-        """Run starts one at a time in this process, until the best one is within the bound's gap.
+        """Run starts one at a time in this process, until the best one is within the bound's gap or memory is full.
 
         Parameters
         ----------
@@ -231,15 +231,15 @@ class Multistart:
             Contacts of known grasps, from which candidates begin as well.
         """
         self._clock.restart()
-        nodes = node_count(self.runner.problem, 1) // 2
+        nodes = node_limit(self.runner.problem, 1) // 2
         for _ in range(starts):
             self.certify_best(rtol)
-            if self._search_tree(nodes) or self.deadline.is_requested():
+            if self._branch_further(nodes) or self.deadline.should_stop():
                 break
             self._add_start(contacts)
         self._clock.mark("starts")
 
-    def update(self, *starts: StartGrasp) -> None:
+    def replace_results(self, *starts: StartGrasp) -> None:
         """Replace the results that have the same indices as some starts."""
         by_index = {start.record.index: start for start in starts}
         self.results = [by_index.get(result.record.index, result) for result in self.results]
@@ -249,20 +249,20 @@ class Multistart:
         tight = set[int]()
         while (best := self.best) is not None and best.record.index not in tight:
             best = best.tighten_bounds(self.runner.problem, rtol, self.seed)
-            self.update(best)
+            self.replace_results(best)
             tight.add(best.record.index)
         return best
 
     def close_gap(self) -> None:
-        """Branch and bound until the best grasp is within the requested gap of the bound, or until the deadline.
+        """Branch and bound until the best grasp is within the requested gap, memory is full, or the deadline.
 
         Further starts alternate with it, also from the relaxed placements of the bound.
         """
         if self._tree is None or self.runner.options.gap is None:
             return
         follows_contacts = self.runner.compiled.follows_contacts
-        while not self.deadline.is_requested() and not self._search_tree(STRIDE):
-            if follows_contacts and not self.deadline.is_requested():
+        while not self.deadline.should_stop() and not self._branch_further(STRIDE):
+            if follows_contacts and not self.deadline.should_stop():
                 self._add_start()
         self._clock.mark("closing the gap")
 
@@ -276,13 +276,13 @@ class Multistart:
         relaxed = [] if self._tree is None else self._tree.relaxed_placements(RELAXED)
         self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, [*contacts, *relaxed]))
 
-    def _search_tree(self, nodes: int) -> bool:
-        """Branch on further nodes; return whether the bound proves the best start to be within its gap."""
+    def _branch_further(self, nodes: int) -> bool:
+        """Branch on further nodes; return whether the search is finished: gap closed, or memory full."""
         if self._tree is None:
             return False
         best = self.best
         self._tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
-        self._tree.branch(nodes, self.deadline.is_requested)
+        self._tree.branch(nodes, self.deadline.should_stop)
         self._nodes += nodes
         return self._tree.is_finished
 
@@ -292,23 +292,23 @@ class Multistart:
         if best is None:
             return
         results: Sequence[StartResult] = self.results
-        weighs = runner.options.weighs_fragility and not deadline.is_requested()
+        weighs = runner.options.weighs_fragility and not deadline.should_stop()
         if weighs:
-            best, results = pressing_starts(runner.problem.hand, best, results)
+            best, results = restrict_to_pressing(runner.problem.hand, best, results)
         converging = runner.begin(partial(converge_to_optimum, deadline=deadline), [best])
         if self._keeping.count > 1:
             self._others = GraspCollection(runner, self._keeping, deadline)  # while a worker converges
         best = next(iter(converging()), best)
         self._clock.mark("last step")
-        if weighs and not deadline.is_requested():
-            best = runner.run(partial(choose_start, results=results, deadline=deadline), best) or best
-        self.update(best)
+        if weighs and not deadline.should_stop():
+            best = runner.run(partial(prefer_robust_start, results=results, deadline=deadline), best) or best
+        self.replace_results(best)
         self._clock.mark("choice")
-        if runner.problem.hand is not None and not deadline.is_requested():
+        if runner.problem.hand is not None and not deadline.should_stop():
             best, *blocked = runner.run(
                 partial(choose_free_approach, results=self.results, deadline=deadline), best
             ) or (best,)
-            self.update(best, *blocked)
+            self.replace_results(best, *blocked)
         self._clock.mark("way in")
         self.chosen = best
 
@@ -316,7 +316,7 @@ class Multistart:
         """Choose a start as the answer unchanged, with the approach of its hand."""
         with single_thread():
             self.chosen = replace(best, hand=add_hand_record(self.runner.compiled, best).hand)
-        self.update(self.chosen)
+        self.replace_results(self.chosen)
 
     def answer(self) -> GraspSolution:
         """Bound, certify and analyse the chosen start, and return the solution."""
@@ -336,8 +336,9 @@ class Multistart:
             self._tree.update_incumbent(best.record.mu.lower, weak)
         if self.runner.options.gap is None:
             size = self.runner.problem, self.runner.count
-            tree, largest = self._tree, effort_limit(*size)
-            tree.branch(node_count(*size) - self._nodes, lambda: self.deadline.is_requested() or tree.effort > largest)
+            tree, most = self._tree, evaluation_limit(*size)
+            nodes = node_limit(*size) - self._nodes
+            tree.branch(nodes, lambda: self.deadline.should_stop() or tree.evaluations > most)
         return self._tree.bound()
 
     def certify(self, bound: GlobalBound | None) -> GraspSolution:
@@ -358,7 +359,7 @@ class Multistart:
             best,
         )
         clock.mark("bound")
-        if best is None and not deadline.is_requested() and any(isinstance(r, StartGrasp) for r in self.results):
+        if best is None and not deadline.should_stop() and any(isinstance(r, StartGrasp) for r in self.results):
             reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, deadline=deadline), self.results)
             clock.mark("why not")
         if self._others is not None and best is not None:
@@ -382,10 +383,10 @@ class Multistart:
 
     @property
     def _early_end_status(self) -> Status | None:
-        """Status of a search that ended before all requested starts were run; None where it did not."""
+        """Status of a search that was interrupted, or whose time ended before all starts were begun; else None."""
         if self.deadline.is_interrupted():
             return Status.INTERRUPTED
-        if not self.deadline.is_requested():
+        if not self.deadline.should_stop():
             return None
         records = [r.record for r in self.results if r.record.index < self.runner.count]
         count = sum(record.message != NOT_BEGUN for record in records)
@@ -395,7 +396,7 @@ class Multistart:
         """Return the solution with the analyses that the options request."""
         runner, deadline, best = self.runner, self.deadline, self.chosen
         names = requested_analyses(runner.options, solution, runner.problem.hand)
-        if best is None or not names or deadline.is_requested():
+        if best is None or not names or deadline.should_stop():
             return solution
         analyse = partial(analyses_of, names=names, deadline=deadline)
         values, seconds, messages = runner.run(analyse, best) or ({}, {}, [])

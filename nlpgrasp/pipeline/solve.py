@@ -1,14 +1,16 @@
-"""``ng.solve``: search for the best grasp of a problem, in six stages.
+"""``ng.solve``: search for the best grasp of a problem, stage after stage.
 
 - compile, ``optimize/compiled_problem.py``: programs, constraint functions, surface samples, shared by all starts
+- root bound, ``global_bound/branch_and_bound.py``: upper bound on mu over all placements, without branching
 - propose, ``optimize/propose.py``: candidates, by coordinate exchange of contacts over surface samples
-- refine, ``optimize/refine.py``: local search by cutting planes; ``optimize/final_step.py``: the answer's KKT point
-- certify, ``quality/sandwich.py``: lower and upper bound on mu, for each start and for the answer
-- bound, ``global_bound/branch_and_bound.py``: upper bound on mu over all placements of the contacts
+- refine, ``optimize/refine_on_body.py``: local search by cutting planes, with a certificate for each start
+- close gap: branch and bound in turn with further starts, where a gap is requested
+- choose, ``pipeline/answer.py``: the answer among the starts, at its KKT point (``optimize/local_convergence.py``)
+- bound, ``global_bound/branch_and_bound.py``: a short branch and bound, where no gap is requested
+- certify, ``quality/sandwich.py``: narrow bounds on the answer's mu, and its least finger forces
 - analyse, ``analysis/analyse.py``: shadow prices, robustness and other analyses, on request
 
-``_run`` calls them, the bound before the answer's certificate; ``pipeline/multistart.py`` has their state,
-``pipeline/answer.py`` the choice of a start.
+``_run`` calls them; ``pipeline/multistart.py`` has one method for each, and their state.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from nlpgrasp.analysis.analyse import check_hand
+from nlpgrasp.analysis.analyse import check_phases_possible
 from nlpgrasp.common.deadline import InterruptHandler
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.distinct_grasps import ONE, KeepOptions
-from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.warm_starts import KnownGrasp, check_warm_starts
@@ -102,11 +104,11 @@ def solve(
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, NO_PROBLEM)
-    starts, seed, options = check_search(starts, seed, options)
+    starts, seed, options = check_solve_arguments(starts, seed, options)
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
     check_json(problem.to_dict())
-    check_hand("SolveOptions.analyses", options.analyses, problem.hand)
+    check_phases_possible("SolveOptions.analyses", options.analyses, problem.hand)
     warn_of_smoothing(problem.body, problem.hand)
     keeping = KeepOptions(keep, distinct)
     callback = progress_callback(progress, starts)
@@ -137,7 +139,7 @@ def _run(
         with InterruptHandler(search.deadline), single_thread():
             search.compile()
             search.begin_bound()
-            search.refine(search.propose(), warm_starts)  # and certify the result of each start
+            search.run_candidates(search.propose(), warm_starts)
             search.close_gap()
             search.choose()
             solution = search.certify(search.bound())

@@ -46,7 +46,7 @@ class CandidateConstraints:
         return (*self.rows, *(c.row(None) for c in self.clearances))
 
 
-def hand_name(variable: str) -> str:
+def hand_variable_name(variable: str) -> str:
     """Return the displayed name of a hand's variable, such as ``"palm position"``."""
     return variable.replace("_", " ")
 
@@ -62,7 +62,7 @@ def symbolic_candidate(
     if hand is None:
         return SymbolicCandidate(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
-    named_variables = {hand_name(name): symbols for name, symbols in variables.items()}
+    named_variables = {hand_variable_name(name): symbols for name, symbols in variables.items()}
     return SymbolicCandidate(
         positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, named_variables
     )
@@ -146,6 +146,7 @@ def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> lis
 
 
 def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:
+    """Return the clearance of a link's sphere from the body."""
     lower, fingers = sphere.radius + sphere.clearance, () if sphere.finger is None else (sphere.finger,)
     distance = body.distance_function
     return Clearance(CLEARANCE, distance, sphere.centre, lower, body.size, fingers=fingers, link=sphere.link)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
-from nlpgrasp.bodies.mesh.signed_distance import FINEST, automatic_fineness
+from nlpgrasp.bodies.mesh.signed_distance import FINEST, choose_grid_resolution
 from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.scalar_constraints import Clearance, ScalarConstraint
 from nlpgrasp.common.user_warnings import warn_once
@@ -101,6 +101,7 @@ class FaceSamples:
 
 
 def _sample_face(body: Body, name: str, rng: np.random.Generator, margin: float) -> FaceSamples:
+    """Return random points of a face with inward normals."""
     points = body.sample(name, SAMPLES, rng, margin)
     return FaceSamples(points, -body.evaluate(name, points)[2])
 
@@ -165,11 +166,12 @@ def _check_distances(
 
 
 def _format_violation(violation: float) -> str:
-    """Return the least violation as text, metres; empty if unknown."""
+    """Return a least violation, metres, as text in millimetres; empty if unknown."""
     return f" (the nearest misses by {format_number(1e3 * violation)} mm)" if np.isfinite(violation) else ""
 
 
 def _format_names(names: list[str]) -> str:
+    """Return names of faces as text."""
     return "faces " + ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
 
@@ -320,7 +322,7 @@ def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
         return
     is_thin = offset > WALL * body.wall
     reference = f"walls {1e3 * body.wall:.3g} mm thick" if is_thin else f"a fingertip of {1e3 * tip:.3g} mm radius"
-    advice = automatic_fineness(np.ptp(body.bounds, axis=0), min(body.wall, tip / WALL))
+    advice = choose_grid_resolution(np.ptp(body.bounds, axis=0), min(body.wall, tip / WALL))
     smoothing, resolution = advice.smoothing, advice.resolution
     if smoothing / resolution >= body.smoothing / body.resolution:
         smoothing, resolution = body.smoothing, min(int(np.ceil(FINER * body.resolution)), FINEST)

@@ -176,10 +176,12 @@ def _describe_model(model: ContactModel) -> str:
 
 
 def _shorten_text(text: str) -> str:
+    """Return a text, truncated if long."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def _describe_faces(problem: ProblemView, faces: tuple[str, ...]) -> str:
+    """Return the allowed faces as text."""
     count = len(problem.body.face_names)
     if len(faces) == count:
         return ", on any face" if count > 1 else ""
@@ -198,6 +200,7 @@ def _faces_above_tables(problem: ProblemView, faces: Sequence[str]) -> tuple[str
 
 
 def _describe_torque_origin(problem: ProblemView) -> str:
+    """Return the torque origin as text."""
     remark = ", the body's centroid" if problem.torque_origin is None else ""
     least = ROUNDING * problem.body.size
     coordinates = ", ".join(format_number(1e3 * v, least=1e3 * least) for v in problem.origin)
@@ -205,17 +208,20 @@ def _describe_torque_origin(problem: ProblemView) -> str:
 
 
 def _describe_hand(problem: ProblemView) -> DescribedPart:
+    """Return the description of the hand."""
     if problem.hand is None:
         return DescribedPart("Hand", "none", ("each contact may be anywhere on the body",))
     return DescribedPart("Hand", f"{problem.hand.count} fingertips", (_shorten_text(repr(problem.hand)),))
 
 
 def _describe_edge_margin(problem: ProblemView) -> DescribedPart:
+    """Return the description of the edge margin."""
     note = "contacts stay that far away from sharp edges" if problem.margin > 0.0 else "contacts may lie on edges"
     return DescribedPart("Edge margin", f"{format_number(1e3 * problem.margin)} mm", (note,))
 
 
 def _describe_budget(problem: ProblemView) -> DescribedPart:
+    """Return the description of the force budget."""
     limit = problem.max_force
     notes = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
     return DescribedPart("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *notes))

@@ -129,13 +129,13 @@ class GraspProblem(DisplayedProblem):
             or len(self.name) > 200
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
-        self._check_constraints()
+        self._set_constraints()
         check_patches(self.models, self.body)
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         warn_of_lengths(self.body, self.models, self.constraints, self.hand)
         warn_of_surroundings(self.body, self.constraints, self.hand)
         count = range(len(self.models))
-        faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
+        faces = [allowed_face_names(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
         check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
 
@@ -181,7 +181,7 @@ class GraspProblem(DisplayedProblem):
                 raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
         object.__setattr__(self, "contacts", models)
 
-    def _check_constraints(self) -> None:
+    def _set_constraints(self) -> None:
         """Set the constraints to a tuple, validated; raise if they leave some contact no face."""
         constraints = self.constraints
         if isinstance(constraints, PlacementConstraint):
@@ -231,7 +231,7 @@ class GraspProblem(DisplayedProblem):
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return the names of a contact's allowed faces that are large enough for the margin."""
-        faces = allowed_faces(self.body, self.models, self.constraints, contact)
+        faces = allowed_face_names(self.body, self.models, self.constraints, contact)
         return tuple(f for f in faces if self.body.room(f) > self.margin) if self.margin > 0.0 else faces
 
     def to_dict(self) -> Json:
@@ -278,12 +278,13 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
 
 
 def _read_contact(data: Json) -> ContactModel:
+    """Return a contact model with its faces from JSON data."""
     faces = data.get("faces")
     model = contact_from_dict(data)
     return model if faces is None else replace(model, faces=tuple(faces))
 
 
-def allowed_faces(
+def allowed_face_names(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], contact: int
 ) -> tuple[str, ...]:
     """Return the names of a contact's allowed faces: its own or all, without forbidden ones.

@@ -60,7 +60,7 @@ class Containment:
         return y / np.linalg.norm(y)
 
 
-def condition(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, FloatArray | None]:
+def make_containment(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, FloatArray | None]:
     """Return the containment problem in well-conditioned coordinates, or a proof of ``mu = 0`` by rank.
 
     Returns

@@ -1,4 +1,4 @@
-"""Directions along which no contact force does work, as proofs against force closure (decided in ``stability``)."""
+"""Directions along which no contact force does positive work: proofs against force closure (see ``stability``)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ EXACT = 1e-13  # tolerance at which the search for a separating direction stops
 
 
 def positive_share(wrenches: WrenchSet, y: FloatArray) -> FloatArray:
-    """Return ``|P_K(z)| / |z|`` (m,) with ``z = G^T y`` for y (m, d): 0 if no force in K does work along y.
+    """Return ``|P_K(z)| / |z|`` (m,) with ``z = G^T y`` for y (m, d): 0 if no force in K does positive work along y.
 
     Comparing ``P_K(z)`` with z itself depends neither on units nor on the torque origin.
     """
@@ -27,7 +27,7 @@ def has_no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
 
 
 def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray | None:
-    """Search a unit direction y along which no force in K does positive work; None if none is found.
+    """Return a candidate direction along which no force in K does positive work, for the caller to check, or None.
 
     Take a force x0 inside the cones and the wrench ``w = -G x0``. If some force in K produces w, both together are an
     internal force inside the cones, and with G of full rank the grasp is force-closed. Otherwise a direction that
@@ -52,14 +52,14 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
     target = -whitened.G @ normal_forces
     if np.linalg.norm(target) <= ZERO_SUPPORT:
         return None
-    y = unreachable_direction(whitened, target, rounds)
+    y = separate_wrench(whitened, target, rounds)
     if y is None:
         return None
     y = (U / S) @ y
     return np.asarray(y / np.linalg.norm(y))
 
 
-def unreachable_direction(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
+def separate_wrench(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
     """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``; None if it is inside.
 
     The nearest point of ``G K`` is found by nonnegative least squares over a growing set of its rays; the residual is

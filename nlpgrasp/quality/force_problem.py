@@ -22,7 +22,7 @@ from nlpgrasp.contacts.product import conic_lift, project_strictly
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
-from nlpgrasp.quality.force_closure import positive_share, unreachable_direction
+from nlpgrasp.quality.force_closure import positive_share, separate_wrench
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
 
@@ -156,7 +156,7 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
         is_produced = residuals <= PRODUCED  # false for NaN
         x[unsettled[is_produced]], residual[unsettled[is_produced]] = forces[is_produced], residuals[is_produced]
         for i in unsettled[~is_produced]:
-            direction = unreachable_direction(reduced, local[i])
+            direction = separate_wrench(reduced, local[i])
             directions[i] = basis @ (y[i] if direction is None else direction)
     if not isinstance(wrench_set.force_set, L2Set):
         feasible = np.flatnonzero(residual <= PRODUCED)

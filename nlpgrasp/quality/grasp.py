@@ -105,7 +105,7 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
 
 
 def do_all_point_away(points: FloatArray, normals: FloatArray) -> bool:
-    """Return whether all of several normals (k, space) point away from the points' mean, within 45 degrees.
+    """Return whether all normals (k, space) point away from the points' mean, within 45 degrees.
 
     This also holds for contacts in a cavity gripped from inside.
     """

@@ -96,7 +96,7 @@ class NoBalanceError(InputError):
 
 
 @dataclass(frozen=True)
-class Balanced:
+class BalancedForces:
     """Balanced finger forces with their required share of friction.
 
     Parameters
@@ -116,7 +116,7 @@ def can_press(grasp: Grasp) -> bool:
     return _FrictionProgram(grasp, np.zeros(grasp.dimension)).least_normal_force(1.0) is not None
 
 
-def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Balanced:
+def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> BalancedForces:
     """Return the forces of least friction that produce a wrench with a least normal force (see the module).
 
     Parameters
@@ -141,7 +141,7 @@ def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Ba
     u = u if least_forces is None else least_forces
     x = program.lift @ u
     x = x - program.pseudo_inverse @ (program.G @ x - program.wrench)
-    return Balanced(normal_force * x, program.share(u))
+    return BalancedForces(normal_force * x, program.share(u))
 
 
 class _FrictionProgram:

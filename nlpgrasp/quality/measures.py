@@ -13,7 +13,7 @@ from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.containment import condition
+from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.sandwich import sandwich
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
@@ -57,7 +57,7 @@ def mu(
 ) -> Bounds | StackBounds:
     """Return the task-oriented quality: mu (3.3-4a) if the task is centred, else mu-tilde (3.3-4b).
 
-    Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in terms of the force budget) exerts
+    Both are the largest alpha with ``alpha A`` inside ``G(B ∩ K)``: unit force (in terms of the force budget) exerts
     every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred ellipsoid alpha times
     the task's ``beta`` is the paper's mu, the beta of the largest ``A_beta`` inside.
 
@@ -105,20 +105,20 @@ def _certify(
 ) -> Bounds:
     """Return the certified bounds of one grasp."""
     wrenches = WrenchSet.of(grasp, force_budget)
-    exact = bilateral_ellipsoid(wrenches, task)
+    exact = bound_in_closed_form(wrenches, task)
     if exact is not None:
         return exact
-    problem, proof = condition(wrenches, task)
+    problem, proof = make_containment(wrenches, task)
     if problem is None:
         return Bounds(0.0, 0.0, proof)
     return sandwich(problem, rtol, seed, deadline)
 
 
-def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
-    """Return bounds on the least ``|G^T y| / |L^T y|`` if that is the quality, or None if it is not.
+def bound_in_closed_form(wrenches: WrenchSet, task: Task) -> Bounds | None:
+    """Return bounds on mu where wrench set and task are centred ellipsoids, else None.
 
-    With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest singular value of ``L^T U S^-1``; for a ball of
-    wrenches the smallest singular value of G.
+    mu is then the least ``|G^T y| / |L^T y|``. With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest
+    singular value of ``L^T U S^-1``; for a ball of wrenches the smallest singular value of G.
     """
     if not (wrenches.is_ellipsoid and isinstance(task, TaskEllipsoid)):
         return None
@@ -154,7 +154,7 @@ def delta(
     *,
     force_budget: str | ForceBudget = "l2",
 ) -> Bounds | StackBounds:
-    """Return delta: the radius of the largest ball about the origin inside ``G(B n K)``, (3.1-1b).
+    """Return delta: the radius of the largest ball about the origin inside ``G(B ∩ K)``, (3.1-1b).
 
     With bilateral contacts only (``K = R^n``) and the L2 budget it is the smallest singular value of G, (3.1-1a). With
     ``force_budget="shared"`` it is Ferrari and Canny's epsilon, of the exact friction cones.

@@ -1,6 +1,6 @@
 """Reference implementations of the paper's algorithms (Sections 3.1 and 3.4), for comparison only.
 
-- ``inscribed_polytope``: a polytope inside ``G(B n K)`` with all its faces; delta is the distance of the closest.
+- ``inscribed_polytope``: a polytope inside ``G(B ∩ K)`` with all its faces; delta is the distance of the closest.
 - ``mu_by_steps``: beta is increased as long as the task's wrenches, times beta, stay in that polytope.
 - ``polytope_distance``: the test of a wrench, by Wolfe's method (Finding the nearest point in a polytope, 1976,
   doi:10.1007/BF01580381) with vertices from a support function, as in Gilbert, Johnson and Keerthi (1988,
@@ -49,7 +49,7 @@ Vertex = Callable[[FloatArray], FloatArray]  # a direction (d,) to the farthest 
 
 @dataclass(frozen=True)
 class InscribedPolytope:
-    """An inscribed polytope of ``G(B n K)`` with all its faces.
+    """An inscribed polytope of ``G(B ∩ K)`` with all its faces.
 
     Wrenches are in newtons, torques over ``torque_scale``.
 
@@ -64,7 +64,7 @@ class InscribedPolytope:
     members : (f, d) array of int
         Vertex indices of each face. A face with more than d vertices is split.
     share : float
-        Approximation error: ``share G(B n K)`` is inside the polytope, which is inside ``G(B n K)``; at most 1.
+        Approximation error: ``share G(B ∩ K)`` is inside the polytope, which is inside ``G(B ∩ K)``; at most 1.
     torque_scale : float
         Metres.
     """
@@ -95,7 +95,7 @@ def inscribed_polytope(
     force_budget: str | ForceBudget = "l2",
     seed: int = 0,
 ) -> InscribedPolytope:
-    """Return an inscribed polytope of ``G(B n K)``, including the origin, with all its faces.
+    """Return an inscribed polytope of ``G(B ∩ K)``, including the origin, with all its faces.
 
     The paper's procedure for delta, (3.1-1b), which is the distance of the closest face. For comparison only: ``delta``
     is certified and faster.
@@ -165,7 +165,7 @@ def _wrench_hull(points: FloatArray) -> ConvexHull:
 
 @dataclass(frozen=True)
 class SteppedMu:
-    """Result of the increments: largest beta, last step and approximation errors.
+    """Result of the stepwise algorithm for mu: largest beta, last step and approximation errors.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class SteppedMu:
     task_share : float
         Error of the samples: the task times this is in their hull; 1 for a polytope.
     polytope_share : float
-        Error of the polytope: ``G(B n K)`` times this is in it; 0 if the origin is on its boundary.
+        Error of the polytope: ``G(B ∩ K)`` times this is in it; 0 if the origin is on its boundary.
     """
 
     beta: float
@@ -208,7 +208,7 @@ def mu_by_steps(
 ) -> SteppedMu:
     """Return mu by the paper's algorithm: increase beta while the task's wrenches stay in a polytope.
 
-    The polytope is inscribed in ``G(B n K)``. Ellipsoids are sampled at well-spread boundary wrenches; of polytopes all
+    The polytope is inscribed in ``G(B ∩ K)``. Ellipsoids are sampled at well-spread boundary wrenches; of polytopes all
     wrenches are used. Membership is tested by the distance from the polytope, [14] and [15] of the paper. When a step
     leaves it, the step is reduced to a tenth. For comparison only: ``mu`` is certified and faster.
 

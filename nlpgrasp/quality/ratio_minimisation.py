@@ -18,7 +18,7 @@ LEAST_CURVATURE, LONGEST = 1e-6, 0.3  # relative lower bound of curvatures; rad,
 Model = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 
 
-def iterate_inverse(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+def minimise_by_inverse_iteration(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Minimise ``phi_G / phi_A`` by damped inverse iteration from directions of each grasp, (b, m, d).
 
     With ``phi_A(u) = <w, u>`` for the task's maximiser w, the minimiser of ``phi_G(u) / <w, u>`` is near ``H^-1 w``
@@ -89,11 +89,11 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
     return u, value
 
 
-def descend_by_inverse_iteration(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Minimise the support ratio by inverse iteration from each row of ``u``, for the L2 budget.
+def minimise_l2_ratio(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Minimise the support ratio under the L2 budget by inverse iteration from each row of ``u``.
 
     The squared support is piecewise quadratic, so this converges in fewer steps than ``descend``
-    (``iterate_inverse``). Arguments and results are those of ``descend``; a narrow minimum far from all
+    (``minimise_by_inverse_iteration``). Arguments and results are those of ``descend``; a narrow minimum far from all
     starts may be missed.
     """
     regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)
@@ -104,11 +104,11 @@ def descend_by_inverse_iteration(problem: Containment, u: FloatArray, steps: int
         value = np.where(reach > 0.0, phi / np.where(reach > 0.0, reach, 1.0), np.inf)
         return value[None], wrench[None], (problem.wrenches.curvature(u[0]) + regular)[None]
 
-    directions, values = iterate_inverse(model, u[None], steps)
+    directions, values = minimise_by_inverse_iteration(model, u[None], steps)
     return directions[0] / np.maximum(np.linalg.norm(directions[0], axis=1, keepdims=True), 1e-300), values[0]
 
 
-def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+def refine_by_newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Refine nearby local minimisers of the support ratio by damped Newton steps on the unit sphere.
 
     Convergence is quadratic, so minimisers can be tracked from one set of contacts to the next as accurately as their
@@ -156,14 +156,20 @@ def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> F
 
 
 def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the ratio's principal curvatures on the unit sphere at directions (m, r) with gradients (m, r).
+    """Return the ratio's absolute principal curvatures on the unit sphere, bounded away from zero, and their axes.
+
+    Parameters
+    ----------
+    problem : Containment
+    u, gradient : (m, r) array
+        Unit directions, and the ratio's gradients there.
 
     Returns
     -------
     axes : (m, r - 1, r) array
         Orthonormal tangents.
     values : (m, r - 1) array
-        Absolute curvatures along these, bounded away from zero.
+        Curvatures along these.
     """
     m, r = u.shape
     basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)

@@ -17,7 +17,7 @@ from scipy.spatial import QhullError
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.containment import Containment, condition
+from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separating_direction
 from nlpgrasp.quality.grasp import Grasp
@@ -171,13 +171,15 @@ def _initial_hull(
         if with_origin:
             points = np.concatenate([np.zeros((1, problem.rank)), points])
         try:
-            return IncrementalHull(points, lambda planes, centre: _values(problem, planes, centre, 1.0))
+            return IncrementalHull(points, lambda planes, centre: _allowed_scales(problem, planes, centre, 1.0))
         except QhullError:
             continue
     return None
 
 
-def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height: FloatArray | float) -> FloatArray:
+def _allowed_scales(
+    problem: Containment, planes: FloatArray, centre: FloatArray, height: FloatArray | float
+) -> FloatArray:
     """Return the largest alpha that each half-space ``{<a, x - centre> <= height}`` allows."""
     offset = height + planes @ centre
     offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
@@ -191,7 +193,7 @@ def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height
 def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float:
     """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
     _, planes, heights = hull.corners()
-    return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))
+    return float(np.min(_allowed_scales(problem, planes, hull.centre, np.minimum(heights, 1.0))))
 
 
 @dataclass(frozen=True)
@@ -217,7 +219,7 @@ class ResumableCertificate:
     @classmethod
     def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> ResumableCertificate | None:
         """Return the certificate tightened to a tolerance, None if rank alone proves ``mu = 0``."""
-        problem, _ = condition(WrenchSet.of(grasp, budget), task)
+        problem, _ = make_containment(WrenchSet.of(grasp, budget), task)
         return None if problem is None else cls(grasp, task, budget, problem, tighten(problem, rtol))
 
     def belongs_to(self, grasp: Grasp, budget: ForceBudget) -> bool:

@@ -17,7 +17,7 @@ from nlpgrasp.contacts.product import project
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.ratio_minimisation import iterate_inverse
+from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.tasks import Task
 
 CHUNK = 256  # grasps per batch, to fit the processor's cache
@@ -63,6 +63,7 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
 
 
 def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
+    """Return the force budget for the stack's contacts; raise if it depends on their frames."""
     budget = force_budget(value)
     budget.check(stack.contacts, stack.space)
     if budget.depends_on_frames:
@@ -75,12 +76,12 @@ def _descend(view: _GraspBatch, task: Task, y: FloatArray) -> FloatArray:
     ratios = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least_sampled = ratios.min(axis=1)
     weakest = np.argpartition(ratios, min(DESCENTS, ratios.shape[1]) - 1, axis=1)[:, :DESCENTS]
-    value = iterate_inverse(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
+    value = minimise_by_inverse_iteration(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
     return np.asarray(np.minimum(least_sampled, value.min(axis=1)))
 
 
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
-    """Return directions (m, d) well spread in the task's metric, which the grasps' regularises for a flat task."""
+    """Return directions (m, d) well spread in the task's metric, regularised by the grasps' where it is flat."""
     planar = stack.dimension == 3
     spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
     y = spread @ np.linalg.inv(np.linalg.cholesky(_second_moment(stack, task)))
@@ -153,7 +154,7 @@ def minimise_locally(
     ratios : (b, m) array
     """
     view = _GraspBatch(stack, slice(None), _fixed_force_set(stack, budget))
-    return iterate_inverse(lambda u: view.quadratic(u, task), y, steps)
+    return minimise_by_inverse_iteration(lambda u: view.quadratic(u, task), y, steps)
 
 
 class _GraspBatch:

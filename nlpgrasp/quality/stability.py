@@ -28,7 +28,7 @@ class Stability:
     stable : bool
         Proven: the ball's certified radius is above zero.
     radius : Bounds
-        Certified delta, the radius of the largest ball about the origin inside ``G(B_1^n n K)`` (Proposition 2-9).
+        Certified delta, the radius of the largest ball about the origin inside ``G(B_1^n ∩ K)`` (Proposition 2-9).
     separating_direction : (d,) array or None
         Unless stable: a unit direction y along which no force of the contacts does positive work,
         ``|P_K(G^T y)| <= 1e-10 |G^T y|``. ``None`` also where rounding leaves the question open: the radius is then
@@ -54,7 +54,7 @@ def is_stable(grasp: GraspStack, torque_scale: float = 1.0) -> tuple[Stability, 
 def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability | tuple[Stability, ...]:
     """Return whether ``G`` restricted to the force domain K is surjective (Corollary 2-8), with the proof.
 
-    Either a ball about the origin lies inside ``G(B_1^n n K)`` (Proposition 2-9), or some direction has no support.
+    Either a ball about the origin lies inside ``G(B_1^n ∩ K)`` (Proposition 2-9), or some direction has no support.
     With bilateral contacts only this is full row rank of G (Proposition 2-7). Stability does not depend on the body
     frame or the torque origin (Theorem 2-10); the ball's radius does.
 

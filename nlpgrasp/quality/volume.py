@@ -6,9 +6,9 @@ points span an inner polytope P, cut into simplices with their apex c inside. On
 
     ``sum_cells vol  <=  nu  <=  sum_cells r^d vol``,
 
-both certified. Between these bounds ``estimate`` samples ``vol(W) = vol(P) E[t^d]`` for points x uniform over P's
-surface (by cones about c), with ``c + t (x - c)`` on the boundary of W: t is close to 1, so its mean needs few samples.
-On the boundary the least force that produces a wrench is 1.
+both certified. Between these bounds ``estimate_volume`` samples ``vol(W) = vol(P) E[t^d]`` for points x uniform over
+P's surface (by cones about c), with ``c + t (x - c)`` on the boundary of W: t is close to 1, so its mean needs few
+samples. On the boundary the least force that produces a wrench is 1.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def nu(
     force_budget: str | ForceBudget = "l2",
     seed: int = 0,
 ) -> Volume | tuple[Volume, ...]:
-    """Return nu (3.2-1): the volume of ``G(B n K)``.
+    """Return nu (3.2-1): the volume of ``G(B ∩ K)``.
 
     It does not depend on the body frame or the torque origin (Theorem 3-2), and it does not imply stability: a grasp
     that is not force-closed has a volume too.
@@ -177,7 +177,7 @@ def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) 
     middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
     if inner.upper <= inner.lower * (1.0 + rtol):
         return inner.lower, inner.upper, middle, half
-    value, error = estimate(whitened, inner.cells, rtol, rng)
+    value, error = estimate_volume(whitened, inner.cells, rtol, rng)
     return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
 
 
@@ -207,7 +207,7 @@ def _shrunk_points(points: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Cells:
+class PolytopeCells:
     """An inner polytope P of W, divided into one simplex per facet with its apex at a point c.
 
     Parameters
@@ -243,7 +243,7 @@ class _InnerPolytope:
         support = whitened.support(normals)[0] - normals @ centre
         is_proper = (heights > ROUNDING * np.max(heights)) & (sizes > 0.0)
         self.planes = normals[is_proper]
-        self.cells = Cells(
+        self.cells = PolytopeCells(
             centre, corners[is_proper], sizes[is_proper], np.maximum(support[is_proper] / heights[is_proper], 1.0)
         )
         self.missing = (self.cells.reach**d - 1.0) * self.cells.sizes
@@ -270,14 +270,16 @@ def _filled_hull(points: FloatArray) -> tuple[ConvexHull, FloatArray, FloatArray
     raise NlpgraspError("nu: no hull of this grasp's support points is filled by its simplices")
 
 
-def estimate(whitened: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generator) -> tuple[float, float]:
+def estimate_volume(
+    whitened: WrenchSet, cells: PolytopeCells, rtol: float, rng: np.random.Generator
+) -> tuple[float, float]:
     """Estimate the volume of a wrench set and its error bar by stratified sampling over the cells.
 
     Parameters
     ----------
     whitened : WrenchSet
         W, in well-conditioned coordinates.
-    cells : Cells
+    cells : PolytopeCells
     rtol : float
         Target relative error bar.
     rng : numpy.random.Generator

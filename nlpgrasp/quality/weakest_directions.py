@@ -8,12 +8,12 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.quality.containment import Containment, condition
+from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.force_closure import separating_direction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
-    descend_by_inverse_iteration,
+    minimise_l2_ratio,
     random_directions,
     select_separated,
 )
@@ -95,7 +95,7 @@ def weakest_directions(
         Directions to start from as well, for example those of a nearby grasp.
     descents : DescentSettings
     """
-    problem, proof = condition(WrenchSet.of(grasp, budget), task)
+    problem, proof = make_containment(WrenchSet.of(grasp, budget), task)
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else scale_to_unit_support(task, proof[None, :])
         return WeakestDirections(0.0, y)
@@ -110,8 +110,8 @@ def weakest_directions(
     return _weakest(problem, task, directions, values)
 
 
-def weaker_in_polytope(certificate: ResumableCertificate, value: float) -> WeakestDirections | None:
-    """Return directions of a certificate's polytope with ratios clearly below a value; None without any."""
+def weakest_in_polytope(certificate: ResumableCertificate, value: float) -> WeakestDirections | None:
+    """Return the weakest directions of a certificate's polytope if the least ratio is well below a value, else None."""
     directions, values = _hull_directions(certificate.containment, certificate.sandwich)
     is_weaker = bool(np.min(values) < value * (1.0 - MISSED))
     return _weakest(certificate.containment, certificate.task, directions, values) if is_weaker else None
@@ -141,7 +141,7 @@ def _descend_and_iterate(problem: Containment, start: FloatArray, steps: int) ->
     """
     directions, values = descend(problem, start, BEGUN)
     weakest = np.argsort(values, kind="stable")[:FOLLOWED]
-    refined, refined_values = descend_by_inverse_iteration(problem, directions[weakest], steps)
+    refined, refined_values = minimise_l2_ratio(problem, directions[weakest], steps)
     return np.concatenate([refined, directions]), np.concatenate([refined_values, values])
 
 

@@ -1,4 +1,4 @@
-"""Grasp wrench set ``G(B n K)`` by its support function (3.4-5), and its numerical rank."""
+"""Grasp wrench set ``G(B ∩ K)`` by its support function (3.4-5), and its numerical rank."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class WrenchSet:
     G : (d, n) array
         Grasp map, possibly after a linear change of wrench coordinates.
     force_set : ForceSet
-        ``B n K``.
+        ``B ∩ K``.
     """
 
     G: FloatArray
@@ -73,11 +73,11 @@ class WrenchSet:
         return project(z, self.contacts, self.space)
 
     def forces(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function ``phi(y | G(B n K))`` (m,) and maximising finger forces (m, n)."""
+        """Return the support function ``phi(y | G(B ∩ K))`` (m,) and maximising finger forces (m, n)."""
         return self.force_set.support(y @ self.G)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function ``phi(y | G(B n K))`` (m,) and maximising wrenches (m, d)."""
+        """Return the support function ``phi(y | G(B ∩ K))`` (m,) and maximising wrenches (m, d)."""
         phi, x = self.forces(y)
         return phi, x @ self.G.T
 

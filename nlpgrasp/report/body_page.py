@@ -25,9 +25,9 @@ from nlpgrasp.report.page_builder import (
     Heading,
     KeyFigure,
     figure_panel,
+    scene_html,
     scene_page,
     scene_section,
-    scene_stage,
     switches,
 )
 from nlpgrasp.report.scene_parts import (
@@ -121,6 +121,7 @@ def _face_distance(body: Body, name: str, points: FloatArray) -> FloatArray:
 
 
 def _face_label(name: str, point: FloatArray, inward: FloatArray) -> Json:
+    """Return the scene data of a face's label."""
     position, normal = np.round(point, DIGITS).tolist(), np.round(inward, DIGITS).tolist()
     return {"at": position, "inward": normal, "tip": 0.0, "slope": None, "face": f"face {name}", "label": name}
 
@@ -159,7 +160,7 @@ class ScenePage:
         """Return the scene with its switches, and the names of parts that are not drawn."""
         undrawn = ", ".join(self.scene["unseen"])
         note = f'<p class="note">not drawn: {escape(undrawn)}</p>' if undrawn else ""
-        return scene_stage(self.description, [switches(SWITCHES), note])
+        return scene_html(self.description, [switches(SWITCHES), note])
 
 
 def write_body(body: Body, path: str | Path) -> Path:
@@ -240,10 +241,12 @@ def _bounds_figure(body: Body) -> KeyFigure:
 
 
 def _is_implausible(extents: FloatArray) -> bool:
+    """Return whether sides of a bounding box suggest another unit."""
     return bool(np.max(extents) > LARGE or np.max(extents) < SMALL)
 
 
 def _size_warning(extents: FloatArray) -> str:
+    """Return the note beside a body's size, a warning if it is implausible."""
     if not _is_implausible(extents):
         return "along the axes of the body's frame"
     size = "larger than a metre" if np.max(extents) > LARGE else "smaller than a millimetre"
@@ -251,10 +254,12 @@ def _size_warning(extents: FloatArray) -> str:
 
 
 def _body_name(body: Body) -> str:
+    """Return the name of a body's file, or else its title."""
     return (body.source if isinstance(body, Mesh) else None) or body.shown_name
 
 
 def _body_page(body: Body) -> ScenePage:
+    """Return the page of a body."""
     return ScenePage(_body_name(body), f"The body, {_body_name(body)}", body_scene(body))
 
 
@@ -323,4 +328,5 @@ def _note_html(note: str) -> str:
 
 
 def _problem_page(problem: GraspProblem) -> ScenePage:
+    """Return the page of a problem."""
     return ScenePage(problem.name, f"The problem {problem.name}", problem_scene(problem))

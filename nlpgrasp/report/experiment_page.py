@@ -61,12 +61,14 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
 
 
 def _warnings(result: ExperimentResult) -> list[str]:
+    """Return the warnings of an experiment as HTML."""
     lines = [] if result.comparable else [NOT_COMPARABLE]
     lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in result.failures]
     return [f'<p class="warning">{escape(line)}</p>' for line in [*lines, *result.notes]]
 
 
 def _variation_table(result: ExperimentResult) -> str:
+    """Return the table of variations, the best first, as HTML."""
     heads = ["Rank", "Variation", "mu certified in", "", "Gap", "Seeds that agree", "Seconds a solve"]
     heads += ["Starts that succeeded", "Ties with", "Grasp of", "Active constraints"]
     axis_limit = max((variation.mu.upper for variation in result.variations), default=0.0) or 1.0
@@ -104,6 +106,7 @@ def _variation_row(variation: VariationResult, rank: int, ties: Sequence[str], a
 
 
 def _figure(picture: Path) -> str:
+    """Return a picture with its caption as HTML."""
     caption = CAPTIONS.get(picture.stem, picture.stem)
     data = base64.b64encode(picture.read_bytes()).decode()
     return (
@@ -112,6 +115,7 @@ def _figure(picture: Path) -> str:
 
 
 def _price_table(result: ExperimentResult) -> str:
+    """Return the shadow prices of each variation's best grasp as HTML."""
     items = [
         f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(typeset(str(p)))}</dd>" for p in v.best.prices)
         for v in result.variations
@@ -121,6 +125,7 @@ def _price_table(result: ExperimentResult) -> str:
 
 
 def _inputs(result: ExperimentResult) -> str:
+    """Return the section with the experiment's plan as HTML."""
     try:
         plan = escape((result.folder / PLAN).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError):
@@ -198,7 +203,7 @@ def draw_experiment_convergence(variations: Sequence[VariationResult]) -> Figure
             remaining = 1.0 - np.array(start.history) / start.history[-1]
             ax.plot(np.maximum(remaining, LEAST_SHARE), ".-", color=f"C{i}", alpha=0.8, label=_shorten_name(v.name))
     ax.set_yscale("log")
-    ax.set_xlabel("rounds of the exchange, best start")
+    ax.set_xlabel("rounds of cutting planes, best start")
     ax.set_ylabel(f"share of the final {_seed_label(variations)} still to gain")
     ax.grid(color="0.9")
     if ax.lines:
@@ -238,21 +243,25 @@ def _new_figure(height: float) -> tuple[Figure, Axes]:
 
 
 def _write_plot(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
+    """Draw variations and write the figure as PNG."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph", UserWarning)  # characters that the font lacks are drawn as boxes
         return write_figure(draw(variations), path)
 
 
 def _seed_label(variations: Sequence[VariationResult]) -> str:
+    """Return the displayed name of the variations' common measure."""
     kinds = {v.best.kind for v in variations if v.best is not None}
     return format_measure(kinds.pop() if len(kinds) == 1 else "")
 
 
 def _legend(ax: Axes, count: int) -> None:
+    """Add a legend that states the number of lines left out."""
     title = f"best {MOST_LINES} of {count}" if count > MOST_LINES else None
     ax.legend(fontsize=8, title=title)
 
 
 def _shorten_name(name: str, longest: int = 32) -> str:
+    """Return a variation's name for a plot."""
     text = name if len(name) <= longest else name[: longest - 3] + "..."
     return text.replace("$", r"\$")  # no math mode

@@ -68,6 +68,7 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
 
 
 def _transform_points(points: FloatArray, rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """Return points (m, 3) in another frame."""
     return np.asarray(points @ rotation.T + position)
 
 
@@ -187,6 +188,7 @@ def _is_flat(solution: GraspSolution) -> bool:
 
 
 def _tip_radius(solution: GraspSolution) -> float:
+    """Return the radius of free fingertips, metres; 0 for other hands."""
     hand = solution.problem.get("hand") or {}
     return float(hand.get("radius", 0.0)) if hand.get("type") == Fingertips.kind else 0.0
 
@@ -198,6 +200,7 @@ def _palm_point(solution: GraspSolution) -> FloatArray | None:
 
 
 def _pad_radius(solution: GraspSolution) -> float:
+    """Return the drawn radius of parallel jaws' pads, metres; 0 for other hands."""
     return PAD_RADIUS if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
 
 

@@ -21,7 +21,7 @@ from nlpgrasp.report.hand_scene import (
     describe_palm,
     format_position,
     general_postures,
-    hand_stage,
+    hand_scene_html,
     posture_button,
     posture_name,
     sliders,
@@ -111,6 +111,7 @@ def _separate_tips(opposition: Opposition) -> str:
 
 
 def _meeting_cell(pair: TipMeeting | None) -> str:
+    """Return the table cell of two fingertips that oppose each other."""
     if pair is None:
         return ""
     kind = "meets" if pair.touches else "apart" if pair.faces else "never"
@@ -118,6 +119,7 @@ def _meeting_cell(pair: TipMeeting | None) -> str:
 
 
 def _format_opposition(meeting: TipMeeting) -> str:
+    """Return the least distance of two opposed fingertips as text."""
     if not meeting.faces:
         return "never face"
     return "touch" if meeting.touches else typeset(millimetres(meeting.opposed))
@@ -150,6 +152,7 @@ def joint_table(hand: InspectedHand) -> str:
 
 
 def _effort_cell(joint: Joint, effort: float | None) -> str:
+    """Return a joint's effort limit as text."""
     if not effort:
         return "none" if effort is None else "0 (counts as none)"
     return typeset(f"{format_number(effort)}\N{NO-BREAK SPACE}{'N m' if joint.is_revolute else 'N'}")
@@ -172,6 +175,7 @@ def link_table(hand: InspectedHand) -> str:
 
 
 def _plural(kind: str, count: int) -> str:
+    """Return the plural ending of a word."""
     return "" if count == 1 else "es" if kind.endswith(("x", "sh")) else "s"
 
 
@@ -194,7 +198,7 @@ def write_hand(hand: Hand | InspectedHand | Inspection, path: str | Path) -> Pat
     inspected, opposition = inspection.hand, inspection.opposition
     robot = inspected.tree.robot
     colours = "".join(f'<span><b style="background:var(--{name})"></b>{text}</span>' for name, text in COLOUR_KEY)
-    stage = hand_stage(inspected, f'<p class="key">{colours}</p>')
+    stage = hand_scene_html(inspected, f'<p class="key">{colours}</p>')
     note = f"{robot.source}: {describe_palm(inspected)}"
     parts = [
         f'<div class="hand">{stage}{sliders(inspected)}</div>',
@@ -220,7 +224,7 @@ def hand_card(hand: Hand) -> str:
     robot = inspected.tree.robot
     count = len(robot.free_joints)
     note = f"{count} joint{'' if count == 1 else 's'}, {describe_palm(inspected)}"
-    stage = hand_stage(inspected, general_postures())
+    stage = hand_scene_html(inspected, general_postures())
     data = viewer_data(inspected, None, CARD_TRIANGLES)
     section = scene_section(Heading(robot.name, note), [stage], data, is_hand=True)
     return scene_page(robot.name, [section], [SHEET, CARD], VIEWER)

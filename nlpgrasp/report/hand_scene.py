@@ -17,7 +17,7 @@ from nlpgrasp.hands.finger_chains import Finger, fingers, format_as_list
 from nlpgrasp.hands.inspection import InspectedHand
 from nlpgrasp.hands.opposition import Opposition
 from nlpgrasp.hands.robot import Joint
-from nlpgrasp.report.page_builder import scene_stage, switches
+from nlpgrasp.report.page_builder import scene_html, switches
 from nlpgrasp.report.scene_parts import AZIMUTHS, ELEVATIONS, frame_axes, surface, triangle_normals, view_directions
 
 EXACT_DECIMALS = 12  # decimals of lengths in metres and of cosines
@@ -81,6 +81,7 @@ def joint_tree(hand: InspectedHand) -> Json:
 
 
 def _origin(joint: Joint) -> FloatArray:
+    """Return the pose of a joint's frame in its parent link, (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", joint.rpy).as_matrix(), joint.xyz
     return pose
@@ -151,7 +152,7 @@ class _DistinctSurfaces:
 
 
 def _link_parts(hand: InspectedHand, surfaces: _DistinctSurfaces, triangle_limit: int) -> tuple[list[Json], list[Json]]:
-    """Return the shapes of the links, of about ``triangle_limit`` triangles in all at most, and their corners."""
+    """Return the links' shapes, of at most about ``triangle_limit`` triangles, and the corners of their boxes."""
     robot = hand.tree.robot
     parts: list[Json] = []
     corners: list[Json] = []
@@ -168,7 +169,7 @@ def _link_parts(hand: InspectedHand, surfaces: _DistinctSurfaces, triangle_limit
 
 
 def _tip_parts(hand: InspectedHand, surfaces: _DistinctSurfaces) -> tuple[list[Json], list[Json]]:
-    """Return the patches of the fingertips, and their corners."""
+    """Return the patches of the fingertips, and the corners of their bounding boxes."""
     parts: list[Json] = []
     corners: list[Json] = []
     numbers = {name: i for i, name in enumerate(hand.tree.robot.links)}
@@ -190,6 +191,7 @@ def _box_corners(vertices: FloatArray) -> list[list[float]]:
 
 
 def _sphere_data(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
+    """Return centres and radii of spheres as JSON data."""
     return [rounded_list(ball, DISPLAY_DECIMALS) for ball in np.column_stack([centres, radii])]
 
 
@@ -292,6 +294,7 @@ def sliders(hand: InspectedHand) -> str:
 
 
 def _finger_sliders(hand: InspectedHand, finger: Finger) -> str:
+    """Return a finger's joint sliders as HTML."""
     numbers = "".join(f'<span class="number">{i}</span>' for i in finger.tips)
     rows = "".join(_joint_slider(hand, i) for i in finger.joints)
     return f"<fieldset><legend><h3>{numbers}<span>{escape(finger.name)}</span></h3></legend>{rows}</fieldset>"
@@ -327,11 +330,11 @@ def format_position(position: float, is_revolute: bool) -> str:
     return typeset(f"{text}°" if is_revolute else f"{text} mm")
 
 
-def hand_stage(hand: InspectedHand, more: str) -> str:
+def hand_scene_html(hand: InspectedHand, more: str) -> str:
     """Return the scene with its switches; ``more`` is HTML below them."""
     links, tips = len(hand.tree.robot.links), len(hand.tree.tips)
     description = f"The hand with {links} links and {tips} fingertips"
-    return scene_stage(description, [switches(SWITCHES), more], means="the mouse")
+    return scene_html(description, [switches(SWITCHES), more], means="the mouse")
 
 
 def viewer_data(hand: InspectedHand, opposition: Opposition | None, triangle_limit: int) -> Json:

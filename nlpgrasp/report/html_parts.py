@@ -41,6 +41,7 @@ def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 def _table_cell(text: str) -> str:
+    """Return a table cell as HTML."""
     return text if isinstance(text, Html) else escape(text)
 
 

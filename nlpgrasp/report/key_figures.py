@@ -139,6 +139,7 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
 
 
 def _status_figure(solution: GraspSolution) -> KeyFigure:
+    """Return the figure of status and caveats."""
     outcome, tone = verdict(solution)
     sentence = solution.message.partition(": ")[2]
     reasons = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
@@ -149,6 +150,7 @@ def _status_figure(solution: GraspSolution) -> KeyFigure:
 
 
 def _quality_figure(solution: GraspSolution) -> KeyFigure:
+    """Return the figure of certified quality."""
     lower, upper = format_interval(solution.mu.lower, solution.mu.upper)
     value = lower if lower == upper else f"{lower} to {upper}"
     lines = (f"{solution.label}, certified: {measure_meaning(solution.kind, solution.budget)}",)
@@ -169,7 +171,7 @@ def _effort_figure(solution: GraspSolution) -> KeyFigure:
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the friction that the squeeze needs, or why there is no squeeze."""
+    """Return the friction that the squeeze needs, or the reason for having no squeeze."""
     line = solution.squeeze_line()
     if not line:
         return []
@@ -196,6 +198,7 @@ def _gripper_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def _robustness_figures(solution: GraspSolution) -> list[KeyFigure]:
+    """Return the figure of remaining quality, if known."""
     share, robust = remaining_share(solution), solution.robust
     if share is None or robust is None:
         return []
@@ -208,6 +211,7 @@ def _robustness_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def _global_bound_figures(solution: GraspSolution) -> list[KeyFigure]:
+    """Return the figure of the upper bound over all placements, if finite."""
     bound = solution.bound
     if bound is None or not math.isfinite(bound.upper):
         return []

@@ -29,7 +29,7 @@ from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.report.grasp_scene import body_surface, solution_scene
 from nlpgrasp.report.key_figures import verdict
 from nlpgrasp.report.scene_parts import view_directions
-from nlpgrasp.report.task_wrenches import ChosenWrench, choose_wrenches, format_wrench
+from nlpgrasp.report.task_wrenches import ChosenWrench, choose_wrenches, describe_wrench_by_axis
 from nlpgrasp.solution.phase_record import GRASP, LIFT, Phase
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -148,6 +148,7 @@ def _wait(port: int) -> None:
 
 
 def _explain(reason: str) -> None:
+    """Print the reason for a file in place of the viewer."""
     sys.stdout.write(f"The report is written to a file instead: {reason}\n")
 
 
@@ -314,7 +315,7 @@ class Controls:
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
         lines = [
-            f"**{name}:** {format_wrench(share * chosen.wrench, grasp.mean_arm)}",
+            f"**{name}:** {describe_wrench_by_axis(share * chosen.wrench, grasp.mean_arm)}",
             "",
             "| finger | normal force | tangential force |",
         ]
@@ -336,10 +337,12 @@ class Controls:
 
 
 def _tangential_size(force: FloatArray, normal: FloatArray) -> float:
+    """Return the size of a force's tangential part."""
     return float(np.linalg.norm(force - (force @ normal) * normal))
 
 
 def _newtons(value: float) -> str:
+    """Return a force as text in newtons."""
     return f"{format_number(float(value), 3, 1e-4)} N"
 
 
@@ -421,6 +424,7 @@ def interpolate_hand(phases: Sequence[Phase], position: float) -> Phase:
 
 
 def _link_approach(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> ApproachFrames:
+    """Return the approach of a hand with links as movable frames."""
     names = tuple(phase.name for phase in phases)
     grasp = names.index(GRASP)
     drawn_poses = _body_link_poses(hand, phases[grasp])

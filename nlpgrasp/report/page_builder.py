@@ -130,7 +130,7 @@ def scene_section(
     return "\n".join([opening, *parts, closing])
 
 
-def scene_stage(description: str, parts: Sequence[str], name: str = "", means: str = "the mouse, a finger") -> str:
+def scene_html(description: str, parts: Sequence[str], name: str = "", means: str = "the mouse, a finger") -> str:
     """Return a 3D scene with the parts below it.
 
     Parameters

@@ -193,7 +193,7 @@ def _solution_section(name: str, solution: GraspSolution, number: int, level: st
     parts = [
         f'<p class="asked">{escape(typeset(sections.problem_sentence(solution)))}</p>',
         '<div class="first">',
-        sections.solution_stage(
+        sections.solution_scene_html(
             solution, answer.labels, number, answer.scene, strip, has_marginal_colours=marginal_colours is not None
         ),
         answer.panel,
@@ -213,7 +213,7 @@ def solution_card(solution: GraspSolution) -> str:
     solution = replace(solution, drawing=solution.drawn())
     view = GraspView.of(solution)
     data = {"scenes": [] if view.scene is None else [view.scene], **view.slider_data()}
-    stage = sections.solution_stage(solution, view.labels, 0, view.scene, "", has_marginal_colours=False)
+    stage = sections.solution_scene_html(solution, view.labels, 0, view.scene, "", has_marginal_colours=False)
     heading = Heading(solution.name, typeset(_quality_text(solution)), verdict(solution))
     return scene_page(solution.name, [scene_section(heading, [stage], data)], [CARD])
 

@@ -23,7 +23,7 @@ from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.problem.problem import GraspProblem, problem_from_dict
 from nlpgrasp.report.html_parts import Curve, Html, chart, html_table
 from nlpgrasp.report.key_figures import axis_end, gauge, solution_figures
-from nlpgrasp.report.page_builder import figure_panel, scene_stage, switches
+from nlpgrasp.report.page_builder import figure_panel, scene_html, switches
 from nlpgrasp.report.scene_parts import pack, subdivide, triangle_normals
 from nlpgrasp.report.task_wrenches import FingerForce, wrench_projections
 from nlpgrasp.solution.analysis_records import ShadowPrice
@@ -154,7 +154,7 @@ def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
     return figure_panel(solution_figures(solution), forces)
 
 
-def solution_stage(
+def solution_scene_html(
     solution: GraspSolution,
     labels: Sequence[str],
     number: int,
@@ -176,7 +176,7 @@ def solution_stage(
         strip,
         f'<p class="note">Not drawn, since their triangles stay in a file: {undrawn}.</p>' if undrawn else "",
     ]
-    return scene_stage(description, parts, f"scene{number}")
+    return scene_html(description, parts, f"scene{number}")
 
 
 def _wrench_slider(labels: Sequence[str], number: int) -> str:

@@ -91,6 +91,7 @@ def certified_bounds(solution: GraspSolution, start: StartRecord) -> Bounds | No
 
 
 def _start_table(solution: GraspSolution) -> str:
+    """Return the table of starts as HTML."""
     rows = []
     for start in solution.starts:
         seconds = format_number(sum(start.seconds.values()))
@@ -123,4 +124,5 @@ def _failure_reason(solution: GraspSolution, start: StartRecord) -> str:
 
 
 def _round_points(values: Sequence[float]) -> FloatArray:
+    """Return values against their round, (m, 2)."""
     return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)

@@ -55,7 +55,9 @@ def choose_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     solved = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
     return [
         ChosenWrench(
-            f"{name}: {format_wrench(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share
+            f"{name}: {describe_wrench_by_axis(w, grasp.mean_arm)}",
+            w,
+            grasp.contact_wrenches(x)[:, : grasp.space] / share,
         )
         for name, w, x, feasible in zip(names, wrenches, solved.forces, solved.feasible, strict=True)
         if feasible
@@ -98,7 +100,7 @@ def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[
     return forces_by_wrench
 
 
-def format_wrench(wrench: FloatArray, length: float) -> str:
+def describe_wrench_by_axis(wrench: FloatArray, length: float) -> str:
     """Return a wrench (d,) as text of its significant components, such as ``0.3 N along x, 0.02 N m about z``.
 
     Moments are compared after division by the length, metres.
@@ -116,13 +118,13 @@ def format_wrench(wrench: FloatArray, length: float) -> str:
 
 @dataclass(frozen=True)
 class WrenchProjection:
-    """Projection of both sets onto one plane.
+    """Projections of the grasp wrench set and of the task onto one plane.
 
     Parameters
     ----------
     x_label, y_label : str
     grasp, task : (m, 2) array
-        Outlines of G(B n K), and of the task times the certified lower bound.
+        Outlines of G(B ∩ K), and of the task times the certified lower bound.
     limit : float or None
         Largest wrench of the grasp along the weakest direction, on the plane that shows it.
     """

@@ -142,4 +142,5 @@ def _draw_hand(ax: Axes3D, drawing: Drawing, grasp: HandSnapshot, snapshot: Hand
 
 
 def _transform_triangles(shape: Triangles, pose: FloatArray) -> Triangles:
+    """Return triangles moved by a pose (4, 4)."""
     return Triangles(shape.vertices @ pose[:3, :3].T + pose[:3, 3], shape.faces)

@@ -507,6 +507,7 @@ def quaternion(rotation: FloatArray) -> str:
 
 
 def _sphere_geom(tip: Json) -> dict[str, str]:
+    """Return the MuJoCo geom of a spherical tip."""
     return {"type": "sphere", "size": format_numbers([tip["radius"]]), "pos": format_numbers(tip["offset"])}
 
 
@@ -520,6 +521,7 @@ def _capsule_geom(tip: Json) -> dict[str, str]:
 
 
 def _ellipsoid_geom(tip: Json) -> dict[str, str]:
+    """Return the MuJoCo geom of an ellipsoidal tip."""
     rotation = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
     return {
         "type": "ellipsoid",
@@ -530,6 +532,7 @@ def _ellipsoid_geom(tip: Json) -> dict[str, str]:
 
 
 def _flat_geom(tip: Json) -> dict[str, str]:
+    """Return the MuJoCo geom of a flat tip."""
     rotation = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
     middle = np.asarray(tip["offset"], float) - PAD_HALF_THICKNESS * rotation[:, 2]
     half = [*(np.asarray(tip["extents"], float) / 2.0), PAD_HALF_THICKNESS]

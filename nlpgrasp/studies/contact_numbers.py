@@ -16,7 +16,7 @@ from nlpgrasp.contacts import ContactModel, contact_from_dict
 from nlpgrasp.contacts.cone_inclusion import assign_contacts
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.optimize.warm_starts import WarmStart, best_feasible, complete_contacts
 from nlpgrasp.problem.problem import GraspProblem
@@ -75,7 +75,7 @@ def how_many_contacts(
     numbers = sorted({integer("counts", k, at_least=1) for k in counts})
     if not numbers:
         raise InputError("counts", "no numbers of contacts", "at least one")
-    starts, seed, options = check_search(starts, seed, options)
+    starts, seed, options = check_solve_arguments(starts, seed, options)
     bounds = _check_bounds(possible)
     problems = [problem_with(k) for k in numbers]
     for k, problem in zip(numbers, problems, strict=True):
@@ -260,10 +260,12 @@ def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> 
 
 
 def _finite(value: float) -> float | None:
+    """Return a number for JSON, None if it is not finite."""
     return value if np.isfinite(value) else None
 
 
 def _contact_models(solution: GraspSolution) -> tuple[ContactModel, ...]:
+    """Return the contact models of a solution's problem."""
     return tuple(contact_from_dict(data) for data in solution.problem["contacts"])
 
 
@@ -279,6 +281,7 @@ def _check_problem(k: int, problem: GraspProblem, reference: GraspProblem) -> No
 
 
 def _check_bounds(possible: Mapping[int, float] | None) -> dict[int, float]:
+    """Return validated upper bounds by number of contacts."""
     if possible is None:
         return {}
     if not isinstance(possible, Mapping):
@@ -292,7 +295,7 @@ def _check_bounds(possible: Mapping[int, float] | None) -> dict[int, float]:
 class NumberConversion:
     """Conversion between problems of one body with fewer and more contacts, without posed hands."""
 
-    def lift_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def extend_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
         if not self._fits(small, large):
             return None

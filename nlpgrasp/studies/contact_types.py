@@ -17,8 +17,8 @@ from nlpgrasp.contacts.cone_inclusion import assign_contacts
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
-from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
+from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.optimize.surface_samples import SurfaceSamples
 from nlpgrasp.optimize.warm_starts import WarmStart
@@ -76,8 +76,8 @@ def choose_contact_types(
         On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
         are missing or below zero.
     """
-    menu = Menu.of(problem, types)
-    starts, seed, options = check_search(starts, seed, options)
+    menu = AllowedTypes.of(problem, types)
+    starts, seed, options = check_solve_arguments(starts, seed, options)
     prices = _type_costs(menu, costs)
     names, pairs = menu.ordered_assignments()
     problems = [menu.problem_with(types_of_contacts) for types_of_contacts in names]
@@ -269,7 +269,7 @@ def least_excess(high: Bounds, low: Bounds) -> float:
 
 
 @dataclass(frozen=True)
-class Menu:
+class AllowedTypes:
     """Allowed contact types of each contact, by name.
 
     Parameters
@@ -286,8 +286,8 @@ class Menu:
     groups: tuple[int, ...]
 
     @classmethod
-    def of(cls, problem: GraspProblem, types: Types | Sequence[Types]) -> Menu:
-        """Return the menu of a problem's contacts: one for all, or one per contact.
+    def of(cls, problem: GraspProblem, types: Types | Sequence[Types]) -> AllowedTypes:
+        """Return the allowed types of a problem's contacts, from one menu for all or one per contact.
 
         Raises
         ------
@@ -365,6 +365,7 @@ class Menu:
 
 
 def _check_types(name: str, types: Types, faces: Iterable[str] | str | None) -> dict[str, ContactModel]:
+    """Return validated allowed types of a contact, with its faces where they state none."""
     if not types:
         raise InputError(name, "no type", "at least one contact model by name")
     for key, model in types.items():
@@ -381,7 +382,7 @@ def _interchangeable_contacts(problem: GraspProblem, menus: Sequence[Types]) -> 
     budget, hand = problem.budget, problem.hand
     if budget.depends_on_frames or budget.follows_hand or (hand is not None and not hand.follows_contacts):
         return tuple(range(len(menus)))
-    constraints, samples, hand_points = ConstraintValues(problem), SurfaceSamples(problem), HandPoints(problem)
+    constraints, samples, hand_functions = ConstraintValues(problem), SurfaceSamples(problem), HandFunctions(problem)
     rng = np.random.default_rng(0)
     clouds = [samples.cloud(i) for i in range(len(menus))]
     indices_of_contacts = [rng.integers(len(cloud.points), size=SAMPLES) for cloud in clouds]
@@ -391,7 +392,7 @@ def _interchangeable_contacts(problem: GraspProblem, menus: Sequence[Types]) -> 
 
     def constraint_values(order: list[int]) -> list[list[tuple[float, ...]]]:
         p, n = points[:, order], normals[:, order]
-        values = constraints.values(p, n, hand_points.start(p, n))
+        values = constraints.values(p, n, hand_functions.start(p, n))
         return [
             sorted(tuple(np.round([v, *limit], 9)) for v, limit in zip(placement, limits, strict=True))
             for placement in values
@@ -414,16 +415,16 @@ class TypeConversion:
 
     Parameters
     ----------
-    menu : Menu
+    menu : AllowedTypes
     names : list of tuple of str
         The assignments.
     """
 
-    def __init__(self, menu: Menu, names: list[Names]) -> None:
+    def __init__(self, menu: AllowedTypes, names: list[Names]) -> None:
         self._menu = menu
         self._names = {menu.problem_with(assignment).models: assignment for assignment in names}
 
-    def lift_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def extend_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the richer contacts, of at least the same quality."""
         matching = self._match(small, large)
         if matching is None:
@@ -447,7 +448,8 @@ def _reorder(start: StartGrasp, order: list[int]) -> WarmStart:
     return WarmStart(GraspCandidate(faces, grasp.points[order], candidate.hand), grasp.normals[order])
 
 
-def _type_costs(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
+def _type_costs(menu: AllowedTypes, costs: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the validated cost of each type; zero without costs."""
     names = list(dict.fromkeys(name for menu_of_contact in menu.menus for name in menu_of_contact))
     if costs is None:
         return dict.fromkeys(names, 0.0)

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.start_result import StartGrasp
@@ -96,7 +96,7 @@ class DynamicGrasp:
 
     @property
     def paths(self) -> FloatArray:
-        """Contacts of the steps that have a grasp, (steps, k, space); a regrasp begins another path."""
+        """Contact points of the steps with a grasp, (steps, k, space), metres, regrasps included."""
         return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
 
     def __str__(self) -> str:
@@ -151,7 +151,7 @@ def follow_task(
     """
     if not callable(problem_at):
         raise InputError("problem_at", problem_at, "a function of the parameter")
-    starts, seed, options = check_search(starts, seed, options)
+    starts, seed, options = check_solve_arguments(starts, seed, options)
     values = array("parameters", parameters, (None,))
     if len(values) < 2:
         raise InputError("parameters", f"{len(values)} values", "at least 2")
@@ -170,6 +170,7 @@ def follow_task(
 
 
 def _problem_at(problem_at: Callable[[float], GraspProblem], value: float) -> GraspProblem:
+    """Return the validated problem at a value of the parameter."""
     problem = problem_at(value)
     if not isinstance(problem, GraspProblem):
         raise InputError("problem_at", problem, f"a GraspProblem at {value:g}")
@@ -200,7 +201,7 @@ def _follow(
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
         if current is not None:
-            search.add(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
+            search.add_warm_start(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
         rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
         search.run_until_proved(starts if is_lost else 1, rtol, contact_points)
         search.close_gap()

@@ -302,7 +302,7 @@ def _match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goa
 
 
 def ordered_moves(holding: HoldingQuality, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
-    """Return the certified moves of the order, among those that the hand allows, whose weakest grasp is strongest.
+    """Return the certified moves in the order, among those the hand allows, that maximises the least holding quality.
 
     A move during which the other fingers hold the body alone is valued by their quality, certified on the whole path,
     whether the finger is lifted or slides; it is lifted where the hand can do that. Any other move is a slide, ranks
@@ -346,7 +346,7 @@ def _widest_path(holding: HoldingQuality, motions: Motions[S] | None) -> _Search
 
 
 def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
-    """Return width, finger and ways of a move: lifted or else sliding where the others hold the body, else sliding."""
+    """Return width, finger and ways of a move: where the others hold the body lifted, else sliding; else sliding."""
     others = holding.others(moved, finger).lower
     if others > 0.0:
         return (0, -others), finger, (LIFTED, SLIDES)
@@ -466,7 +466,7 @@ class HoldingQuality:
             certificates[station] = self._certified(self._grasp(moved, finger, station))
             return certificates[station].upper
 
-        stations_near_minimum(quality, first_stations(curve.total, curve.edges))
+        refine_stations(quality, first_stations(curve.total, curve.edges))
         lower, upper = min(b.lower for b in certificates.values()), min(b.upper for b in certificates.values())
         bounds = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
         return FingerMove(finger, path, slides, bounds, stations=len(certificates), others=others)
@@ -498,8 +498,8 @@ def first_stations(total: float, corners: Sequence[float] | FloatArray, count: i
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
 
 
-def stations_near_minimum(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
-    """Return stations with others added where the least value may lie, (n,), in order; not the values.
+def refine_stations(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
+    """Return the stations of a path with others added where the least value may lie, (n,), in order.
 
     The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
     nothing about values between stations.

@@ -247,6 +247,7 @@ def first_choice(
 
 
 def _make_proposal(data: _BodyData, centre: FloatArray, task: TaskEllipsoid, task_reason: Reason) -> FirstChoice:
+    """Return the proposal with the rule and source of each part."""
     count, count_reason = _fewest_contacts(data)
     contact, contact_reason = _contact_model(data, count)
     grasp_type, type_reason = _grasp_type(data, count)
@@ -275,6 +276,7 @@ def _make_proposal(data: _BodyData, centre: FloatArray, task: TaskEllipsoid, tas
 
 
 def _mass(body: Body, mass: float | None, density: float | None) -> float:
+    """Return the validated mass, kg, or that of a density."""
     if (mass is None) == (density is None):
         raise InputError("mass", f"mass {mass}, density {density}", "one of the two")
     if mass is not None:
@@ -293,7 +295,7 @@ def volume_of(body: Body) -> float:
 
 
 def _fewest_contacts(data: _BodyData) -> tuple[int, Reason]:
-    """Return the fewest contacts that lift the load with the fingers' force, more than two for a wide body, and why."""
+    """Return the fewest contacts that lift the load, more than two for a wide body, with the reason."""
     least_count = 2 if data.sides[0] <= LARGEST_WIDTH else 3
     sufficient_count = int(np.ceil(data.safety * data.load / (data.friction * data.finger_force) - 1e-9))
     count = min(max(least_count, sufficient_count), MOST_CONTACTS)
@@ -313,6 +315,7 @@ def _fewest_contacts(data: _BodyData) -> tuple[int, Reason]:
 
 
 def _contact_model(data: _BodyData, count: int) -> tuple[ContactModel, Reason]:
+    """Return the contact model for a number of contacts, with the reason."""
     if count > 2:
         rule = "three points with friction, not on a line, hold a body; more only share the load"
         return FrictionContact(data.friction), Reason("hard fingers", rule, SALISBURY)
@@ -323,6 +326,7 @@ def _contact_model(data: _BodyData, count: int) -> tuple[ContactModel, Reason]:
 
 
 def _grasp_type(data: _BodyData, count: int) -> tuple[str, Reason]:
+    """Return ``"power"`` or ``"precision"``, with the reason."""
     if data.mass > LARGEST_MASS or count > FINGERS:
         rule = f"heavier than {LARGEST_MASS:g} kg" if data.mass > LARGEST_MASS else f"more than {FINGERS} contacts"
         return "power", Reason("power grasp", rule, FEIX_2)
@@ -333,6 +337,7 @@ def _grasp_type(data: _BodyData, count: int) -> tuple[str, Reason]:
 
 
 def _choice_name(data: _BodyData, count: int, grasp_type: str) -> str:
+    """Return the name of the grasp type in Cutkosky's taxonomy."""
     short, middle, long = data.sides.tolist()
     is_flat, is_slender = middle >= FLAT * short, long >= LONG * middle
     if grasp_type == "power":
@@ -349,6 +354,7 @@ def _choice_name(data: _BodyData, count: int, grasp_type: str) -> str:
 
 
 def _finger_opening(data: _BodyData) -> tuple[float, Reason]:
+    """Return the opening of the fingers, metres, with the reason."""
     width = float(data.sides[0])
     clearance = max(LEAST_CLEARANCE, CLEARANCE_SHARE * width)
     rule = f"the shortest side, {1e3 * width:.3g} mm, and {1e3 * clearance:.3g} mm on both sides"
@@ -357,7 +363,7 @@ def _finger_opening(data: _BodyData) -> tuple[float, Reason]:
 
 
 def _task(data: _BodyData, up: FloatArray, acceleration: float) -> tuple[TaskEllipsoid, Reason]:
-    """Return the task about the centre of mass, and why: weight, accelerations, a disturbance at the far end."""
+    """Return the task about the centre of mass, with the reason: weight, accelerations, disturbance at the far end."""
     weight, arm = data.mass * WEIGHT, 0.5 * float(data.sides[-1])
     force, torque = data.mass * acceleration + DISTURBANCE * weight, DISTURBANCE * weight * arm
     task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))

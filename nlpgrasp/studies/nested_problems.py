@@ -1,7 +1,7 @@
 """Solves of problems with nested contact sets or types, with each other's grasps as warm starts.
 
 A grasp with fewer or poorer contacts is feasible for every larger problem, and never worse there: with forces x of its
-own contacts and none of the others, ``G' x' = G x``. So ``G (B n K)`` is inside ``G' (B' n K')`` if the larger budget
+own contacts and none of the others, ``G' x' = G x``. So ``G (B ∩ K)`` is inside ``G' (B' ∩ K')`` if the larger budget
 allows the forces of the smaller one, with the other components zero. This holds for the L2 norm of all forces, for
 bounds on each normal force or each force, for their sum, and for joint torques in the same posture. Then mu of the
 larger grasp is at least that of the smaller, and every certified lower bound carries over. In the other direction, a
@@ -39,8 +39,8 @@ SWEEPS = 3  # most sweeps down and up
 class ProblemConversion(Protocol):
     """Conversion of grasps between two problems of a family."""
 
-    def lift_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
-        """Return a grasp of the smaller problem as one of the larger; None where it is infeasible."""
+    def extend_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+        """Return a grasp of the smaller problem as a warm start of the larger; None where it is infeasible."""
 
     def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return a warm start for the smaller problem from a grasp of the larger; None without one."""
@@ -85,7 +85,7 @@ class _Family:
         self._searches, self._step = searches, step
         self._up = sorted(pairs, key=lambda pair: (pair[1], pair[0]))
         self._down = [(b, a) for a, b in sorted(pairs, reverse=True)]
-        self._carried: set[tuple[int, int, int]] = set()
+        self._transferred: set[tuple[int, int, int]] = set()
 
     def run(self) -> None:
         """Run all starts, then transfer grasps up and down until no best grasp changes."""
@@ -93,47 +93,47 @@ class _Family:
             search.run_starts()
             search.close_gap()
             _run_further_starts(search)
-        self._carry_all(self._up)
+        self._transfer_all(self._up)
         for _ in range(SWEEPS):
-            if not self._carry_all(self._down):
+            if not self._transfer_all(self._down):
                 break
-            self._carry_all(self._up)
-        self._carry_bounds()
+            self._transfer_all(self._up)
+        self._transfer_bounds()
 
-    def _carry_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
+    def _transfer_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
         """Transfer grasps from the first to the second of each pair; return whether any best grasp improved."""
-        improved = [self._carry(source, target) for source, target in pairs]
+        improved = [self._transfer(source, target) for source, target in pairs]
         return any(improved)
 
-    def _carry(self, source: int, target: int) -> bool:
+    def _transfer(self, source: int, target: int) -> bool:
         """Run the best grasp of one search as a warm start of another, once; return whether its best improved."""
         source_search, target_search = self._searches[source], self._searches[target]
         start, incumbent, is_down = source_search.best, target_search.best, source > target
-        if start is None or (source, target, start.record.index) in self._carried:
+        if start is None or (source, target, start.record.index) in self._transferred:
             return False
-        self._carried.add((source, target, start.record.index))
+        self._transferred.add((source, target, start.record.index))
         if is_down:
             warm_start = self._step.reduce_grasp(start, source_search.runner.compiled, target_search.runner.compiled)
         else:
-            warm_start = self._lift(start, source_search, target_search)
+            warm_start = self._extend(start, source_search, target_search)
         is_promising = incumbent is None or start.record.mu.upper >= PROMISING * incumbent.record.mu.lower
-        return warm_start is not None and target_search.add(warm_start, improve=is_down or is_promising)
+        return warm_start is not None and target_search.add_warm_start(warm_start, improve=is_down or is_promising)
 
-    def _lift(self, start: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
+    def _extend(self, start: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
         """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
-        warm_start = self._step.lift_grasp(start, small.runner.compiled, large.runner.compiled)
+        warm_start = self._step.extend_grasp(start, small.runner.compiled, large.runner.compiled)
         floor = inherited_lower_bound(start, small.runner.problem, large.runner.problem)
         return warm_start and replace(warm_start, floor=floor)
 
-    def _carry_bounds(self) -> None:
-        """Certify the best grasps as tightly as the answers, and carry their bounds over."""
+    def _transfer_bounds(self) -> None:
+        """Certify the best grasps as tightly as the answers, and transfer their bounds."""
         for j, large in enumerate(self._searches):
             for small in (self._searches[a] for a, b in self._up if b == j):
                 start, incumbent = small.chosen, large.best
-                warm_start = None if start is None else self._lift(start, small, large)
+                warm_start = None if start is None else self._extend(start, small, large)
                 known_bound = 0.0 if incumbent is None else incumbent.record.mu.lower
                 if warm_start is not None and warm_start.floor > known_bound:
-                    large.add(warm_start, improve=False)
+                    large.add_warm_start(warm_start, improve=False)
             chosen = large.certify_best(large.runner.options.final_rtol)
             if chosen is not None:
                 large.accept_unchanged(chosen)
@@ -144,7 +144,7 @@ def _run_further_starts(search: Multistart) -> None:
     compiled, starts = search.runner.compiled, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
     for candidate in exchanged_candidates(compiled, rng, count=count) if compiled.follows_contacts else ():
-        search.add(WarmStart(candidate))
+        search.add_warm_start(WarmStart(candidate))
 
 
 def _count_near_best(search: Multistart) -> int:

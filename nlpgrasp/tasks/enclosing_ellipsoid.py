@@ -68,8 +68,8 @@ def enclose(
         offset, axes = _covariance(local.points, probability, fixed_center is not None)
     level = levels(local.points, offset, axes)
     return EnclosingEllipsoid(
-        local.outward(offset),
-        local.outward_axes(axes),
+        local.denormalise(offset),
+        local.denormalise_axes(axes),
         level <= 1.0 + INSIDE,
         excess,
         local.flat,
@@ -101,7 +101,7 @@ class EnclosingEllipsoid:
 
 
 def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[FloatArray, FloatArray]:
-    """Return centre and axes of the covariance ellipsoid that contains a given share of normal points."""
+    """Return centre and axes of the covariance ellipsoid that contains a given share of a normal distribution."""
     values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (not centred), 1))
     quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
     return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
@@ -188,19 +188,19 @@ class NormalisedWrenches:
         spanned = sizes > FLAT * sizes[0]
         return cls(scaled @ basis[spanned].T, about, unit, basis[spanned], basis[~spanned])
 
-    def inward(self, rows: FloatArray) -> FloatArray:
+    def normalise(self, rows: FloatArray) -> FloatArray:
         """Map wrenches (n, d) to normalised coordinates (n, r)."""
         return np.asarray(((rows - self.about) / self.unit) @ self.basis.T)
 
-    def inward_axes(self, axes: FloatArray) -> FloatArray:
+    def normalise_axes(self, axes: FloatArray) -> FloatArray:
         """Map differences of wrenches (m, d) to normalised coordinates (m, r)."""
         return np.asarray((axes / self.unit) @ self.basis.T)
 
-    def outward(self, point: FloatArray) -> FloatArray:
+    def denormalise(self, point: FloatArray) -> FloatArray:
         """Map a point (r,) in normalised coordinates to a wrench (d,)."""
         return np.asarray(self.about + (point @ self.basis) * self.unit)
 
-    def outward_axes(self, axes: FloatArray) -> FloatArray:
+    def denormalise_axes(self, axes: FloatArray) -> FloatArray:
         """Map differences of points (m, r) to differences of wrenches (m, d)."""
         return np.asarray((axes @ self.basis) * self.unit)
 
@@ -315,6 +315,7 @@ def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
 
 
 def _inverse(q: FloatArray, u: FloatArray) -> FloatArray:
+    """Return the inverse of ``sum_i u_i q_i q_i^T``."""
     return np.asarray(np.linalg.inv((q * u[:, None]).T @ q))
 
 

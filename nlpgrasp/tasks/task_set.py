@@ -131,6 +131,7 @@ class TaskSet(Task):
 
 
 def _check_numbers(value: ArrayLike) -> FloatArray:
+    """Return a result of the support function as an array of numbers."""
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

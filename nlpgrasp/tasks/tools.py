@@ -229,6 +229,7 @@ def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> 
 
 
 def _check_direction(name: str, value: ArrayLike) -> FloatArray:
+    """Return a validated direction as a unit vector (3,)."""
     vector = array(name, value, (3,))
     if not (size := float(np.linalg.norm(vector))):
         raise InputError(name, value, "a direction that is not zero")
@@ -251,5 +252,6 @@ def _tool_at_point(
 
 
 def _tool_ellipsoid(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:
+    """Return the ellipsoid of nonzero semi-axes about the body frame's origin."""
     nonzero = axes[np.any(axes != 0.0, axis=1)]
     return TaskEllipsoid.from_axes(nonzero, center).given_about(ORIGIN)

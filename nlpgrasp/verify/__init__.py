@@ -1,4 +1,7 @@
-"""Independent verification of a solution from its file alone, without the solver's code."""
+"""Verification of a solution from its file and the mesh and hand files it names, without the solver's code.
+
+Bodies, hands and constraints are recomputed by other formulas than the search's, measures by ``quality``.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from nlpgrasp.verify.numeric_hands import fingertips, parallel_jaw
 from nlpgrasp.verify.numeric_urdf_hand import urdf
 from nlpgrasp.verify.registry import register_body, register_constraint, register_hand
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, Fit, HandNumbers, NumericBody, Palm, StatedPlacement
+from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, Fit, NumericBody, NumericHand, Palm, StatedPlacement
 from nlpgrasp.verify.verify import verify
 
 
@@ -51,9 +54,9 @@ __all__ = [
     "Check",
     "ConstraintValue",
     "Fit",
-    "HandNumbers",
     "NotCheckedError",
     "NumericBody",
+    "NumericHand",
     "Palm",
     "SourceFolders",
     "StatedPlacement",

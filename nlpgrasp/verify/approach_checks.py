@@ -15,11 +15,11 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.check import Check, NotCheckedError, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, held_and_around
 from nlpgrasp.verify.numeric_constraints import unit
-from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
-from nlpgrasp.verify.stated_placement import HandNumbers, NumericBody, StatedPlacement, require_body
+from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, require_links
+from nlpgrasp.verify.stated_placement import NumericBody, NumericHand, StatedPlacement, require_body
 
 POSITION_TOLERANCE = 1e-9  # metres, radians: rounding tolerance of sums
 SAMPLE_STEP = 2e-3  # metres between samples
@@ -33,16 +33,16 @@ def phase_checks(solution: GraspSolution) -> list[Check]:
     phases, posture = {phase.name: phase for phase in solution.phases}, solution.hand or {}
     checks = []
     if phases:
-        errors = [*_phase_errors(posture, phases), *_command_errors(solution, phases)]
+        errors = [*_phase_errors(posture, phases), *_squeeze_and_lift_errors(solution, phases)]
         checks.append(Check.of_errors("phases", errors, ", ".join(phases)))
-    if (solution.problem.get("hand") or {}).get("type") == "urdf" and is_complete_version(solution):
+    if (solution.problem.get("hand") or {}).get("type") == "urdf" and states_all_hand_fields(solution):
         error, summary = _approach_error(posture, phases)
         checks.append(Check.of_errors("way in", [error], summary))
     return checks
 
 
 def _approach_error(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
-    """Return the error in the statement of an approach, and otherwise what it states."""
+    """Return the error in the stated approach, empty without one, and a summary."""
     approach = posture.get("approach")
     if approach is None:
         return "the file does not state hand.approach", ""
@@ -53,7 +53,7 @@ def _approach_error(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
 
 
 def _phase_errors(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
-    """Yield the errors in palm pose and joints."""
+    """Yield the errors in palm pose and joints of the phases."""
     if GRASP not in phases:
         yield "no grasp among the phases"
         return
@@ -77,8 +77,8 @@ def _phase_errors(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
         yield "a direction of the approach without its keyframe"
 
 
-def _command_errors(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str]:
-    """Yield the errors in squeeze and lift."""
+def _squeeze_and_lift_errors(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str]:
+    """Yield the errors in the phases of squeeze and lift."""
     grasp, squeezed, lift = phases.get(GRASP), phases.get(SQUEEZE), phases.get(LIFT)
     if grasp is None or (squeezed is None and lift is None):
         return
@@ -116,14 +116,14 @@ def _has_equal_joints(a: Phase, b: Phase) -> bool:
 
 
 def path_checks(
-    solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
+    solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
     """Return the checks of the approach's clearance and of the lift's distance, if stated.
 
     Parameters
     ----------
     solution : GraspSolution
-    hand : HandNumbers or None
+    hand : NumericHand or None
     surface : NumericBody or None
         The body; None if missing.
     placement : StatedPlacement
@@ -154,7 +154,7 @@ class _StraightPaths:
 
     Parameters
     ----------
-    hand : URDFNumbers
+    hand : NumericLinkedHand
     body : NumericSolid
     bounds : (2, 3) array
         The body's bounding box, metres.
@@ -162,14 +162,14 @@ class _StraightPaths:
         Tables and obstacles.
     """
 
-    hand: URDFNumbers
+    hand: NumericLinkedHand
     body: NumericSolid
     bounds: FloatArray
     around: Sequence[NumericSolid]
 
     @classmethod
     def of(
-        cls, solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
+        cls, solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
     ) -> _StraightPaths:
         """Return the paths; raise ``NotCheckedError`` where data are missing."""
         linked_hand = require_links(hand, "links")
@@ -230,7 +230,7 @@ class _StraightPaths:
         return inside if self.body.corners is None else np.concatenate([inside, self.body.corners])
 
 
-def _link_spheres(hand: URDFNumbers) -> tuple[FloatArray, FloatArray, int]:
+def _link_spheres(hand: NumericLinkedHand) -> tuple[FloatArray, FloatArray, int]:
     """Return centres (m, 3) and radii (m,) of a hand's spheres in its posture, and the number of links' spheres.
 
     The remaining ones are round fingertips.

@@ -91,11 +91,11 @@ def links_in(path: Path, palm: str) -> tuple[Link, ...]:
         The hand's file, with the recorded sha256.
     palm : str
     """
-    root = read_robot(path)
+    root = read_root_element(path)
     return links_in_mjcf(path, palm) if root.tag == "mujoco" else links_in_urdf(root, palm)
 
 
-def read_robot(path: Path) -> ET.Element:
+def read_root_element(path: Path) -> ET.Element:
     """Return the root element of a URDF, of an expanded xacro file, or of an MJCF.
 
     Raises

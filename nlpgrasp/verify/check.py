@@ -162,7 +162,7 @@ def guard(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
         return [Check(name, False, broken_data_message(error))]
 
 
-def is_complete_version(solution: GraspSolution) -> bool:
+def states_all_hand_fields(solution: GraspSolution) -> bool:
     """Return whether this version's solve wrote the file, which then states all hand and approach fields.
 
     Options in files of earlier versions lack ``link_tolerance``.

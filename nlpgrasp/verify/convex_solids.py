@@ -107,7 +107,7 @@ def solid_body(name: str, data: Json, surface: NumericBody) -> NumericSolid:
 def vectorised_distance(surface: NumericBody) -> Distance:
     """Return the signed distance function of a body, points (m, space) to metres; of a mesh by a search tree."""
     if isinstance(surface, MeshSurface):
-        return SearchTree(surface.triangles.vertices, surface.triangles.faces).clearance
+        return SearchTree(surface.triangles.vertices, surface.triangles.faces).exact_signed_distance
     return surface.distance
 
 

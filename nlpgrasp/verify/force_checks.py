@@ -32,7 +32,7 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.joint_checks import JACOBIAN_TOLERANCE
 from nlpgrasp.verify.numeric_urdf_hand import require_links
-from nlpgrasp.verify.stated_placement import HandNumbers
+from nlpgrasp.verify.stated_placement import NumericHand
 
 FORCE_TOLERANCE = 1e-6  # relative tolerance of balance, cones and budget
 DIRECTIONS = 500  # directions in which a wrench is compared with the task's support
@@ -272,7 +272,7 @@ class _BudgetBounds:
         return np.asarray(np.where(reach > 0.0, work / np.where(reach > 0.0, reach, 1.0), 0.0) * size)
 
 
-def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> list[Check]:
     """Return the checks of ``hand.squeeze``: balance, cones, normal forces, friction, torques and positions."""
     posture = solution.hand or {}
     stated = posture.get("squeeze")
@@ -332,7 +332,7 @@ def _no_squeeze_error(grasp: Grasp) -> str:
 
 
 def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
-    """Yield the errors in the forces."""
+    """Yield the errors in the forces of a squeeze."""
     k, space, d = len(grasp), grasp.space, grasp.dimension
     fingers, wrench = stated["fingers"], array("wrench", stated["wrench"], (d,))
     forces = array("force", [f["force"] for f in fingers], (k, space))
@@ -372,10 +372,10 @@ def _share_errors(
         yield f"the forces need less than a share of {share:.4g} of the friction"
 
 
-def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
+def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> Iterator[str]:
     """Yield the errors in torques, Jacobians, limits and positions."""
     linked_hand = require_links(hand, "Jacobians")
-    hand_jacobians, torques = linked_hand.loads(grasp.points), stated["torques"]
+    hand_jacobians, torques = linked_hand.contact_jacobians(grasp.points), stated["torques"]
     if list(torques) != list(hand_jacobians):
         yield f"torques of {', '.join(torques)}, where {', '.join(hand_jacobians)} move the contacts"
         return

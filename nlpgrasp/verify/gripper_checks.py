@@ -11,7 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.check import Check, NotCheckedError, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, solids_around, vectorised_distance
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement, require_body
@@ -47,7 +47,9 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
         return []
     if "opening" not in hand:
         return (
-            [Check("gripper", False, "the file states no pose of the gripper")] if is_complete_version(solution) else []
+            [Check("gripper", False, "the file states no pose of the gripper")]
+            if states_all_hand_fields(solution)
+            else []
         )
     errors = [*_pose_errors(problem_hand, hand, placement), *_cone_errors(solution, hand, placement.points.shape[1])]
     checks = [Check.of_errors("gripper", errors, f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]

@@ -17,8 +17,8 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.numeric_hands import FreeHand
-from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
-from nlpgrasp.verify.stated_placement import HandNumbers
+from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, require_links
+from nlpgrasp.verify.stated_placement import NumericHand
 
 MARGIN_TOLERANCE = 1e-9  # relative tolerance of the price of margins
 LARGEST_MARGIN_SHARE = 0.1  # largest margin, as a share of a joint's range
@@ -28,7 +28,7 @@ JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
 JOINT_BUDGETS = ("joint_torques", "shared_joint_torques")  # force budgets of joint torques
 
 
-def joint_margin_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
+def joint_margin_checks(solution: GraspSolution, hand: NumericHand | None) -> list[Check]:
     """Return the checks of ``hand.room``: its price and margins, and the joints near a limit."""
     stated = (solution.hand or {}).get("room")
     if stated is None:
@@ -69,7 +69,7 @@ def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
         yield f"it took {1.0 - winner.mu.upper / high:.2%} of mu, stated {stated['cost']:.2%}"
 
 
-def _margin_errors(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
+def _margin_errors(stated: Json, solution: GraspSolution, hand: NumericHand | None) -> Iterator[str]:
     """Yield joints with other margins, or other distances from their limits, than stated."""
     margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
     ranges, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
@@ -90,7 +90,7 @@ def _margin_errors(stated: Json, solution: GraspSolution, hand: HandNumbers | No
             yield f"joint {joint} is named and has its margin"
 
 
-def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+def torque_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> list[Check]:
     """Return the checks of Jacobians and limits of a joint-torque budget against the hand's.
 
     Files state a hand's torque limits as ``shared_joint_torques`` in the solution's posture. Without a hand, Jacobians
@@ -105,14 +105,14 @@ def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | Non
         return [Check.not_made("joint torques", str(reason))]
 
 
-def _compare_budget(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+def _compare_budget(budget: Json, grasp: Grasp, hand: NumericHand | None) -> list[Check]:
     """Return the checks of a budget's Jacobians and limits against the hand."""
     if hand is None or isinstance(hand, FreeHand):
         raise NotCheckedError("no hand moves the contacts: the Jacobians are the problem's own")
     linked_hand = require_links(hand, "Jacobians")
     if budget["type"] != "shared_joint_torques":
         return [Check("joint torques", False, "each contact has joints of its own, where the hand's are common to all")]
-    jacobians = linked_hand.loads(grasp.points)
+    jacobians = linked_hand.contact_jacobians(grasp.points)
     stated_limits = np.array([linked_hand.data["torque_limits"][joint] for joint in jacobians], dtype=float)
     limits = array("limits", budget["limits"], (len(jacobians),))
     number("force_limit", budget["force_limit"], above=0.0)
@@ -146,7 +146,7 @@ def _stated_list(stated: object, count: int) -> Sequence[object]:
     return stated
 
 
-def _effort_check(hand: URDFNumbers, joints: Sequence[str]) -> Check:
+def _effort_check(hand: NumericLinkedHand, joints: Sequence[str]) -> Check:
     """Return the check that the limits are the URDF's efforts; users may have stated others."""
     efforts = {link.joint: link.effort for link in hand.links}
     other_joints = [joint for joint in joints if hand.data["torque_limits"][joint] != efforts[joint]]

@@ -27,11 +27,11 @@ from nlpgrasp.solution.obstructions import (
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, PREGRASP, Phase
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.check import Check, NotCheckedError, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, held_and_around, penetration_depth
 from nlpgrasp.verify.link_shapes import LinkShape
-from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
-from nlpgrasp.verify.stated_placement import HandNumbers, NumericBody, StatedPlacement
+from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, require_links
+from nlpgrasp.verify.stated_placement import NumericBody, NumericHand, StatedPlacement
 
 SAMPLE_SPACING = 2e-3  # metres between samples of a link's surface
 MOST_SAMPLES = 4000  # most samples of a link
@@ -44,14 +44,14 @@ MOST_STATIONS = 50  # most stations of a leg
 
 
 def link_checks(
-    solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
+    solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
     """Return the checks of link penetrations, in the grasp and on the approach, and of contacts off their links.
 
     Parameters
     ----------
     solution : GraspSolution
-    hand : HandNumbers or None
+    hand : NumericHand or None
     surface : NumericBody or None
         The body; None if missing.
     placement : StatedPlacement
@@ -90,7 +90,7 @@ class _LinkComparison:
     Its methods return the error in a statement, empty without one, and otherwise what was recomputed, as text.
     """
 
-    def __init__(self, solution: GraspSolution, hand: URDFNumbers, solids: Sequence[NumericSolid]) -> None:
+    def __init__(self, solution: GraspSolution, hand: NumericLinkedHand, solids: Sequence[NumericSolid]) -> None:
         self.solution, self.hand, self.solids = solution, hand, solids
         self.shapes, self.contacts = hand.shapes, solution.require_grasp().points
         rng = np.random.default_rng(2)
@@ -102,11 +102,11 @@ class _LinkComparison:
         self.tolerance = number("solver.options.link_tolerance", tolerance, at_least=0.0)
         if self.tolerance > MOST_TOLERANCE:
             raise InputError("solver.options.link_tolerance", tolerance, f"at most {MOST_TOLERANCE:g} m")
-        self.states_all = is_complete_version(solution)
+        self.states_all = states_all_hand_fields(solution)
 
     @classmethod
     def of(
-        cls, solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
+        cls, solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
     ) -> _LinkComparison:
         """Return the comparison; raise ``NotCheckedError`` where data are missing."""
         linked_hand = require_links(hand, "links")
@@ -176,7 +176,7 @@ class _LinkComparison:
             return f"{1e3 * stated.depth:.2g} mm stated, {1e3 * recomputed.depth:.2g} mm found"
         return ""
 
-    def _penetration(self, hand: URDFNumbers) -> LinkPenetration:
+    def _penetration(self, hand: NumericLinkedHand) -> LinkPenetration:
         """Return the deepest penetration of a link in a posture."""
         deepest = LinkPenetration(tolerance=self.tolerance)
         for link, samples in self.samples.items():
@@ -226,7 +226,7 @@ class _LinkComparison:
     def _distance(self, link: str, pose: FloatArray, point: FloatArray) -> float:
         """Return the signed distance of a point (3,), body frame, from a link, negative inside."""
         local = ((point - pose[:3, 3]) @ pose[:3, :3])[None]
-        return min(float(tree.clearance(local)[0]) for tree in self.trees[link])
+        return min(float(tree.exact_signed_distance(local)[0]) for tree in self.trees[link])
 
     def _gap(self, link: str, point: FloatArray) -> float | None:
         """Return the distance of a point from a link and its rigid group, metres; None where they have no shape."""
@@ -234,7 +234,7 @@ class _LinkComparison:
         gaps = [self._distance(name, self.hand.poses[name], point) for name in rigid_links]
         return max(0.0, min(gaps)) if gaps else None
 
-    def _postures(self, keyframes: Sequence[Phase]) -> Iterator[URDFNumbers]:
+    def _postures(self, keyframes: Sequence[Phase]) -> Iterator[NumericLinkedHand]:
         """Yield the hand at stations along the straight legs between keyframes, without the last of them."""
         for start, end in pairwise(keyframes):
             hands = [self.hand.with_posture(phase.to_dict()) for phase in (start, end)]
@@ -245,7 +245,7 @@ class _LinkComparison:
             for share in (np.arange(count) / count).tolist():
                 yield self._between(start, end, share)
 
-    def _between(self, start: Phase, end: Phase, share: float) -> URDFNumbers:
+    def _between(self, start: Phase, end: Phase, share: float) -> NumericLinkedHand:
         """Return the hand at a share of the straight leg between two phases."""
         joints = {name: (1.0 - share) * start.joints[name] + share * end.joints[name] for name in start.joints}
         position = (1.0 - share) * start.palm_position + share * end.palm_position

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.robot_files import find_mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_robot
+from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
 from nlpgrasp.verify.sources import SourceFolders
@@ -105,7 +105,7 @@ def link_shapes(
         Where a mesh file is missing or another one, or its reader is missing.
     """
     files = _MeshFiles(digests, sources)
-    root = read_robot(path)
+    root = read_root_element(path)
     if root.tag == "mujoco":
         return _mjcf_shapes(path, links, files)
     elements = [link for link in root.findall("link") if link.get("name", "") in links]

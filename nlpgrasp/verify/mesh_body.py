@@ -62,7 +62,7 @@ class MeshSurface:
         """
         if face != "surface":
             raise KeyError(face)
-        nearby, distances = self.triangles.near(point, TOUCH_SHARE * self.size)
+        nearby, distances = self.triangles.nearby_triangles(point, TOUCH_SHARE * self.size)
         touching = nearby[distances <= np.min(distances) + TOUCH_SHARE * self.size]
         if tip is None:
             differences = np.linalg.norm(normal + self.triangles.normals[touching], axis=1)

@@ -59,7 +59,7 @@ class SmoothSurface:
         return Fit(abs(float(distance[0])), float(np.linalg.norm(normal + outward)))
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
-        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        """Return infinity, as a smooth surface has no sharp edges."""
         return np.inf
 
     def distance(self, points: FloatArray) -> FloatArray:
@@ -332,7 +332,7 @@ class UnknownSurface:
         raise NotCheckedError("the body's function stays in the script that made it")
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
-        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        """Return infinity, as no sharp edges of the body are known."""
         return np.inf
 
     def distance(self, points: FloatArray) -> FloatArray:
@@ -341,5 +341,5 @@ class UnknownSurface:
 
 
 def implicit(data: Json, sources: SourceFolders) -> UnknownSurface:
-    """Return the bounding box of an implicit body, whose function is not in the file."""
+    """Return an implicit body of which only the bounding box is known, as its function is not in the file."""
     return UnknownSurface(array("bounds", data["bounds"], (2, None)))

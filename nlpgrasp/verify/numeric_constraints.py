@@ -12,7 +12,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.verify.check import NotCheckedError
-from nlpgrasp.verify.numeric_hands import JawNumbers
+from nlpgrasp.verify.numeric_hands import NumericJaws
 from nlpgrasp.verify.stated_placement import ConstraintValue, StatedPlacement
 
 UNIT = 1e-9  # tolerance of the length of unit vectors
@@ -88,11 +88,11 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValu
 
 
 def approach(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the cosine of the angle between the palm's direction and the required one.
+    """Yield the cosine between the palm's direction and the required one; for jaws, that some turn is within the cone.
 
-    For jaws, which may turn about the line between their contacts: the condition that a turn within the angle exists.
+    Jaws may turn about the line between their contacts.
     """
-    if isinstance(placement.hand, JawNumbers):
+    if isinstance(placement.hand, NumericJaws):
         direction, angle = unit("direction", data["direction"], 3), number("angle", data["angle"])
         if angle < np.pi / 2.0:
             line = placement.points[1] - placement.points[0]

@@ -63,7 +63,7 @@ class FreeHand:
         return []
 
 
-class FingertipNumbers(FreeHand):
+class NumericFingertips(FreeHand):
     """Numeric counterpart of ``Fingertips``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
@@ -85,11 +85,11 @@ class FingertipNumbers(FreeHand):
         return array("hand.palm", self.posture["palm"], (tips.shape[1],))
 
 
-class JawNumbers(FreeHand):
+class NumericJaws(FreeHand):
     """Numeric counterpart of ``ParallelJaw``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield the opening, and the angle of each normal to the line between the contacts."""
+        """Yield squared opening, product of the normals, and the excess of their components along the closing line."""
         (p, q), (m, n) = placement.points, placement.normals
         opening_vector = q - p
         squared, size = float(opening_vector @ opening_vector), placement.size
@@ -101,15 +101,15 @@ class JawNumbers(FreeHand):
         yield ConstraintValue("facing, jaw 1", float(-n @ opening_vector - least_projection), 0.0, scale=size)
 
 
-def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> FingertipNumbers:
+def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericFingertips:
     """Return free fingertips of equal radius."""
     count = integer("count", data["count"], at_least=1)
-    return FingertipNumbers(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
+    return NumericFingertips(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
 
 
-def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> JawNumbers:
+def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericJaws:
     """Return parallel jaws with two flat pads."""
-    return JawNumbers(data, posture, (0.0, 0.0))
+    return NumericJaws(data, posture, (0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -126,41 +126,41 @@ class UnknownHand:
 
     @property
     def radii(self) -> Sequence[float]:
-        """Radius of each fingertip."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     @property
     def fixed_tip_kinds(self) -> Sequence[str | None]:
-        """Kind of each fingertip."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     @property
     def error(self) -> float:
-        """Error bound of its points."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     def palm(self) -> Palm | None:
-        """Return the palm pose."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the collision spheres of the links."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield the constraints of the hand."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     def apart(self) -> Iterator[ConstraintValue]:
-        """Yield the self-collision constraints."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     def limits(self) -> Iterator[ConstraintValue]:
-        """Yield the limits of its variables."""
+        """Raise ``NotCheckedError``."""
         self._refuse()
 
     def _refuse(self) -> NoReturn:
-        """Raise ``NotCheckedError``."""
+        """Raise ``NotCheckedError`` with the reason."""
         raise NotCheckedError(self.reason)
 
 

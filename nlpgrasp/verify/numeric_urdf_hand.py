@@ -6,7 +6,7 @@ and the point of the patch with that normal is p. Each shape of fingertip states
 Error bounds: the file states the palm's quaternion at unit length. In the program ``q . q`` was 1 only within its
 tolerance, and the rotation matrix a polynomial of q: with R the rotation, it was ``1 + (q . q) (R - 1)``. A point at
 distance d from the palm's origin is then off by at most ``2 |q . q - 1| d``. The constraint "palm quaternion of unit
-length" states ``q . q``, which gives ``URDFNumbers.error``.
+length" states ``q . q``, which gives ``NumericLinkedHand.error``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from nlpgrasp.verify.link_shapes import LinkShape, link_shapes
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_hands import UnknownHand
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import PROMISE, Ball, ConstraintValue, HandNumbers, Palm, StatedPlacement
+from nlpgrasp.verify.stated_placement import PROMISE, Ball, ConstraintValue, NumericHand, Palm, StatedPlacement
 
 CAPSULE_TOLERANCE = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
 QUATERNION = "palm quaternion of unit length"  # name of the constraint
@@ -50,7 +50,7 @@ MIMIC_TOLERANCE = 1e-9  # radians or metres: tolerance of mimic joints
 
 
 @dataclass(frozen=True)
-class URDFNumbers:
+class NumericLinkedHand:
     """A URDF hand in the stated posture.
 
     Parameters
@@ -133,7 +133,7 @@ class URDFNumbers:
         names = {str(self.data["palm"]), *(link.name for link in self.links)}
         return link_shapes(self.sources.find(self.data.get("source")), names, self.data.get("meshes"), self.sources)
 
-    def with_posture(self, posture: Json) -> URDFNumbers:
+    def with_posture(self, posture: Json) -> NumericLinkedHand:
         """Return the hand in another posture: ``joint_positions`` and ``palm_pose``."""
         return replace(self, posture={**self.posture, **posture})
 
@@ -226,7 +226,7 @@ class URDFNumbers:
         if count < watched:
             yield ConstraintValue(f"self-collision: {watched} pairs of spheres, {count} in the file", np.nan)
 
-    def loads(self, points: FloatArray) -> dict[str, FloatArray]:
+    def contact_jacobians(self, points: FloatArray) -> dict[str, FloatArray]:
         """Return velocity and angular velocity of the contacts, (k, 6), per rate of each joint that moves one.
 
         Parameters
@@ -248,7 +248,10 @@ class URDFNumbers:
         return {joint: (*ends, slides[joint]) for joint, ends in free_joint_limits(self.links).items()}
 
     def limits(self) -> Iterator[ConstraintValue]:
-        """Yield the joint limits and mimic relations, in the pregrasp as well."""
+        """Yield the joint limits and mimic relations in the grasp, the pregrasp and all phases.
+
+        There are no limits for commands, which may exceed them to exert torque.
+        """
         tip_links = [str(tip["link"]) for tip in self.tips]
         if self.posture.get("fingertips", tip_links) != tip_links:
             raise InputError("hand.fingertips", self.posture["fingertips"], ", ".join(tip_links))
@@ -258,7 +261,7 @@ class URDFNumbers:
             unit("hand.pregrasp.palm_pose.quaternion_wxyz", pregrasp["palm_pose"]["quaternion_wxyz"], 4)
             yield from self._joints("pregrasp, joint", pregrasp["joint_positions"])
         for phase in self.posture.get("phases", ()):
-            is_command = phase["name"] in (SQUEEZE, LIFT)  # commands may exceed the limits to exert torque
+            is_command = phase["name"] in (SQUEEZE, LIFT)
             yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not is_command)
 
     def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[ConstraintValue]:
@@ -276,23 +279,23 @@ class URDFNumbers:
                     )
 
 
-def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> URDFNumbers:
+def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericLinkedHand:
     """Return the numeric URDF hand of JSON data."""
-    return URDFNumbers(data, posture, stated, sources)
+    return NumericLinkedHand(data, posture, stated, sources)
 
 
-def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
+def require_links(hand: NumericHand | None, part: str) -> NumericLinkedHand:
     """Return a hand with known links; raise ``NotCheckedError`` for any other.
 
     Parameters
     ----------
-    hand : HandNumbers or None
+    hand : NumericHand or None
     part : str
         The part to recompute, for the message: ``"links"`` or ``"joints"``.
     """
     if isinstance(hand, UnknownHand):
         raise NotCheckedError(hand.reason)
-    if not isinstance(hand, URDFNumbers):
+    if not isinstance(hand, NumericLinkedHand):
         raise NotCheckedError(f"nothing recomputes the {part} of a hand of this type")
     return hand
 

@@ -108,7 +108,7 @@ def _normal_near(
     """Return the inward normal function near a contact; None at an edge or on an unknown surface."""
     face, point = solution.faces[i], grasp.points[i]
     if isinstance(surface, MeshSurface):
-        nearby, distances = surface.triangles.near(point, EDGE_DISTANCE * size)
+        nearby, distances = surface.triangles.nearby_triangles(point, EDGE_DISTANCE * size)
         neighbour_normals = surface.triangles.normals[nearby[distances <= EDGE_DISTANCE * size]]
         is_flat = len(neighbour_normals) > 0 and bool(
             np.all(np.linalg.norm(neighbour_normals + grasp.normals[i], axis=1) < EDGE_DISTANCE)

@@ -100,7 +100,7 @@ def _is_stated_robust(solution: GraspSolution) -> bool:
     return solution.robust is not None and not solution.is_fragile
 
 
-def grasps_checks(solution: GraspSolution, answer_checks: AnswerChecks, size: float) -> list[Check]:
+def kept_grasp_checks(solution: GraspSolution, answer_checks: AnswerChecks, size: float) -> list[Check]:
     """Return one check per kept grasp, and one of their order and distinctness.
 
     Parameters

@@ -44,8 +44,8 @@ from nlpgrasp.verify.stated_placement import (
     PROMISE,
     ROUNDING,
     ConstraintValue,
-    HandNumbers,
     NumericBody,
+    NumericHand,
     StatedConstraints,
     StatedPlacement,
     check_stated_constraints,
@@ -88,13 +88,13 @@ Owner = Callable[[str], bool]
 
 
 def recompute(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
-    """Return the checks of surface, faces, constraints and hand."""
+    """Return the checks of surface, faces, constraints, hand and stated local optimum."""
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         return guard("problem", lambda: _recompute_all(solution, grasp, sources))
 
 
 def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
-    """Return the checks of surface, faces, constraints and hand of a file with valid data."""
+    """Return these checks of a file with valid data: surface, faces, constraints, hand and stated local optimum."""
     stated = StatedConstraints(solution.constraints)
     values = stated.values()
     hand = _numeric_hand(solution, values, sources)
@@ -156,7 +156,7 @@ def _hand_checks(
     return [check for name, checks in groups.items() for check in guard(name, checks)]
 
 
-def _numeric_hand(solution: GraspSolution, values: Mapping[str, float], sources: SourceFolders) -> HandNumbers | None:
+def _numeric_hand(solution: GraspSolution, values: Mapping[str, float], sources: SourceFolders) -> NumericHand | None:
     """Return the problem's hand in the stated posture; None without one."""
     data = solution.problem["hand"]
     if data is None:
@@ -208,7 +208,7 @@ def edge_margin_constraints(
 
 
 def link_constraints(
-    hand: HandNumbers, surface: NumericBody | None, placement: StatedPlacement
+    hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
 ) -> Iterator[ConstraintValue]:
     """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
     spheres = hand.balls(placement)

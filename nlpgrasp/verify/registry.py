@@ -20,14 +20,14 @@ from typing import Generic, TypeVar
 from nlpgrasp.common.types import Json
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import ConstraintValue, HandNumbers, NumericBody, StatedPlacement
+from nlpgrasp.verify.stated_placement import ConstraintValue, NumericBody, NumericHand, StatedPlacement
 
 Counterpart = TypeVar("Counterpart")
 BodyCounterpart = Callable[[Json, SourceFolders], NumericBody]
 """Function of ``problem.body`` and the folders of files to the numeric body."""
 ConstraintCounterpart = Callable[[Json, StatedPlacement], Iterable[ConstraintValue]]
 """Function of one of ``problem.constraints`` and the placement to its scalar constraints, in their order."""
-HandCounterpart = Callable[[Json, Json, Mapping[str, float], SourceFolders], HandNumbers]
+HandCounterpart = Callable[[Json, Json, Mapping[str, float], SourceFolders], NumericHand]
 """Function of ``problem.hand``, ``hand``, the stated values of constraints by name, and the folders of files."""
 
 

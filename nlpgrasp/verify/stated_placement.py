@@ -1,6 +1,6 @@
 """Numeric placement as a file states it, and comparison of recomputed scalar constraints with stated ones.
 
-A placement has contacts, hand and body, the latter two by the interfaces ``HandNumbers`` and ``NumericBody``. From it
+A placement has contacts, hand and body, the latter two by the interfaces ``NumericHand`` and ``NumericBody``. From it
 each part of the problem yields its scalar constraints (``ConstraintValue``), which ``check_stated_constraints`` matches
 with those of the file.
 """
@@ -35,7 +35,7 @@ class StatedPlacement:
         Metres, body frame; unit, into the body.
     size : float
         The body's characteristic length, metres, limited by the contacts' spread: the reference of tolerances.
-    hand : HandNumbers or None
+    hand : NumericHand or None
     surface_of : callable
         Function of another body's JSON data to its ``NumericBody``.
     stated : mapping
@@ -45,7 +45,7 @@ class StatedPlacement:
     points: FloatArray
     normals: FloatArray
     size: float
-    hand: HandNumbers | None
+    hand: NumericHand | None
     surface_of: Callable[[Json], NumericBody]
     stated: Mapping[str, float]
 
@@ -85,7 +85,7 @@ def require_body(surface: NumericBody | None) -> NumericBody:
     return surface
 
 
-class HandNumbers(Protocol):
+class NumericHand(Protocol):
     """Interface of numeric hands in the stated posture. Unknown results raise ``NotCheckedError``."""
 
     @property

@@ -15,7 +15,7 @@ from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_me
 from nlpgrasp.verify.mesh_body import OtherMeshError
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import Fit, HandNumbers, NumericBody
+from nlpgrasp.verify.stated_placement import Fit, NumericBody, NumericHand
 
 ON_FACE = 1e-6  # tolerance relative to the body's size
 NORMAL_TOLERANCE = 1e-6  # length of the difference of unit normals
@@ -25,7 +25,7 @@ UNKNOWN_TIP = "unknown"  # kind of the fingertips of a hand that cannot be recom
 
 
 def surface_checks(
-    solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: SourceFolders
+    solution: GraspSolution, grasp: Grasp, hand: NumericHand | None, sources: SourceFolders
 ) -> tuple[NumericBody | None, list[Check]]:
     """Return the numeric body, None if missing, and the checks of contacts and normals on it."""
     tips = _tip_kinds(hand, len(grasp))
@@ -41,7 +41,7 @@ def surface_checks(
     return surface, _check_fits(solution, grasp, tips, surface)
 
 
-def _tip_kinds(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
+def _tip_kinds(hand: NumericHand | None, count: int) -> Sequence[str | None]:
     """Return the kind of the posed fingertip at each contact, None for free contacts."""
     try:
         return [None] * count if hand is None else hand.fixed_tip_kinds

@@ -45,7 +45,7 @@ class TriangleSurface:
         normal = np.cross(b - a, c - a)
         return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None])
 
-    def near(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
+    def nearby_triangles(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
         """Return the triangles possibly within ``reach`` of the nearest one, and their distances from a point (3,).
 
         Bounding balls about the triangles' centres rule out nearly all of them.
@@ -57,7 +57,7 @@ class TriangleSurface:
 
     def distance(self, point: FloatArray) -> float:
         """Return the distance of a point (3,) from the nearest triangle, metres."""
-        return float(np.min(self.near(point, 0.0)[1]))
+        return float(np.min(self.nearby_triangles(point, 0.0)[1]))
 
     def is_inside(self, point: FloatArray) -> bool:
         """Return whether the surface encloses a point (3,), by solid angles (Van Oosterom and Strackee 1983)."""

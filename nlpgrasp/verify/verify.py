@@ -17,10 +17,10 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution, require_solution
-from nlpgrasp.verify.bound.bound_checks import bound_file, global_bound_checks, verify_bound
+from nlpgrasp.verify.bound.bound_checks import global_bound_checks, read_bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, broken_data_message, guard
 from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
-from nlpgrasp.verify.outcome_checks import grasps_checks, outcome_checks
+from nlpgrasp.verify.outcome_checks import kept_grasp_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
     OTHER_SEED,
     check_other_measures,
@@ -71,7 +71,7 @@ def verify(
         When the file cannot be read or is not of schema 1.
     """
     file = Path(solution) if isinstance(solution, str | Path) else None
-    bound = None if file is None else bound_file(file)
+    bound = None if file is None else read_bound_file(file)
     if bound is not None:
         return verify_bound(bound, rtol, SourceFolders.of_file(file, folders))
     solution = require_solution(solution) if file is None else GraspSolution.load(file)
@@ -87,7 +87,7 @@ def verify(
             checks += guard("bound", partial(global_bound_checks, solution, grasp, quality, sources))
         size = half_diagonal(solution, sources)
         checks += guard(
-            "grasps kept", partial(grasps_checks, solution, partial(_verify_kept_grasp, rtol, sources), size)
+            "grasps kept", partial(kept_grasp_checks, solution, partial(_verify_kept_grasp, rtol, sources), size)
         )
     return Verification((*checks, *outcome), quality, tuple(dict.fromkeys(sources.missing)), tuple(solution.caveats))
 

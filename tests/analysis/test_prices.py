@@ -8,8 +8,8 @@ import nlpgrasp as ng
 from nlpgrasp.analysis.shadow_prices import limits_of, shadow_price, shadow_prices
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.final_step import converge_to_optimum
-from nlpgrasp.optimize.kkt_point import local_optimum
+from nlpgrasp.optimize.kkt_point import find_local_optimum
+from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 
@@ -60,7 +60,7 @@ def test_prices_predict_solving_again(name):
     for key in EXPECTED[name]:
         price, limit = prices[key], limits[key]
         h = 0.002 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
-        moved = local_optimum(CompiledProblem(limit.increased(h), OPTIONS), optimum.candidate, Deadline())
+        moved = find_local_optimum(CompiledProblem(limit.increased(h), OPTIONS), optimum.candidate, Deadline())
         assert moved.kkt.is_small
         assert moved.value - optimum.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
 
@@ -82,13 +82,13 @@ def test_prices_of_a_hand_predict_solving_again():
     problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
     compiled = CompiledProblem(problem, OPTIONS)
     start = best_of(compiled, 2).optimum.candidate
-    optimum = local_optimum(
+    optimum = find_local_optimum(
         compiled, start, Deadline()
     )  # from where the others begin: optima may be next to each other
     assert optimum.kkt.is_small
     for limit in limits_of(problem):
         h = -1e-3 * limit.step  # as little friction more leads to the optimum beside it, .7 mm away
-        moved = local_optimum(CompiledProblem(limit.increased(h), OPTIONS), start, Deadline())
+        moved = find_local_optimum(CompiledProblem(limit.increased(h), OPTIONS), start, Deadline())
         expected = shadow_price(compiled, optimum, limit).gain / limit.step * h
         assert moved.value - optimum.value == pytest.approx(expected, rel=0.05, abs=1e-7 * optimum.value), limit.name
 

@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.signed_distance import (
     MOST_POINTS,
     GridResolution,
-    automatic_fineness,
+    choose_grid_resolution,
     smooth_offset,
     wall_thickness,
 )
@@ -74,7 +74,7 @@ def test_thick_bodies_keep_the_usual_choice():
 
 
 def test_an_even_wall_moves_by_a_sixteenth_of_its_thickness():
-    grid = automatic_fineness(MUG, 0.004)
+    grid = choose_grid_resolution(MUG, 0.004)
     deviation = grid.smoothing * MUG[0] / grid.resolution
     assert even_wall(0.002, deviation) / 0.004 == pytest.approx(1.0 / 16.0, rel=0.05)
     plate = trimesh.creation.box([0.1, 0.1, 0.01])
@@ -86,7 +86,7 @@ def test_an_even_wall_moves_by_a_sixteenth_of_its_thickness():
 
 
 def test_less_smoothing_first_then_a_finer_grid_then_less_smoothing_still():
-    thick, medium, thin = (automatic_fineness(MUG, 1e-3 * wall) for wall in (4, 2, 1))
+    thick, medium, thin = (choose_grid_resolution(MUG, 1e-3 * wall) for wall in (4, 2, 1))
     assert thick.resolution == 48
     assert 0.75 <= thick.smoothing < 1.0
     assert 48 < medium.resolution < 100
@@ -104,13 +104,13 @@ def test_what_is_given_is_used():
     assert body.to_dict()["smoothing"] == 1.5
     assert body.to_dict()["resolution"] == 20
     assert ng.Mesh(box, resolution=20).smoothing == pytest.approx(0.002 * 20 / (2.4 * 0.08), abs=0.01)
-    assert automatic_fineness(MUG, 0.004, smoothing=1.5).resolution == 75
-    assert automatic_fineness(MUG, 0.004, smoothing=0.0).resolution == 48
+    assert choose_grid_resolution(MUG, 0.004, smoothing=1.5).resolution == 75
+    assert choose_grid_resolution(MUG, 0.004, smoothing=0.0).resolution == 48
 
 
 def test_the_choice_is_in_the_file_and_the_same_each_time(thin, monkeypatch):
     monkeypatch.setenv("NLPGRASP_CACHE", "off")
-    repeated = automatic_fineness(np.ptp(thin.mesh.bounds, axis=0), wall_thickness(dish(0.003)))
+    repeated = choose_grid_resolution(np.ptp(thin.mesh.bounds, axis=0), wall_thickness(dish(0.003)))
     data = thin.to_dict()
     assert repeated == GridResolution(data["smoothing"], data["resolution"])
 

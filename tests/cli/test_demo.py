@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.cli.main import DEMO_STARTS, demo_command, main, problem
+from nlpgrasp.cli.main import DEMO_STARTS, demo_command, main, readme_problem
 from nlpgrasp.errors import InputError
 from tests.verify import honest
 
@@ -19,7 +19,7 @@ def test_the_example_is_that_of_the_readme():
     (script,) = re.findall(r"```python\n(.*?)solution = ng.solve\((.*?)\)", (ROOT / "README.md").read_text(), re.DOTALL)
     names = {}
     exec(script[0], names)  # noqa: S102
-    assert names["problem"].to_dict() == problem().to_dict()
+    assert names["problem"].to_dict() == readme_problem().to_dict()
     assert script[1] == f"problem, starts={DEMO_STARTS}"
 
 

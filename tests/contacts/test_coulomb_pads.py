@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 import nlpgrasp as ng
 from nlpgrasp.contacts import contact_from_dict
-from nlpgrasp.contacts.cone_sums import FrictionPoints
+from nlpgrasp.contacts.cone_sums import FrictionConeSum
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.verify.quality_checks import model_checks
 from tests.memberships import components, inside, most_work, places, slack
@@ -427,7 +427,7 @@ def test_in_the_plane_both_are_the_same(rng):
 def test_equal_contacts_share_their_points():
     first, second = (ng.LineContact(0.4, 0.5, direction=[1, 0, 0]) for _ in range(2))
     assert first.points(5) is second.points(5)
-    assert first.points(5) == FrictionPoints(((0.2, 0.0), (-0.2, 0.0)), 0.5, (0, 1, 2, 3, 5))
+    assert first.points(5) == FrictionConeSum(((0.2, 0.0), (-0.2, 0.0)), 0.5, (0, 1, 2, 3, 5))
     assert first.with_friction(0.5).points(5).friction == 0.25
     assert first.points(3) is None
     assert ng.LineContact(0.4).points(2) is None

@@ -22,7 +22,7 @@ def test_directions_near_a_normal_say_too_little():
 def test_a_box_is_held_by_the_sides_that_the_direction_lies_in():
     problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), PADS, TASK)
     samples = SurfaceSamples(problem)
-    assert set(samples.usable(0)) == {"+x", "-x", "+y", "-y"}
+    assert set(samples.usable_faces(0)) == {"+x", "-x", "+y", "-y"}
     solution = ng.solve(problem, 2, options=ng.SolveOptions(workers=1))
     assert solution.success
     assert set(solution.faces) <= {"+x", "-x", "+y", "-y"}

@@ -12,7 +12,7 @@ from nlpgrasp.contacts.cone_sums import (
     SLIPS,
     ConeSumMembership,
     StickingProjection,
-    least_nonnegative,
+    minimise_nonnegative,
 )
 from tests.contacts.test_coulomb_pads import EVERY, PADS, every, forces_of, models, samples
 from tests.memberships import slack
@@ -101,7 +101,7 @@ def test_least_over_nonnegative_multipliers(rng):
     matrix = np.einsum("mki,mkj->ijm", roots, roots)
     goal = rng.standard_normal((m, 6))
     right = np.einsum("mki,mk->im", roots, goal)
-    multipliers = least_nonnegative(matrix, right, right > 0.0, np.full(m, 1e-14), 1e-15)
+    multipliers = minimise_nonnegative(matrix, right, right > 0.0, np.full(m, 1e-14), 1e-15)
     expected = np.array([nnls(a, b)[0] for a, b in zip(roots, goal, strict=True)]).T
     is_equal = np.max(np.abs(multipliers - expected), axis=0) <= 1e-9
     assert np.mean(is_equal) > 0.97  # a few need more sets than are tried

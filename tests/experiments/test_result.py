@@ -219,12 +219,12 @@ def test_active_constraints_of_older_files_keep_their_names():
 def test_file_names_differ_where_names_do(tmp_path):
     place = OutputFolder(tmp_path)
     names = ["a", "A", "a b", "a-b", "a/b", "..", "ä", "x" * 100, "x" * 101, "con?"]
-    files = {place.file(SolveId(name, 0)).name.lower() for name in names}
-    hashed = place.file(SolveId("A", 0)).name.removesuffix("--seed0.json")
-    assert place.file(SolveId(hashed, 0)) != place.file(SolveId("A", 0))
+    files = {place.solution_file(SolveId(name, 0)).name.lower() for name in names}
+    hashed = place.solution_file(SolveId("A", 0)).name.removesuffix("--seed0.json")
+    assert place.solution_file(SolveId(hashed, 0)) != place.solution_file(SolveId("A", 0))
     assert len(files) == len(names)
     assert all(re.fullmatch(r"[a-z0-9.-]+--seed0\.json", f) for f in files)
-    assert all(place.file(SolveId(name, 0)).parent == tmp_path / "solves" for name in names)
+    assert all(place.solution_file(SolveId(name, 0)).parent == tmp_path / "solves" for name in names)
 
 
 def test_compare_ranks_solutions(result):

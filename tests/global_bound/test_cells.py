@@ -70,7 +70,7 @@ def test_refined_bounds_are_tight(kind, budget):
 
 
 def deviations_of(cell):
-    curved = cell.rows().curved[0]
+    curved = cell.representative_contacts().curved[0]
     return np.max(curved.surface.deviations(curved.parts)[:, 0], axis=0)
 
 

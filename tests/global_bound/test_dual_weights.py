@@ -6,13 +6,13 @@ from scipy.optimize import linprog
 
 import nlpgrasp as ng
 from nlpgrasp.global_bound.dual_weights import optimal_dual_weights
-from nlpgrasp.global_bound.weak_twists import WeightedDirections
+from nlpgrasp.global_bound.weak_twists import NumberedDirections
 
 
 def test_a_direction_without_work_is_never_among_them():
     """A direction without work of the task, along which every support is zero, is replaced."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    twists = WeightedDirections(task, 0.1, 16)
+    twists = NumberedDirections(task, 0.1, 16)
     numbers = twists.add(np.stack([np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0]) / 2.0]))
     work = task.support(twists[numbers])[0]
     assert np.all((work >= 1.0) & (work <= 1.0 + 1e-9))
@@ -23,7 +23,7 @@ def test_a_direction_without_work_is_never_among_them():
 def test_directions_have_few_digits_and_no_less_than_unit_work(center):
     """Rounded directions have slightly more than unit work, so that bounds remain valid."""
     task = ng.TaskEllipsoid([1.0, 0.7, 0.5, 0.03, 0.02, 0.01], center=center)
-    twists = WeightedDirections(task, 0.05, 16)
+    twists = NumberedDirections(task, 0.05, 16)
     y = np.random.default_rng(0).standard_normal((500, 6)) * [1, 1, 1, 40, 40, 40]
     y = y[task.support(y)[0] > 0.1]
     y /= task.support(y)[0][:, None]

@@ -9,7 +9,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.hands.urdf_reader import read_urdf
-from nlpgrasp.verify.chain_kinematics import links_in_urdf, read_robot
+from nlpgrasp.verify.chain_kinematics import links_in_urdf, read_root_element
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER
 
 PAD = {"left_pad": 0.01}
@@ -49,7 +49,7 @@ def test_who_checks_a_grasp_takes_the_same_limits(tmp_path, mimic):
     path = with_mimic(tmp_path, mimic)
     robot = read_urdf(path)
     limits = {j.name: (j.lower, j.upper) for j in robot.joints if j.moves}
-    links = links_in_urdf(read_robot(path), robot.root)
+    links = links_in_urdf(read_root_element(path), robot.root)
     assert {link.joint: (link.lower, link.upper) for link in links if link.moves} == limits
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
-from nlpgrasp.studies.fine_manipulation import MOST_STATIONS, first_stations, stations_near_minimum
+from nlpgrasp.studies.fine_manipulation import MOST_STATIONS, first_stations, refine_stations
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -16,7 +16,7 @@ def test_the_least_of_smooth_values_is_nearly_met(seed):
     def value(length):
         return 1.0 + float(np.sum(heights * np.sin(rates * length + phases)))
 
-    lengths = stations_near_minimum(value, first_stations(1.0, []))
+    lengths = refine_stations(value, first_stations(1.0, []))
     least = min(map(value, np.linspace(0.0, 1.0, 2001)))
     assert min(map(value, lengths)) <= 1.02 * least
     assert len(lengths) <= MOST_STATIONS
@@ -24,11 +24,11 @@ def test_the_least_of_smooth_values_is_nearly_met(seed):
 
 
 def test_a_dip_between_even_stations_is_met_and_a_level_path_costs_no_more():
-    lengths = stations_near_minimum(lambda length: abs(length - 0.43) + 0.1, first_stations(1.0, []))
+    lengths = refine_stations(lambda length: abs(length - 0.43) + 0.1, first_stations(1.0, []))
     assert min(abs(lengths - 0.43)) < 0.002
-    assert len(stations_near_minimum(lambda length: 1.0, first_stations(1.0, [0.3]))) == 10
-    assert list(stations_near_minimum(lambda length: 1.0, first_stations(0.0, []))) == [0.0]
-    assert len(stations_near_minimum(lambda length: 0.0, first_stations(1.0, []))) == 9
+    assert len(refine_stations(lambda length: 1.0, first_stations(1.0, [0.3]))) == 10
+    assert list(refine_stations(lambda length: 1.0, first_stations(0.0, []))) == [0.0]
+    assert len(refine_stations(lambda length: 0.0, first_stations(1.0, []))) == 9
 
 
 def test_edges_are_where_the_fingertip_begins_and_ends_to_roll():

@@ -13,7 +13,7 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
-from nlpgrasp.optimize.propose import candidates_in_contact, propose
+from nlpgrasp.optimize.propose import move_into_contact, propose
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -35,7 +35,7 @@ def moved(compiled, seed):
     with pytest.MonkeyPatch.context() as unexchanged:
         unexchanged.setattr(posed, "_exchange_within_reach", lambda *_: [])
         rng = np.random.default_rng(seed)
-        start = candidates_in_contact(compiled, propose(compiled, rng), rng, Deadline())[0]
+        start = move_into_contact(compiled, propose(compiled, rng), rng, Deadline())[0]
     _, start, residual = project_onto_body(compiled, start)
     assert residual <= TOUCHING
     return (
@@ -51,7 +51,7 @@ def held(compiled):
 
 
 def normals_at(compiled, candidate):
-    towards = candidate.points - compiled.hand_points.tip_centres(candidate.hand, candidate.points)
+    towards = candidate.points - compiled.hand_functions.tip_centres(candidate.hand, candidate.points)
     return towards / np.linalg.norm(towards, axis=1)[:, None]
 
 
@@ -73,7 +73,7 @@ def test_walks_lead_to_better_grasps(held, compiled):
 def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
     """Distances by trimesh, from fingertips that are where MuJoCo says."""
     compiled, _, end = held
-    links = solution_links(FOUR, compiled.hand_points.hand.describe(end.hand))
+    links = solution_links(FOUR, compiled.hand_functions.hand.describe(end.hand))
     centres = np.array([links[name][:3, 3] for name in FOUR_TIPS])
     closest = [
         trimesh.triangles.closest_point(the_mesh().mesh.triangles, np.tile(c, (len(the_mesh().mesh.faces), 1)))
@@ -91,7 +91,7 @@ def test_the_palm_stays_and_joints_keep_their_limits(held):
     compiled, start, end = held
     for name in ("palm_position", "palm_quaternion"):
         np.testing.assert_array_equal(end.hand[name], start.hand[name])
-    lower, upper = compiled.hand_points.hand.tree.joint_limits
+    lower, upper = compiled.hand_functions.hand.tree.joint_limits
     assert np.all(end.hand["joints"] >= lower)
     assert np.all(end.hand["joints"] <= upper)
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.grasp_on_body import match_on_mesh
+from nlpgrasp.optimize.grasp_on_body import surface_differences
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def test_angles_are_between_stated_smooth_and_the_meshs_own_normals(box):
     grasp = ng.Grasp([[0.03, 0.0, 0.0], [0.03, 0.01, 0.0]], [inward(0.0), inward(0.03)], [ng.FrictionContact(0.5)] * 2)
     start = np.array([[0.029, 0.0, 0.0], [0.0302, 0.0, 0.0]])
     smooth = np.array([inward(0.02), inward(0.03)])
-    match = match_on_mesh(box, start, grasp, smooth, free=False)
+    match = surface_differences(box, start, grasp, smooth, free=False)
     np.testing.assert_allclose(match.distances, [1e-3, 2e-4], atol=1e-12)
     np.testing.assert_allclose(match.moved, [1e-3, np.hypot(0.01, 2e-4)], atol=1e-12)
     np.testing.assert_allclose(match.angles, [0.02, 0.03], atol=1e-7)
@@ -32,5 +32,5 @@ def test_angles_are_between_stated_smooth_and_the_meshs_own_normals(box):
 @pytest.mark.parametrize(("free", "off"), [(False, 0.0), (True, np.pi / 4.0)])
 def test_only_posed_fingertips_touch_an_edge_between_its_triangles(box, free, off):
     grasp = ng.Grasp([[0.03, 0.02, 0.0], [-0.03, 0.0, 0.0]], [inward(-np.pi / 4.0), [1.0, 0.0, 0.0]], ng.PointContact())
-    match = match_on_mesh(box, grasp.points, grasp, grasp.normals, free)
+    match = surface_differences(box, grasp.points, grasp, grasp.normals, free)
     np.testing.assert_allclose(match.stated, [off, 0.0], atol=1e-7)

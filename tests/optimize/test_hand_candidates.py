@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import propose as propose_module
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.propose import candidates_in_contact, propose
+from nlpgrasp.optimize.propose import move_into_contact, propose
 from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 from tests.quick import first
@@ -33,7 +33,7 @@ def compiled():
 
 def candidates(compiled, seed):
     rng = np.random.default_rng(seed)
-    return candidates_in_contact(compiled, propose(compiled, rng), rng, Deadline())
+    return move_into_contact(compiled, propose(compiled, rng), rng, Deadline())
 
 
 def certified(compiled, candidate):

@@ -11,10 +11,10 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.constraint_values import HandPoints
+from nlpgrasp.optimize.constraint_values import HandFunctions
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body, project_onto_constraints
 from nlpgrasp.optimize.propose import propose
-from nlpgrasp.optimize.refine import refine_on_triangles
+from nlpgrasp.optimize.refine_on_body import refine_on_triangles
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)
@@ -54,9 +54,9 @@ def test_a_hand_touches_the_mesh(posed):
     assert violation <= 1e-6
     assert np.max(off_mesh(moved.points)) <= 1e-9
     np.testing.assert_allclose(on_faces.inward_normals(moved), triangle_normals(moved.points), atol=1e-9)
-    towards = moved.points - compiled.hand_points.tip_centres(moved.hand, moved.points)
+    towards = moved.points - compiled.hand_functions.tip_centres(moved.hand, moved.points)
     distance = np.linalg.norm(towards, axis=1)
-    np.testing.assert_allclose(distance, compiled.hand_points.hand.tip_radii, atol=1e-6)
+    np.testing.assert_allclose(distance, compiled.hand_functions.hand.tip_radii, atol=1e-6)
     np.testing.assert_allclose(on_faces.inward_normals(moved), towards / distance[:, None], atol=1e-4)
 
 
@@ -64,7 +64,7 @@ def test_links_keep_their_clearance_from_the_mesh_itself(posed):
     compiled, candidate = posed
     on_body, _ = refine_on_triangles(compiled, candidate, Deadline())
     assert on_body.is_feasible
-    clearances = compiled.hand_points.mesh_clearances(the_mesh(), on_body.candidate.hand)
+    clearances = compiled.hand_functions.mesh_clearances(the_mesh(), on_body.candidate.hand)
     lower = [compiled.rows.named[i].lower for i in compiled.rows.clearances]
     assert np.all(clearances >= np.array(lower) - 1e-5)
 
@@ -76,7 +76,7 @@ def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
     problem = ng.GraspProblem(brick, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
     symbols = problem.hand.symbols(brick.bounds)
     centres = ca.horzcat(*(sphere.centre for sphere in problem.hand.spheres(symbols)))
-    links, points, near = ca.Function("links", list(symbols.values()), [centres]), HandPoints(problem), 0
+    links, points, near = ca.Function("links", list(symbols.values()), [centres]), HandFunctions(problem), 0
     for shift in rng.uniform(-0.03, 0.03, (1000, 3)):
         values = {**palm, "palm_position": palm["palm_position"] + shift}
         beyond = np.abs(links(*values.values()).full().T) - half

@@ -26,7 +26,7 @@ def samples(compiled):
 
 def palms(compiled, samples):
     """Yield palm poses with their reachable samples."""
-    hand = compiled.hand_points
+    hand = compiled.hand_functions
     values, _ = hand.posed_hand.draw(200, np.zeros((200, 3)), np.random.default_rng(0))
     for i in range(200):
         pose = {name: v[i] for name, v in values.items()}
@@ -36,7 +36,7 @@ def palms(compiled, samples):
 
 
 def test_fingertips_are_where_they_touch_and_their_links_outside(compiled, samples):
-    hand, space = compiled.hand_points, compiled.workspace
+    hand, space = compiled.hand_functions, compiled.workspace
     least = np.array([compiled.rows.named[i].lower for i in compiled.rows.clearances])
     rng, count = np.random.default_rng(0), 0
     for pose, reach in palms(compiled, samples):

@@ -91,6 +91,6 @@ def test_pairs_to_which_the_way_is_blocked_come_last():
     contacts = [ng.SoftContact(0.6, 0.005)] * 2
     case = ng.GraspProblem(ng.Box([0.04, 0.06, 0.1]), contacts, task, hand=jaw, constraints=walls)
     compiled = CompiledProblem(case, ng.SolveOptions(workers=1))
-    free = [compiled.hand_points.has_free_approach(p.points) for p in propose(compiled, np.random.default_rng(0))]
+    free = [compiled.hand_functions.has_free_approach(p.points) for p in propose(compiled, np.random.default_rng(0))]
     assert True in free
     assert free == sorted(free, reverse=True)

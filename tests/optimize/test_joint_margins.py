@@ -8,11 +8,11 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.optimize import refine as refine_module
+from nlpgrasp.optimize import refine_on_body as refine_module
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.local_search import refine
-from nlpgrasp.optimize.refine import JointLimitMargins, refine_with_margins
+from nlpgrasp.optimize.refine_on_body import JointLimitMargins, refine_with_margins
 from tests.hands.urdf import four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest
 
@@ -70,7 +70,7 @@ def test_joints_whose_margins_cost_too_much_have_their_whole_range():
     """Ranges of 0.1 rad around the hand's joints: margins in all of them cost 8 % of mu."""
     joints = posture()[1]["joints"]
     narrow_limits = np.stack([joints - 0.05, joints + 0.05])
-    narrow_hand = compiled().with_joints(narrow_limits)
+    narrow_hand = compiled().with_joint_limits(narrow_limits)
     value_without_margins = refine(narrow_hand, initial_candidate(), Deadline()).point.value
 
     def refine_at_price(price):
@@ -98,7 +98,7 @@ def test_joints_that_cannot_keep_their_margins_leave_the_others_theirs(monkeypat
     monkeypatch.setattr(refine_module, "project_onto_constraints", stuck)
     limits = posture()[2].copy()
     limits[1, NEAR_LIMIT] += 1.0
-    narrowed, _ = refine_with_margins(compiled().with_joints(limits), initial_candidate(), Deadline())
+    narrowed, _ = refine_with_margins(compiled().with_joint_limits(limits), initial_candidate(), Deadline())
     kept_limits = narrowed.problem.hand.tree.joint_limits
     assert kept_limits[0, AT_LIMIT] == lower_limit
     assert np.all(kept_limits[0, 1:] > limits[0, 1:])
@@ -106,7 +106,7 @@ def test_joints_that_cannot_keep_their_margins_leave_the_others_theirs(monkeypat
 
 @pytest.mark.parametrize("options", [{"joint_margin": 0.0}, {"gap": 0.1}])
 def test_without_a_margin_nothing_changes(options):
-    hand_problem = compiled().with_joints(posture()[2])
+    hand_problem = compiled().with_joint_limits(posture()[2])
     hand_problem.options = replace(OPTIONS, **options)
     returned, result = refine_with_margins(hand_problem, initial_candidate(), Deadline())
     assert returned is hand_problem

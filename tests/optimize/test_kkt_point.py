@@ -12,12 +12,12 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
-from nlpgrasp.optimize.final_step import converge_to_optimum, fix_to_triangles
-from nlpgrasp.optimize.kkt_point import local_optimum, residuals_at
+from nlpgrasp.optimize.kkt_point import find_local_optimum, residuals_at
+from nlpgrasp.optimize.local_convergence import converge_to_optimum, fix_to_triangles
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
-from nlpgrasp.quality.containment import condition
-from nlpgrasp.quality.ratio_minimisation import descend, newton, random_directions
+from nlpgrasp.quality.containment import make_containment
+from nlpgrasp.quality.ratio_minimisation import descend, random_directions, refine_by_newton
 from tests.hands.urdf import four_finger_hand
 from tests.kkt_by_differences import kkt_by_differences
 
@@ -66,7 +66,7 @@ def test_residuals_by_differences(name):
 def test_no_grasp_beside_it_is_better(name, rng):
     """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
     compiled, start = started(PROBLEMS[name]())
-    optimum = local_optimum(compiled, start.on_body.candidate, Deadline())
+    optimum = find_local_optimum(compiled, start.on_body.candidate, Deadline())
     assert optimum.kkt.is_small
     assert optimum.value >= start.record.mu.upper * (1.0 - 1e-3)
     size, gains = compiled.problem.body.size, []
@@ -83,9 +83,9 @@ def test_no_grasp_beside_it_is_better(name, rng):
 
 def test_minimisers_by_newton_are_stationary(rng):
     compiled, start = started(PROBLEMS["ellipsoid"]())
-    problem, _ = condition(compiled.wrench_set(start.on_body.candidate), compiled.problem.task)
+    problem, _ = make_containment(compiled.wrench_set(start.on_body.candidate), compiled.problem.task)
     initial, initial_values = descend(problem, random_directions(40, problem.rank, rng), 10)
-    minimisers, values = newton(problem, initial, 15)
+    minimisers, values = refine_by_newton(problem, initial, 15)
     assert np.all(values <= initial_values * (1.0 + 1e-12))
     gradient = problem.ratio(minimisers)[1]
     residual = np.linalg.norm(gradient - np.sum(gradient * minimisers, axis=1)[:, None] * minimisers, axis=1)
@@ -100,7 +100,7 @@ def test_reduced_hessian_by_differences_of_values():
     The minimisers of this grasp are apart from each other; where two merge there is no second derivative.
     """
     compiled, start = started(PROBLEMS["one-sided"]())
-    optimum = local_optimum(compiled, start.on_body.candidate, Deadline())
+    optimum = find_local_optimum(compiled, start.on_body.candidate, Deadline())
     cuts = optimum.cuts[optimum.weights > 1e-6]
     linear = Linearisation(compiled, optimum.candidate, cuts)
     step = linear.quadratic_step(1e-4)
@@ -112,9 +112,9 @@ def test_reduced_hessian_by_differences_of_values():
     def weighted(length):
         candidate = linear.candidate_at(linear.z + length * direction)
         moved = compiled.projected_onto_faces(candidate)
-        problem, _ = condition(compiled.wrench_set(moved), compiled.problem.task)
+        problem, _ = make_containment(compiled.wrench_set(moved), compiled.problem.task)
         u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
-        return weights @ (compiled.scaling.beta * newton(problem, u, 30)[1]) ** 2
+        return weights @ (compiled.scaling.beta * refine_by_newton(problem, u, 30)[1]) ** 2
 
     second = (weighted(h) - 2.0 * weighted(0.0) + weighted(-h)) / h**2
     assert -second == pytest.approx(values[-1], rel=0.05)

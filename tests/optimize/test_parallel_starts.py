@@ -60,7 +60,7 @@ def test_starts_after_a_worker_has_died_have_new_ones(problem):
     runner.prepare()
     proposed = propose(runner.compiled, np.random.default_rng(0))
     candidates = [(0, [Deadly()]), *((index, proposed) for index in range(1, count))]
-    results = {result.record.index: result for result in runner.starts(candidates, 0, Deadline())}
+    results = {result.record.index: result for result in runner.run_starts(candidates, 0, Deadline())}
     assert sorted(results) == list(range(count))
     assert results[0].record.status is ng.Status.FAILED
     assert "the worker process ended" in results[0].record.message

@@ -8,7 +8,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_constraints
-from nlpgrasp.optimize.propose import candidates_in_contact
+from nlpgrasp.optimize.propose import move_into_contact
 
 FACES = ("surface",) * 3
 
@@ -48,8 +48,6 @@ def test_infeasible_constraints_are_violated_least(rng):
 def test_candidates_that_touch_come_first(rng):
     spread = compiled(ng.Spread(1.2, 1.9))
     far = GraspCandidate(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
-    moved = list(
-        candidates_in_contact(spread, [close_together(rng), spread.projected_onto_faces(far)], rng, Deadline())
-    )
+    moved = list(move_into_contact(spread, [close_together(rng), spread.projected_onto_faces(far)], rng, Deadline()))
     assert len(moved) == 2
     assert all(spread.violation(candidate) <= 1e-5 for candidate in moved)

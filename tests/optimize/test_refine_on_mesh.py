@@ -11,7 +11,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import NEIGHBOURHOOD, exchange_nearby
-from nlpgrasp.optimize.refine import refine_on_body, refine_on_triangles
+from nlpgrasp.optimize.refine_on_body import refine_on_body, refine_on_triangles
 from nlpgrasp.optimize.start import run_start
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])

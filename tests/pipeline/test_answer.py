@@ -3,7 +3,7 @@
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.candidate import SolverEffort
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.analysis_records import Robustness
@@ -13,7 +13,7 @@ from tests.quick import first
 
 def start(index, lower, upper, status=Status.SOLVED, robust=None):
     worst = None if robust is None else Robustness(0.001, 0.1, Bounds(*robust), None, None)
-    return StartGrasp(StartRecord(index, status, mu=Bounds(lower, upper)), None, (), Effort(), worst, None)
+    return StartGrasp(StartRecord(index, status, mu=Bounds(lower, upper)), None, (), SolverEffort(), worst, None)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.candidate import SolverEffort
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.pipeline import answer as choice
 from nlpgrasp.quality import Bounds
@@ -21,7 +21,7 @@ def start(index, mu, worst, place=None, status=Status.SOLVED):
     """Return a start with this mu, and mu ``worst`` under its worst displacement."""
     points = np.array([[float(index if place is None else place), 0.0, 0.0], [0.0, 1.0, 0.0]])
     on_body = SimpleNamespace(grasp=SimpleNamespace(points=points), candidate=worst)
-    return StartGrasp(StartRecord(index, status, mu=Bounds(0.99 * mu, mu)), on_body, (), Effort(), None, None)
+    return StartGrasp(StartRecord(index, status, mu=Bounds(0.99 * mu, mu)), on_body, (), SolverEffort(), None, None)
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_answer(name, looked):
     results, expected, count = CASES[name]
-    chosen = choice.choose_start(BENCH, results[0], results, Deadline())
+    chosen = choice.prefer_robust_start(BENCH, results[0], results, Deadline())
     assert chosen.record.index == expected
     assert len(looked) == count
     assert (chosen.robust is None) == (chosen.on_body.candidate is None)
@@ -79,11 +79,11 @@ def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, monkey
     monkeypatch.setattr(choice, "can_press", lambda grasp: any(grasp is results[i].on_body.grasp for i in pressing))
     monkeypatch.setattr(choice, "PosedHand", SimpleNamespace)
     hand = SimpleNamespace(loaded_joints=("joint",))
-    best, able = choice.pressing_starts(hand, results[0], results)
+    best, able = choice.restrict_to_pressing(hand, results[0], results)
     assert best.record.index == expected
     assert [r.record.index for r in able] == ([i for i in pressing if i < 3] if expected else [0, 1, 2, 3])
     hand.loaded_joints = ()
-    assert choice.pressing_starts(hand, results[0], results) == (results[0], results)
+    assert choice.restrict_to_pressing(hand, results[0], results) == (results[0], results)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import compiled_programs as programs
-from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.candidate import SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.solution.start_summary import ipopt_lines
@@ -56,7 +56,7 @@ def test_what_ipopt_returns_without_running_is_the_start(broken):
     assert result.iterations == 0  # CasADi's count is not set then
     np.testing.assert_array_equal(result.z, start)
     assert not result.multipliers.any()
-    assert Effort.of(result) + Effort.of(result) == Effort(0, 2 * result.seconds, 0.0, 2, {broken: 2})
+    assert SolverEffort.of(result) + SolverEffort.of(result) == SolverEffort(0, 2 * result.seconds, 0.0, 2, {broken: 2})
 
 
 @pytest.mark.slow

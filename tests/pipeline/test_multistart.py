@@ -78,7 +78,9 @@ def test_the_answer_is_never_below_what_was_promised():
     search.run_starts()
     on_body = search.best.on_body
     promise = ng.mu(on_body.grasp, TASK, 1e-4).lower
-    search.add(WarmStart(GraspCandidate(on_body.candidate.faces, on_body.grasp.points), on_body.grasp.normals, promise))
+    search.add_warm_start(
+        WarmStart(GraspCandidate(on_body.candidate.faces, on_body.grasp.points), on_body.grasp.normals, promise)
+    )
     assert search.floor == promise
     search.accept_unchanged(search.best)
     solution = search.answer()
@@ -109,7 +111,7 @@ def test_its_answer_has_the_analyses_asked_for():
 def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
     search = Multistart(StartRunner(problem(), ng.SolveOptions(workers=1), 1), 0)
     search.begin_bound()
-    search.add(WarmStart(GraspCandidate(FACES, POINTS)), improve=False)  # off the middle
+    search.add_warm_start(WarmStart(GraspCandidate(FACES, POINTS)), improve=False)  # off the middle
     search.run_until_proved(5, 0.002)
     assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
     search.accept_unchanged(search.certify_best(0.001))

@@ -140,7 +140,7 @@ def test_measures_are_positive_for_stable_grasps_alone(seed):
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from(["l2", "per_finger", "shared"]))
 def test_support_functions_are_those_of_the_image(seed, budget):
-    """(3.4-5): phi(y | G(B n K)) = phi(G^T y | B n K), convex and homogeneous."""
+    """(3.4-5): phi(y | G(B ∩ K)) = phi(G^T y | B ∩ K), convex and homogeneous."""
     rng = np.random.default_rng(seed)
     grasp = ellipsoid_grasp(rng)
     wrenches = WrenchSet.of(grasp, budget)

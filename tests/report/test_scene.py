@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.report.grasp_scene import solution_scene
-from nlpgrasp.report.task_wrenches import choose_wrenches, format_wrench
+from nlpgrasp.report.task_wrenches import choose_wrenches, describe_wrench_by_axis
 from tests.once import solve_once
 
 ONE = ng.SolveOptions(workers=1, global_bound=False)
@@ -114,9 +114,11 @@ def test_without_a_grasp_the_body_is_drawn_from_what_the_file_says(ring):
 
 
 def test_wrenches_in_words():
-    assert format_wrench(np.array([0.0, -10.0, 0.0]), 1.0) == "10 N along \N{MINUS SIGN}y".replace(
+    assert describe_wrench_by_axis(np.array([0.0, -10.0, 0.0]), 1.0) == "10 N along \N{MINUS SIGN}y".replace(
         " N", "\N{NO-BREAK SPACE}N"
     )
-    words = format_wrench(np.array([0.3, 1e-4, 0.0, 0.0, 1e-9, -0.02]), 0.05).replace("\N{NO-BREAK SPACE}", " ")
+    words = describe_wrench_by_axis(np.array([0.3, 1e-4, 0.0, 0.0, 1e-9, -0.02]), 0.05).replace(
+        "\N{NO-BREAK SPACE}", " "
+    )
     assert words == "0.3 N along x, 0.02 N m about \N{MINUS SIGN}z"
-    assert format_wrench(np.zeros(6), 0.05) == "nothing"
+    assert describe_wrench_by_axis(np.zeros(6), 0.05) == "nothing"

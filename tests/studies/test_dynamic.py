@@ -242,7 +242,7 @@ def test_without_the_search_random_starts_are_followed():
 
 
 def test_a_step_that_no_warm_start_holds_is_solved_cold_and_says_so(monkeypatch):
-    monkeypatch.setattr(Multistart, "add", lambda self, warm: False)
+    monkeypatch.setattr(Multistart, "add_warm_start", lambda self, warm: False)
     followed = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=ONE)
     assert [step.cold for step in followed.steps] == [False, True]
     assert "found by a cold solve" in str(followed)

@@ -147,11 +147,11 @@ def test_a_gap_that_is_asked_for_is_closed_for_each_number():
 def test_a_grasp_that_a_tight_certificate_overtakes_is_not_chosen():
     search = Multistart(StartRunner(square(2), QUICK, 1), 0)
     for x in (0.0, 0.4):
-        search.add(WarmStart(GraspCandidate(("edge0", "edge2"), np.array([[x, -1.0], [x, 1.0]]))))
+        search.add_warm_start(WarmStart(GraspCandidate(("edge0", "edge2"), np.array([[x, -1.0], [x, 1.0]]))))
     better, worse = search.results
     assert better.record.mu.lower > worse.record.mu.upper
     loose = ng.Bounds(better.record.mu.lower * 0.99, better.record.mu.upper * 1.1)
-    search.update(replace(worse, record=replace(worse.record, mu=loose)))
+    search.replace_results(replace(worse, record=replace(worse.record, mu=loose)))
     assert search.best.record.index == worse.record.index
     best = search.certify_best(QUICK.final_rtol)
     assert best.record.index == better.record.index

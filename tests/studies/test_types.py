@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.studies.contact_types import Menu
+from nlpgrasp.studies.contact_types import AllowedTypes
 
 FAST = ng.SolveOptions(workers=1, rtol=0.02, final_rtol=0.01)
 QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
@@ -88,14 +88,14 @@ def test_the_best_within_a_budget(choice):
 
 def test_contacts_that_a_constraint_tells_apart_are_distinct():
     def assignments(**more):
-        return Menu.of(rectangle(3, **more), {"smooth": SMOOTH, "rough": ROUGH}).assignments
+        return AllowedTypes.of(rectangle(3, **more), {"smooth": SMOOTH, "rough": ROUGH}).assignments
 
     assert len(assignments()) == 4
     assert len(assignments(constraints=[ng.Spread(0.1, 3.0)])) == 4
     assert len(assignments(constraints=[ng.Workspace(ng.BoxRegion([-1, -1], [0.5, 1]), fingers=[0])])) == 6
     assert len(assignments(hand=ng.Fingertips(3, 0.01, spread=3.0))) == 4
     apart = [{"smooth": SMOOTH, "rough": ROUGH}, {"rough": ROUGH}, {"smooth": SMOOTH, "rough": ROUGH}]
-    assert Menu.of(rectangle(3), apart).assignments == [
+    assert AllowedTypes.of(rectangle(3), apart).assignments == [
         ("smooth", "rough", "smooth"),
         ("smooth", "rough", "rough"),
         ("rough", "rough", "rough"),

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 import nlpgrasp as ng
 from nlpgrasp.tasks.enclosing_ellipsoid import MinVolumeEllipsoid
-from nlpgrasp.tasks.library.inner_ellipsoids import InnerEllipsoid, farthest_point
+from nlpgrasp.tasks.library.outer_ellipsoid import InnerEllipsoid, farthest_point
 from nlpgrasp.tasks.library.updatable_fits import CovarianceFit, MinVolumeFit, Moments
 from tests.tasks.clouds import CLOUDS
 
@@ -47,7 +47,7 @@ def test_all_wrenches_are_inside_and_the_volume_is_that_of_a_fit_of_all(kind, se
     for rows in others:
         fit = fit.updated(rows)
     rows = np.concatenate([first, *others])
-    assert fit.wrenches == len(rows)
+    assert fit.wrench_count == len(rows)
     np.testing.assert_array_equal(fit.rows, rows)
     assert level(fit, rows) <= 1.0 + 2e-9
     expected = MinVolumeFit.of(rows)
@@ -60,7 +60,7 @@ def test_wrenches_inside_change_nothing(rng):
     fit = MinVolumeFit.of(UNITS * rng.standard_normal((1000, 6)))
     updated = fit.updated(fit.center + 0.3 * (fit.rows - fit.center))
     assert updated.axes is fit.axes
-    assert updated.wrenches == 2000
+    assert updated.wrench_count == 2000
 
 
 def test_a_flat_ellipsoid_grows_into_a_new_direction(rng):
@@ -94,7 +94,7 @@ def sphere(rng, n=20000):
 def test_merging_is_a_fit_of_both(rng):
     a, b = (UNITS * (rng.standard_normal((800, 6)) + shift) for shift in (0.0, 3.0))
     merged = MinVolumeFit.of(a).merged(MinVolumeFit.of(b))
-    assert merged.wrenches == 1600
+    assert merged.wrench_count == 1600
     assert volume(merged.axes) == pytest.approx(volume(MinVolumeFit.of(np.concatenate([a, b])).axes), rel=3e-5)
 
 
@@ -106,7 +106,7 @@ def test_outliers_are_removed_after_updates(rng):
     trimmed, removed = fit.without_outliers(0.01)
     assert len(removed) == 20
     assert {tuple(row) for row in removed} == {tuple(row) for row in outliers}
-    assert (trimmed.wrenches, trimmed.forgotten) == (1980, 20)
+    assert (trimmed.wrench_count, trimmed.forgotten) == (1980, 20)
     assert level(trimmed, inliers) <= 1.0 + 2e-9
     assert volume(trimmed.axes) == pytest.approx(volume(MinVolumeFit.of(inliers).axes), rel=3e-5)
 

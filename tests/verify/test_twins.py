@@ -6,7 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.verify.chain_kinematics import links_in_urdf, poses, read_robot
+from nlpgrasp.verify.chain_kinematics import links_in_urdf, poses, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touch_constraints
 from nlpgrasp.verify.recomputation import link_constraints
@@ -155,7 +155,7 @@ def test_parallel_jaws():
 
 @pytest.mark.parametrize("path", [FOUR, THREE, GRIPPER], ids=["four", "three", "gripper"])
 def test_links_are_where_mujoco_puts_them(path, rng):
-    links = links_in_urdf(read_robot(path), "palm")
+    links = links_in_urdf(read_root_element(path), "palm")
     free = {link.joint: rng.uniform(link.lower, link.upper) for link in links if link.moves and link.follow is None}
     positions = dict(free)
     for link in links:

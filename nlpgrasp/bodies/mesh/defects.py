@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.meshes.intersections import intersecting_boxes, normals_of
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, local_origin, relative_to
 from nlpgrasp.common.meshes.topology import MeshParts, drop_duplicates, drop_unused_vertices, merge_mesh_vertices
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -43,7 +43,7 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
     """
     coordinates = np.asarray(mesh.vertices, dtype=float)
     origin = local_origin(coordinates)
-    filled = merge_mesh_vertices(in_frame(coordinates, origin), np.asarray(mesh.faces))
+    filled = merge_mesh_vertices(relative_to(coordinates, origin), np.asarray(mesh.faces))
     vertices, faces = np.asarray(filled.vertices, dtype=float), np.asarray(filled.faces)
     is_kept = drop_duplicates(vertices, faces)[0]
     filled.update_faces(is_kept)
@@ -95,7 +95,7 @@ def defect_warnings(mesh: trimesh.Trimesh) -> tuple[str, ...]:
 def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
     """Return the warnings of ``defect_warnings`` for vertices (v, 3), metres, and triangles (f, 3)."""
     origin = local_origin(vertices)
-    local = in_frame(vertices, origin)
+    local = relative_to(vertices, origin)
     warnings = []
     if len(crossings := self_intersections(local, faces)):
         warnings.append(

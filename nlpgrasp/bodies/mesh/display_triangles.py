@@ -8,7 +8,7 @@ from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.triangulation import PLATE, IntArray
 from nlpgrasp.common.cache import cached_arrays
-from nlpgrasp.common.meshes.search_tree import in_frame, local_origin
+from nlpgrasp.common.meshes.search_tree import local_origin, relative_to
 from nlpgrasp.common.validation import FloatArray
 
 CELLS = 48  # grid cells along the longest side
@@ -44,9 +44,9 @@ def _decimate(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, Flo
     import igl
 
     origin = local_origin(vertices)  # a quadric holds squares of coordinates
-    local = np.asfortranarray(in_frame(vertices, origin))
+    local = np.asfortranarray(relative_to(vertices, origin))
     simplified = igl.qslim(local, np.asfortranarray(faces.astype(np.int32)), most)
-    return {"vertices": in_frame(np.asarray(simplified[0]), -origin), "faces": np.asarray(simplified[1])}
+    return {"vertices": relative_to(np.asarray(simplified[0]), -origin), "faces": np.asarray(simplified[1])}
 
 
 def _march_cubes(body: Body) -> tuple[FloatArray, IntArray]:

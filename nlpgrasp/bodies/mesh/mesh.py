@@ -16,7 +16,7 @@ from nlpgrasp.bodies.mesh.signed_distance import (
     FINEST,
     DistanceSpline,
     SmoothOffset,
-    automatic_fineness,
+    choose_grid_resolution,
     distance_spline,
     edge_distance_spline,
     smooth_offset,
@@ -55,7 +55,7 @@ class Mesh(Body):
         Vertices in metres, or in ``unit``.
     smoothing : float, optional
         Standard deviation of the Gaussian over the distance grid, in grid cells; 0 for none. When left out: 1.5, or
-        less for thin walls, so that 2.4 of it fit into a wall (see ``automatic_fineness``).
+        less for thin walls, so that 2.4 of it fit into a wall (see ``choose_grid_resolution``).
     resolution : int, optional
         Grid cells along the longest side, from 8 to 400. When left out: 48, or more for slender bodies, so that the
         shortest side has 16, and for walls that need a smoothing below 0.75; up to 600,000 grid points.
@@ -110,7 +110,7 @@ class Mesh(Body):
             warn_once(text)
         self.repairs = (*repairs, *warnings)
         if smoothing is None or resolution is None:
-            grid = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
+            grid = choose_grid_resolution(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
             smoothing, resolution = grid.smoothing, grid.resolution
         self.smoothing, self.resolution = smoothing, resolution
         vertices, faces = np.asarray(self.mesh.vertices, dtype=float), np.asarray(self.mesh.faces)
@@ -224,7 +224,7 @@ class Mesh(Body):
 
     def clearance(self, points: FloatArray) -> FloatArray:
         """Return the exact signed distance of points (m, 3) to the mesh, (m,), metres, negative inside."""
-        return self._tree.clearance(points)
+        return self._tree.exact_signed_distance(points)
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of the mesh, the outward normals there and the distances.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.common.cache import cached_arrays
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, local_origin, relative_to
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -50,10 +50,10 @@ class GridResolution:
     resolution: int
 
 
-def automatic_fineness(
+def choose_grid_resolution(
     extents: FloatArray, wall: float, smoothing: float | None = None, resolution: int | None = None
 ) -> GridResolution:
-    """Choose resolution and smoothing such that 2.4 standard deviations of the Gaussian fit into a wall.
+    """Choose resolution and smoothing of a grid such that 2.4 standard deviations of the Gaussian fit into a wall.
 
     Given values are kept. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
     surface inwards: by a sixteenth of an even wall's thickness at 2.4 deviations, and at less than 1.6 the wall
@@ -154,7 +154,7 @@ class DistanceSpline:
 def distance_spline(
     vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float = 0.0
 ) -> DistanceSpline:
-    """Return the spline of the smoothed signed distance, negative inside.
+    """Return the spline of the signed distance, negative inside, smoothed if ``smoothing`` is above 0.
 
     The sign comes from fast winding numbers (Barill et al. 2018, doi:10.1145/3197517.3201337), so that scans
     with small defects have an inside.
@@ -173,7 +173,7 @@ def distance_spline(
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """
     origin = local_origin(vertices)
-    local = in_frame(vertices, origin)
+    local = relative_to(vertices, origin)
     inputs = [local, faces, np.array([resolution, smoothing, margin])]
     tree, cells = SearchTree(local, faces), EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED
     arrays = cached_arrays(
@@ -194,7 +194,7 @@ def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int)
         Grid cells along the longest side of the mesh.
     """
     origin = local_origin(vertices)
-    local = in_frame(vertices, origin)
+    local = relative_to(vertices, origin)
     tree = SearchTree(local, edges)
 
     def distance(points: FloatArray) -> FloatArray:
@@ -207,6 +207,7 @@ def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int)
 
 
 def _spline_of(arrays: Mapping[str, NDArray[Any]], origin: FloatArray) -> DistanceSpline:
+    """Return the spline of cached knots, coefficients and box."""
     knots = tuple(arrays[f"knots {axis}"].tolist() for axis in range(3))
     return DistanceSpline(knots, arrays["coefficients"], arrays["box"], origin)
 
@@ -280,6 +281,7 @@ def wall_thickness(mesh: trimesh.Trimesh) -> float:
 
 
 def _measure_walls(mesh: trimesh.Trimesh) -> float:
+    """Return the wall thickness, metres, by rays; see ``wall_thickness``."""
     import igl
     import trimesh
 
@@ -287,11 +289,11 @@ def _measure_walls(mesh: trimesh.Trimesh) -> float:
     scale = SCALED / float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
     coordinates = np.asarray(mesh.vertices, dtype=float)
     origin = local_origin(coordinates)
-    vertices = np.ascontiguousarray(in_frame(coordinates, origin) * scale)
+    vertices = np.ascontiguousarray(relative_to(coordinates, origin) * scale)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
     points, triangles = trimesh.sample.sample_surface(mesh, RAYS, seed=np.random.default_rng(0))
     inwards = -np.asarray(mesh.face_normals)[triangles]
-    origins = np.ascontiguousarray(in_frame(np.asarray(points), origin) * scale + BEHIND * inwards)
+    origins = np.ascontiguousarray(relative_to(np.asarray(points), origin) * scale + BEHIND * inwards)
     tree = igl.AABB()
     tree.init(vertices, faces)
     hits, ray_lengths, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(inwards))

@@ -58,7 +58,7 @@ def intersecting_triangles(vertices: FloatArray, faces: IntArray, slack: float) 
 
 
 def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) intersect or touch others (p, 3, 3), pair by pair.
+    """Return whether triangles (p, 3, 3) intersect or touch others (p, 3, 3), pair by pair.
 
     A separating axis shows that they do not. Along a triangle's normal a gap of up to ``slack`` still counts as
     touching; along other axes an overlap of at least ``slack`` is required, so that adjacent triangles in a plane do
@@ -69,6 +69,7 @@ def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> 
 
 
 def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
+    """Return whether triangles intersect pair by pair, by separating axes."""
     normals = normals_of(first), normals_of(second)
     result = np.ones(len(first), dtype=bool)
     for normal in normals:
@@ -88,7 +89,7 @@ def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> ND
 
 
 def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) lie entirely on others (p, 3, 3), within ``slack``, pair by pair."""
+    """Return whether triangles (p, 3, 3) lie entirely on others (p, 3, 3), within ``slack``, pair by pair."""
     from_corner = first[:, :, None] - second[:, None]  # pair, corner of one, corner of the other
     result = in_plane(first, second, slack)
     inwards = np.cross(normals_of(second)[:, None], np.roll(second, -1, axis=1) - second)
@@ -97,7 +98,7 @@ def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[n
 
 
 def in_plane(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) lie in the plane of others (p, 3, 3), within ``slack``, pair by pair."""
+    """Return whether triangles (p, 3, 3) lie in the plane of others (p, 3, 3), within ``slack``, pair by pair."""
     offsets = np.einsum("pik,pk->pi", first - second[:, :1], normals_of(second))
     return np.asarray(np.all(np.abs(offsets) <= slack, axis=1))
 

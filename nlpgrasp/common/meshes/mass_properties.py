@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.common.meshes.search_tree import in_frame, local_origin
+from nlpgrasp.common.meshes.search_tree import local_origin, relative_to
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def volume_integrals(mesh: trimesh.Trimesh) -> VolumeIntegrals:
 
     corners = np.asarray(mesh.triangles, dtype=float)
     origin = local_origin(corners.reshape(-1, 3))
-    properties = mass_properties(in_frame(corners, origin))
+    properties = mass_properties(relative_to(corners, origin))
     return VolumeIntegrals(
         float(properties.volume), np.asarray(properties.center_mass) + origin, np.asarray(properties.inertia)
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.common.meshes.outer_surface import outer_surface
-from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, in_frame, local_origin, unclear_share
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, local_origin, relative_to, unclear_share
 from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, check_body_size, metres_per
@@ -31,7 +31,7 @@ SMALLEST = 1e-300  # against division by zero
 LARGE = 3.0  # m, length above which another unit is suspected
 
 
-def coarse_rounding(vertices: FloatArray) -> str | None:
+def coarse_rounding_warning(vertices: FloatArray) -> str | None:
     """Return a warning if vertices (v, 3), metres, have coarse single-precision steps, else None.
 
     The file's unit is unknown here, since vertices are already scaled to metres; all known units are tried.
@@ -123,7 +123,7 @@ def scale_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
 
 
 def repaired_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """Return the closed outer surface of a mesh and a list of repairs, or raise.
+    """Return the outer surface of a mesh, closed or open with a clear inside, and a list of repairs, or raise.
 
     Small holes are filled, inverted parts reversed, and overlapping parts united; all repairs are listed. A mesh that
     stays open is accepted only if its winding number distinguishes inside and outside almost everywhere (scans with a
@@ -135,9 +135,9 @@ def repaired_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
 
     triangles = _check_size(mesh)
     vertices, faces = np.asarray(triangles.vertices, dtype=float), np.asarray(triangles.faces)
-    origin, rounding = local_origin(vertices), coarse_rounding(vertices)
+    origin, rounding = local_origin(vertices), coarse_rounding_warning(vertices)
     try:
-        result, notes = _closed_outer_surface(in_frame(vertices, origin), faces)
+        result, notes = _repair_surface(relative_to(vertices, origin), faces)
     except InputError as error:
         if rounding is None:
             raise
@@ -150,8 +150,8 @@ def repaired_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     return result, tuple(notes)
 
 
-def _closed_outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return the closed outer surface of vertices (v, 3), metres, and triangles (f, 3), and the repairs."""
+def _repair_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
+    """Return the outer surface of vertices (v, 3), metres, and triangles (f, 3), as ``repaired_mesh`` does."""
     import trimesh
 
     longest = float(np.max(np.ptp(vertices, axis=0)))
@@ -189,7 +189,7 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
 
 
 def _fill_holes(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return the mesh with small holes filled, and the repairs; raise if its inside is ambiguous."""
+    """Return the mesh with holes filled, as far as possible, and the repairs; raise if its inside is ambiguous."""
     result = merge_mesh_vertices(vertices, faces)
     if not len(result.faces):
         raise InputError("Mesh.mesh", "triangles without area", "a mesh with volume")

@@ -135,6 +135,7 @@ def _remove_buried(parts: MeshParts, notes: list[str]) -> MeshParts:
 
 
 def _buried_share(parts: MeshParts) -> float:
+    """Return the buried share of a mesh's area; see ``buried_share``."""
     return buried_share(parts.vertices, parts.faces)
 
 
@@ -290,7 +291,7 @@ def _bisect_pieces(
 
 
 def _has_similar_normals(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
+    """Return whether triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
     return np.asarray(np.einsum("ij,ij->i", normals_of(first), normals_of(second)) > 0.0)
 
 

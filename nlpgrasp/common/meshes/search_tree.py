@@ -42,7 +42,7 @@ class SearchTree:
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
         points = np.asarray(vertices, dtype=float)
         self._origin = local_origin(points, TREE_FAR)
-        self._vertices = np.ascontiguousarray(in_frame(points, self._origin))
+        self._vertices = np.ascontiguousarray(relative_to(points, self._origin))
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
         _trees.add(self)
 
@@ -68,7 +68,7 @@ class SearchTree:
 
     def _local(self, points: FloatArray) -> FloatArray:
         """Return points (m, 3) in the trees' coordinates."""
-        return np.ascontiguousarray(in_frame(np.asarray(points, dtype=float), self._origin))
+        return np.ascontiguousarray(relative_to(np.asarray(points, dtype=float), self._origin))
 
     def release(self) -> None:
         """Release the trees; they are rebuilt on demand."""
@@ -90,14 +90,14 @@ class SearchTree:
         return np.asarray(self._winding.winding_number(self._local(points)))
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the smooth signed distances (m,), metres, of points (m, 3), negative inside.
+        """Return the signed distances (m,), metres, of points (m, 3), negative inside, continuous near defects.
 
-        It is the distance times ``1 - 2 |w|`` with the winding number w, and continuous near defects.
+        It is the distance times ``1 - 2 |w|`` with the winding number w.
         """
         return np.asarray(np.sqrt(self.nearest(points)[0]) * (1.0 - 2.0 * np.abs(self.winding_numbers(points))))
 
-    def clearance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distances (m,), metres, of points (m, 3) from the nearest point, negative inside."""
+    def exact_signed_distance(self, points: FloatArray) -> FloatArray:
+        """Return the exact distances (m,), metres, of points (m, 3), negative where the winding number is above 1/2."""
         is_inside = np.abs(self.winding_numbers(points)) > 0.5
         return np.asarray(np.where(is_inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
 
@@ -121,7 +121,7 @@ def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
 
 
 def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
-    """Return which surface points (m, 3) with outward unit normals (m, 3) have the inside on both sides, (m,)."""
+    """Return whether surface points (m, 3) with outward unit normals (m, 3) have the inside on both sides, (m,)."""
     step = TEST_OFFSET * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
     tree = SearchTree(vertices, faces)
     result = tree.winding_numbers(points + step) > 0.5
@@ -162,6 +162,6 @@ def local_origin(points: FloatArray, limit: float = FAR) -> FloatArray:
     return np.where(np.abs(centre) > limit * float(np.max(upper - lower)), centre, 0.0)
 
 
-def in_frame(points: FloatArray, origin: FloatArray) -> FloatArray:
+def relative_to(points: FloatArray, origin: FloatArray) -> FloatArray:
     """Return points (..., 3) relative to an origin (3,); unchanged if it is 0."""
     return points - origin if np.any(origin) else points

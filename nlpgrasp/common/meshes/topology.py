@@ -153,7 +153,7 @@ def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
 
 
 def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
-    """Return which triangles (f, 3) to keep, and the numbers of removed copies and opposite pairs' triangles.
+    """Return a mask of the triangles (f, 3) to keep, and the numbers of removed copies and opposite pairs' triangles.
 
     Pairs of opposite triangles bound no volume. They are removed unless their area is negligible or all there is; where
     the rest is open without them, the one of a pair that closes it stays.
@@ -181,7 +181,7 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
 def _closing_triangles(
     faces: IntArray, group: IntArray, is_kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
+    """Return whether opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
 
     An open edge with a single group of undecided triangles decides that group, then its other edges are examined.
     """
@@ -260,5 +260,5 @@ def count_open_edges(mesh: trimesh.Trimesh) -> int:
 
 
 def _has_three_corners(faces: IntArray) -> NDArray[np.bool_]:
-    """Return which triangles (f, 3) have three distinct vertices, (f,)."""
+    """Return whether triangles (f, 3) have three distinct vertices, (f,)."""
     return np.asarray(np.all(faces != np.roll(faces, 1, axis=1), axis=1))

@@ -17,14 +17,14 @@ from nlpgrasp.common.validation import FloatArray
 IntArray = NDArray[np.int64]
 
 
-class CurvedFace(Protocol):
+class CurvedSurface(Protocol):
     """Interface of a curved surface whose small parts have c corners, of q coordinates each."""
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return coefficients of two bounds on a contact's work z inside each part (n, c, q), (n, 2, 3).
+        """Return coefficients of two bounds on the deviation of a contact's work inside each part, (n, 2, 3).
 
         The first bounds the deviation of z from a linear interpolation between the corners, the second that from any
         corner. Coefficients are of ``|v|``, ``|tau|`` and, for a contact with a moment about its normal, of ``|tau|``
@@ -41,25 +41,25 @@ class CurvedParts:
 
     Parameters
     ----------
-    surface : CurvedFace
+    surface : CurvedSurface
     parts : (n, c, q) array
         Coordinates of each part's corners; together the parts cover the cell.
     rows : (n, c) array of int
         Index of the representative contact at each corner.
     """
 
-    surface: CurvedFace
+    surface: CurvedSurface
     parts: FloatArray
     rows: NDArray[np.int64]
 
     @cached_property
     def deviations(self) -> FloatArray:
-        """Coefficients of each part's bounds on the work inside, (n, 2, 3); see ``CurvedFace.deviations``."""
+        """Deviation coefficients of each part, (n, 2, 3); see ``CurvedSurface.deviations``."""
         return self.surface.deviations(self.parts)
 
     @cached_property
     def max_deviations(self) -> FloatArray:
-        """Largest coefficients over all parts, (2, 3)."""
+        """Largest deviation coefficients over all parts, (2, 3)."""
         return np.asarray(np.max(self.deviations, axis=0))
 
 
@@ -94,7 +94,7 @@ class SurfaceCell(ABC):
     kind: ClassVar[str]
 
     @abstractmethod
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return the representative contacts of the cell."""
 
     @abstractmethod

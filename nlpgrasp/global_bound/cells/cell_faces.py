@@ -32,6 +32,7 @@ def cell_faces(body: Body, margin: float) -> Faces | None:
 
 
 def _box_faces(body: Box, margin: float) -> Faces:
+    """Return the rectangles of a box at a margin from its edges."""
     half = body.half_size
     result: Faces = []
     for name in body.face_names:
@@ -48,11 +49,13 @@ def _box_faces(body: Box, margin: float) -> Faces:
 
 
 def _polygon_faces(body: Polygon, margin: float) -> Faces:
+    """Return the edges of a polygon at a margin from its sharp corners."""
     edges = enumerate(_polygon_edges(body.corners, margin))
     return [FlatFaceCells(f"edge{i}", [ends], normal) for i, (ends, normal) in edges if ends is not None]
 
 
 def _prism_faces(body: Prism, margin: float) -> Faces:
+    """Return the sides and ends of a prism at a margin from its sharp edges."""
     half = body.height / 2.0
     result: Faces = []
     for i, (ends, normal) in enumerate(_polygon_edges(body.corners, margin)):
@@ -93,6 +96,7 @@ def _inset_polygon(corners: FloatArray, margin: float) -> FloatArray:
 
 
 def _cylinder_faces(body: Cylinder, margin: float) -> Faces:
+    """Return the side and the ends of a cylinder at a margin from its edges."""
     half, radius = body.height / 2.0, body.radius - margin
     ends = [DiscFace(n, radius, s * half, np.array([0.0, 0.0, -s])) for n, s in (("top", 1.0), ("bottom", -1.0))]
     side = RevolvedFace("side", np.array([0.0, body.radius]), np.array([margin - half, half - margin]))

@@ -35,7 +35,7 @@ class EllipsoidCell(SurfaceCell):
     def __init__(self, corners: FloatArray, surface: EllipsoidSurface) -> None:
         self.corners, self.surface, self.a = corners, surface, surface.a
 
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return the corners of small triangles or arcs that cover the cell."""
         longest_side = float(np.max(angles_along(self.corners, np.roll(self.corners, -1, axis=0))))
         levels = int(np.clip(np.ceil(np.log2(max(longest_side / FINE, 1e-9))), *LEVELS)) if longest_side > 0.0 else 0
@@ -48,7 +48,7 @@ class EllipsoidCell(SurfaceCell):
         return RepresentativeContacts(*self.surface.contacts(u), curved=(curved,) if len(self.corners) > 1 else ())
 
     def split(self) -> tuple[EllipsoidCell, ...]:
-        """Return both halves, cut at the midpoint of the side that is longest on the ellipsoid; of a point itself."""
+        """Return both halves, cut at the middle of the side longest on the ellipsoid; for a point, the cell itself."""
         if len(self.corners) == 1:
             return (self,)
         i = self.cut()
@@ -134,7 +134,7 @@ class EllipsoidSurface:
         return points, ellipsoid_inward_normals(points, self.a)
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return the deviations of small triangles or arcs (n, c, 3), (n, 2, 3)."""
+        """Return the deviation coefficients (n, 2, 3) of small triangles or arcs (n, c, 3)."""
         large, small = float(np.max(self.a)), float(np.min(self.a))
         a = self.a[:, None]
         corners = np.ascontiguousarray(parts.transpose(1, 2, 0))  # (c, 3, n): rows of n run fast

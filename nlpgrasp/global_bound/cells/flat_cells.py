@@ -35,7 +35,7 @@ class PolygonCell(SurfaceCell):
     def __init__(self, vertices: FloatArray, normal: FloatArray, axes: FloatArray) -> None:
         self.vertices, self.normal, self.axes = vertices, normal, axes
 
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return the vertices."""
         return RepresentativeContacts(self.vertices, np.broadcast_to(self.normal, self.vertices.shape))
 

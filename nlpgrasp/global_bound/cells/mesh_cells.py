@@ -35,14 +35,14 @@ class TriangleCluster(SurfaceCell):
     def __init__(self, clusters: ClusterTree, node: int) -> None:
         self.clusters, self.node = clusters, node
 
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return the corners of all pieces with the normal of each."""
         rows = self.clusters.rows_of(self.node)
         return RepresentativeContacts(self.clusters.rows.points[rows], self.clusters.rows.normals[rows])
 
     def split(self) -> tuple[SurfaceCell, ...]:
         """Return both halves of the cluster; itself at the last level."""
-        if self.node >= self.clusters.last:
+        if self.node >= self.clusters.first_leaf:
             return (self,)
         return tuple(TriangleCluster(self.clusters, 2 * self.node + i) for i in (0, 1))
 
@@ -138,12 +138,12 @@ class ClusterTree:
         self.rows, self.begin = self._rows()
 
     @property
-    def count(self) -> int:
+    def node_limit(self) -> int:
         """Number of clusters plus one, as there is no node 0."""
         return int(2 ** (self.levels + 1))
 
     @property
-    def last(self) -> int:
+    def first_leaf(self) -> int:
         """Number of the first cluster of the last level."""
         return int(2**self.levels)
 
@@ -156,17 +156,17 @@ class ClusterTree:
     def rows_of(self, node: int) -> slice:
         """Return the range of a cluster's rows."""
         below = self.levels - node.bit_length() + 1
-        first = (node << below) - self.last
+        first = (node << below) - self.first_leaf
         return slice(int(self.begin[first]), int(self.begin[first + 2**below]))
 
     def _rows(self) -> tuple[RepresentativeContacts, IntArray]:
-        """Return the corners of all pieces in order, distinct per cluster of the last level, and each's first."""
+        """Return the distinct corners of each last-level cluster, in order, and the first row of each cluster."""
         points = self.pieces[self.order].reshape(-1, 3)
         normals = np.repeat(self.normals[self.order], 3, axis=0)
         offsets = 3 * _level_ranges(len(self.order), self.levels)
-        cluster = np.repeat(np.arange(self.last), np.diff(offsets))
+        cluster = np.repeat(np.arange(self.first_leaf), np.diff(offsets))
         first_indices = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
-        begin = np.searchsorted(cluster[np.sort(first_indices)], np.arange(self.last + 1))
+        begin = np.searchsorted(cluster[np.sort(first_indices)], np.arange(self.first_leaf + 1))
         return RepresentativeContacts(points[np.sort(first_indices)], normals[np.sort(first_indices)]), begin
 
 

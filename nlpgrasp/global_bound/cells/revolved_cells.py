@@ -43,7 +43,7 @@ class SectorCell(SurfaceCell):
     def __init__(self, radii: FloatArray, angles: FloatArray, height: float, normal: FloatArray) -> None:
         self.radii, self.angles, self.height, self.normal = radii, angles, height, normal
 
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return the corners and the intersection of the outer tangents."""
         low, high = self.angles
         polar = [(r, phi) for r in self.radii for phi in (low, high)]
@@ -69,13 +69,13 @@ class SectorCell(SurfaceCell):
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the mean of the rows and the distance to the farthest."""
-        points = self.rows().points
+        points = self.representative_contacts().points
         centre = points.mean(axis=0)
         return centre, float(np.max(np.linalg.norm(points - centre, axis=1)))
 
     def anchors(self) -> FloatArray:
-        """Return the corners."""
-        return self.rows().points
+        """Return the corners and the intersection of the outer tangents."""
+        return self.representative_contacts().points
 
     def to_dict(self) -> Json:
         """Return radii, angles, height and normal."""
@@ -135,10 +135,10 @@ class RevolvedCell(SurfaceCell):
     def __init__(self, surface: RevolvedSurface, angles: FloatArray, along: FloatArray) -> None:
         self.surface, self.angles, self.along, self.radii = surface, angles, along, surface.radii
 
-    def rows(self) -> RepresentativeContacts:
+    def representative_contacts(self) -> RepresentativeContacts:
         """Return a grid of contacts and the patches between them."""
-        turns = _part_count(self.angles)
-        steps = _part_count(self.along) if self.surface.is_torus else int(np.ptp(self.along) > 0.0)
+        turns = _interval_count(self.angles)
+        steps = _interval_count(self.along) if self.surface.is_torus else int(np.ptp(self.along) > 0.0)
         corners, parts = rectangles(_interval_grid(self.angles, turns), _interval_grid(self.along, steps))
         curved = CurvedParts(self.surface, corners[parts], parts)
         return RepresentativeContacts(*self.surface.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
@@ -210,12 +210,14 @@ class RevolvedFace(CellFace):
         return [RevolvedCell(self.surface, np.zeros(2), t) for t in self._parts()]
 
 
-def _part_count(interval: FloatArray) -> int:
+def _interval_count(interval: FloatArray) -> int:
+    """Return the number of intervals between rows over an interval of angles, 0 where it is a point."""
     size = float(np.ptp(interval))
     return int(np.clip(np.ceil(size / FINE), 2, MOST)) if size > 0.0 else 0
 
 
 def _interval_grid(interval: FloatArray, steps: int) -> FloatArray:
+    """Return equally spaced coordinates from end to end of an interval, (steps + 1,)."""
     return np.linspace(float(interval[0]), float(interval[1]), steps + 1)
 
 
@@ -246,7 +248,7 @@ class RevolvedSurface:
         return contacts_at(self.radii, coordinates[:, 0], coordinates[:, 1])
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return the deviations of parts (n, c, 2), (n, 2, 3)."""
+        """Return the deviation coefficients (n, 2, 3) of parts (n, c, 2)."""
         turn, extent = np.ptp(parts, axis=1).T
         outer, zero = float(np.sum(self.radii)), np.zeros(len(parts))
         # about the point of the axis at the corner's own height: |f_c| <= |v| + |tau| rho

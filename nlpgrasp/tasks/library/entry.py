@@ -129,7 +129,7 @@ class TaskEntry:
     @property
     def wrenches(self) -> int:
         """Number of recorded wrenches that it was fitted to."""
-        return self.learnt.wrenches
+        return self.learnt.wrench_count
 
     @property
     def rank(self) -> int:
@@ -219,6 +219,7 @@ def entry_schema() -> Json:
 
 @lru_cache
 def _validator() -> jsonschema.Draft202012Validator:
+    """Return the validator of the schema of entries."""
     import jsonschema
 
     return jsonschema.Draft202012Validator(entry_schema())
@@ -315,6 +316,7 @@ def read_entry(path: Path) -> TaskEntry:
 
 
 def _read_text(path: Path) -> str:
+    """Return the text of an entry's file."""
     return read_text(path, "an entry of a task library", LARGEST_FILE)
 
 

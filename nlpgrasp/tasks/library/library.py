@@ -144,10 +144,10 @@ class TaskLibrary:
             entry = copy_entry(what, title, checked)
         else:
             learnt, about, source = fit_input(what, outliers, probability)
-            origin = provenance_now("added", checked.source or source, learnt.wrenches)
+            origin = provenance_now("added", checked.source or source, learnt.wrench_count)
             frame = Frame(checked.frame, about)
             entry = TaskEntry(title, learnt, frame, checked.description, checked.tags, (origin,))
-        with self._folder.changing():
+        with self._folder.lock():
             if self._folder.find(title) is not None:
                 raise InputError("name", repr(title), f"a new name: {self._folder.words} has this entry; or update it")
             self._folder.write_entry(entry)
@@ -172,7 +172,7 @@ class TaskLibrary:
             Their provenance; by default a recording's file.
         """
         wrench_input, checked_source = WrenchInput.of(wrenches, outliers), check_text_line("source", source)
-        with self._folder.changing():
+        with self._folder.lock():
             file, previous = self._folder.get(name)
             rows = wrench_input.at(previous.frame.about, previous.dimension)
             origin = provenance_now("updated", checked_source or wrench_input.source, len(rows))
@@ -193,7 +193,7 @@ class TaskLibrary:
         other : str or TaskEntry
             An entry's name in this library, or any entry of the same dimension and frame.
         """
-        with self._folder.changing():
+        with self._folder.lock():
             file, previous = self._folder.get(name)
             addition = other if isinstance(other, TaskEntry) else self.entry(other)
             if addition.name == previous.name and not isinstance(other, TaskEntry):
@@ -216,7 +216,7 @@ class TaskLibrary:
         share : float
             Of all its wrenches, below 0.5. Only those kept individually, which include the outermost, can be removed.
         """
-        with self._folder.changing():
+        with self._folder.lock():
             file, previous = self._folder.get(name)
             learnt, outliers = previous.learnt.without_outliers(share)
             origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(outliers))
@@ -227,7 +227,7 @@ class TaskLibrary:
 
     def remove(self, name: str) -> None:
         """Remove an entry and its files."""
-        with self._folder.changing():
+        with self._folder.lock():
             remove_entry(self._folder.get(name)[0])
 
     def table(self, names: Sequence[str]) -> str:
@@ -415,7 +415,7 @@ class LibraryFolder:
             raise InputError("library", f"{path} (not a folder)", "a folder")
 
     @contextmanager
-    def changing(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Create the folder if needed, and lock it against changes by other processes and threads.
 
         Raises

@@ -19,7 +19,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.enclosing_ellipsoid import FLAT, INSIDE, NormalisedWrenches, enclose_without_outliers, levels
-from nlpgrasp.tasks.library.inner_ellipsoids import GAP, InnerEllipsoid, OuterEllipsoid, enclose_wrenches
+from nlpgrasp.tasks.library.outer_ellipsoid import GAP, InnerEllipsoid, OuterEllipsoid, enclose_wrenches
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 
 NUMBERS = np.dtype("<f8")  # number format of wrenches in files of earlier versions
@@ -54,7 +54,7 @@ class UpdatableFit(ABC):
 
     @property
     @abstractmethod
-    def wrenches(self) -> int:
+    def wrench_count(self) -> int:
         """Number of wrenches that it was fitted to."""
 
     @property
@@ -136,7 +136,7 @@ class MinVolumeFit(UpdatableFit):
         return cls(task.center, task.axes, 0, 0.0, np.zeros((0, task.dimension)), (inner,))
 
     @property
-    def wrenches(self) -> int:
+    def wrench_count(self) -> int:
         """Number of wrenches that it was fitted to."""
         return len(self.rows) + self.unstored
 
@@ -147,10 +147,10 @@ class MinVolumeFit(UpdatableFit):
 
     def words(self) -> str:
         """Return a text on the certified volume."""
-        if not self.wrenches:
+        if not self.wrench_count:
             return "as given"
         excess = "not known" if self.gap is None else f"at most {self.gap:.1g} above the least"
-        return f"of least volume around {self.wrenches} wrenches, {excess}"
+        return f"of least volume around {self.wrench_count} wrenches, {excess}"
 
     def updated(self, rows: FloatArray) -> MinVolumeFit:
         """Return the minimum-volume ellipsoid around all previous and new wrenches (n, d)."""
@@ -186,11 +186,11 @@ class MinVolumeFit(UpdatableFit):
         InputError
             On a share of half or more, or one that leaves wrenches that do not span.
         """
-        count = int(outlier_share(share) * self.wrenches)
+        count = int(check_outlier_share(share) * self.wrench_count)
         if count == 0:
             return self, self.rows[:0]
         if 2 * count >= len(self.rows):
-            largest = (len(self.rows) - 1) / 2 / self.wrenches
+            largest = (len(self.rows) - 1) / 2 / self.wrench_count
             raise InputError("share", share, f"at most {largest:.3g}: {len(self.rows)} wrenches are kept one by one")
         local = NormalisedWrenches.of(self.rows)
         ellipsoid = enclose_without_outliers(local.points, (count + 0.5) / len(self.rows), GAP, False)
@@ -205,7 +205,7 @@ class MinVolumeFit(UpdatableFit):
             "kind": self.kind,
             "gap": self.gap,
             "forgotten": self.forgotten,
-            "count": self.wrenches,
+            "count": self.wrench_count,
             "inner": [ellipsoid.to_dict() for ellipsoid in self.inner],
         }
 
@@ -252,7 +252,7 @@ def _decode_wrenches(text: str, dimension: int) -> FloatArray:
     return array("fit.kept", np.frombuffer(content, NUMBERS).reshape(-1, dimension), (None, dimension))
 
 
-def outlier_share(share: float) -> float:
+def check_outlier_share(share: float) -> float:
     """Return a validated share of outliers, above 0 and below 0.5."""
     if number("share", share, above=0.0) >= 0.5:
         raise InputError("share", share, "a share below 0.5")
@@ -300,13 +300,13 @@ class CovarianceFit(UpdatableFit):
         return cls(moments.mean, axes[::-1], 0, moments, float(probability))
 
     @property
-    def wrenches(self) -> int:
+    def wrench_count(self) -> int:
         """Number of wrenches that it was fitted to."""
         return self.moments.count
 
     def words(self) -> str:
         """Return a text on the share that it contains."""
-        return f"of {self.probability:.6g} of normally distributed wrenches, from {self.wrenches}"
+        return f"of {self.probability:.6g} of normally distributed wrenches, from {self.wrench_count}"
 
     def updated(self, rows: FloatArray) -> CovarianceFit:
         """Return the exact ellipsoid of all previous and new wrenches (n, d)."""

@@ -32,7 +32,7 @@ GAP_TOLERANCE = 1e-9  # relative tolerance of a stated gap
 PROBLEM_PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # keys of a problem
 
 
-def bound_file(path: Path) -> Json | None:
+def read_bound_file(path: Path) -> Json | None:
     """Return the data of a bound file; None for another kind of file.
 
     Raises
@@ -115,7 +115,7 @@ def _check_contacts(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
 
 
 def _gap_check(data: Json, lower: float) -> Check:
-    """Return the check that the stated gap follows from bound and grasp, and whether it is closed as stated."""
+    """Return the check that stated gap and closed flag follow from bound and grasp."""
     upper, stated_gap, requested_gap = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
     gap = max(upper / lower - 1.0, 0.0) if lower > 0.0 else 0.0 if upper == 0.0 else None
     if gap is None or stated_gap is None:
@@ -188,7 +188,7 @@ def _read_certificate(bound: GlobalBound, problem: Json, sources: SourceFolders)
     path = sources.find(stated["file"])
     if hashlib.sha256(path.read_bytes()).hexdigest() != stated["sha256"]:
         raise InputError(path.name, "another fingerprint", "the file that was written with the solution")
-    data = bound_file(path)
+    data = read_bound_file(path)
     if data is None:
         raise InputError(path.name, "no bound", "a bound file")
     different_parts = [part for part in PROBLEM_PARTS if data["problem"].get(part, 0.0) != problem.get(part, 0.0)]

@@ -103,7 +103,7 @@ class StatedLeaves:
     def _power_bounds(
         self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
     ) -> dict[tuple[int, int], PowerBounds]:
-        """Return the largest weighted power over each cell, by group number and cell number."""
+        """Return bounds on the largest weighted power over each cell, by group and cell number."""
         bounds: dict[tuple[int, int], PowerBounds] = {}
         for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
             cells_of_group = {
@@ -277,7 +277,7 @@ class StatedContact:
         return cls(tuple(number(name, data[name], above=0.0) for name in names), elliptic, budget)
 
     @property
-    def steepness(self) -> float:
+    def longest_force(self) -> float:
         """Length of the longest force that uses one unit."""
         return 1.0 if self.budget.lengths else float(np.sqrt(1.0 + sum(c**2 for c in self.coefficients)))
 
@@ -349,8 +349,8 @@ class StatedContact:
     ) -> FloatArray:
         """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
 
-        The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the interpolation error z of the work, and
-        the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less.
+        The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the length L of the longest force, the interpolation error z
+        of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less.
 
         Parameters
         ----------
@@ -360,7 +360,7 @@ class StatedContact:
             Interpolation coefficients of the part that it is a corner of.
         twists : (j, 6) array
         """
-        angular_speeds, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.steepness
+        angular_speeds, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.longest_force
         angular = errors[..., 1] + (errors[..., 2] if len(self.coefficients) == 2 else 0.0)
         error, difference = (errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1))
         largest = powers ** (1.0 / p) + L * difference

@@ -69,19 +69,19 @@ class Proof:
         return faces_of(self.problem["body"], margin)
 
     @cached_property
-    def _regions_and_relaxed_parts(self) -> tuple[list[StatedRegion], list[str]]:
-        """Allowed region of each contact, and the relaxed parts of the problem."""
+    def _regions_and_dropped_parts(self) -> tuple[list[StatedRegion], list[str]]:
+        """Allowed region of each contact, and the dropped parts of the problem."""
         return allowed_regions(self.problem, tuple(self.faces), len(self.origin), self.sources)
 
     @property
     def regions(self) -> list[StatedRegion]:
         """Allowed region of each contact."""
-        return self._regions_and_relaxed_parts[0]
+        return self._regions_and_dropped_parts[0]
 
     @property
-    def relaxed_parts(self) -> list[str]:
-        """Parts of the problem that the bound relaxes, as text."""
-        return self._regions_and_relaxed_parts[1]
+    def dropped_parts(self) -> list[str]:
+        """Parts of the problem that the bound drops, as text."""
+        return self._regions_and_dropped_parts[1]
 
     @cached_property
     def groups(self) -> list[StatedGroup]:
@@ -107,7 +107,7 @@ class Proof:
         upper : float
             The claimed bound.
         dropped : sequence of str
-            The stated relaxed parts of the problem.
+            The stated dropped parts of the problem.
         """
         parts: dict[str, Callable[[], tuple[str, str]]] = {
             "dropped": partial(self._check_dropped, dropped),
@@ -124,10 +124,10 @@ class Proof:
         return [_check_part(name, part) for name, part in parts.items()]
 
     def _check_dropped(self, stated: Sequence[str]) -> tuple[str, str]:
-        """Return the error in the stated relaxed parts, empty without one, and a summary."""
-        relaxed = self.relaxed_parts
-        error = "" if list(stated) == relaxed else f"stated {list(stated)}, the problem leaves out {relaxed}"
-        return error, ", ".join(relaxed) if relaxed else "nothing left out"
+        """Return the error in the stated dropped parts, empty without one, and a summary."""
+        dropped = self.dropped_parts
+        error = "" if list(stated) == dropped else f"stated {list(stated)}, the problem leaves out {dropped}"
+        return error, ", ".join(dropped) if dropped else "nothing left out"
 
     def _check_alike(self) -> tuple[str, str]:
         """Return the error if contacts of a group are not interchangeable, else empty, and a summary."""
@@ -201,16 +201,16 @@ class Proof:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """The leaves' stated and recomputed bounds."""
+        """The leaves' claimed bounds, stated or raised to half of the largest, and the recomputed ones."""
         return self.leaves.bounds()
 
     def _check_leaves(self) -> tuple[str, str]:
         """Return the error in the leaves' bounds, empty without one, and a summary."""
-        stated, recomputed = self.bounds
-        excess = (recomputed - stated) / float(np.max(recomputed, initial=1e-300))
+        claimed, recomputed = self.bounds
+        excess = (recomputed - claimed) / float(np.max(recomputed, initial=1e-300))
         worst = int(np.argmax(excess)) if len(excess) else 0
         if not np.all(excess <= BOUND_TOLERANCE):
-            return f"leaf {worst} states {stated[worst]:.12g}, computed again {recomputed[worst]:.12g}", ""
+            return f"leaf {worst} states {claimed[worst]:.12g}, computed again {recomputed[worst]:.12g}", ""
         return "", f"{len(recomputed)} bounds computed again, none above what is stated"
 
     def _check_upper(self, upper: float) -> tuple[str, str]:

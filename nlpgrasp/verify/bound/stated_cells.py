@@ -261,7 +261,9 @@ class StatedSectorCell:
 
 @dataclass(frozen=True)
 class StatedRevolvedCell:
-    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
+    """Cell of a surface of revolution: patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` about the z axis.
+
+    On a cylinder's side t is the height, on a torus the angle around the tube.
 
     Parameters
     ----------
@@ -328,7 +330,7 @@ class StatedRevolvedCell:
 
 @dataclass(frozen=True)
 class StatedRevolvedFace:
-    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
+    """Curved part of a cell of a surface of revolution, with the parameters phi and t.
 
     A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
     likewise around the tube about its centre line; along a cylinder the work is linear.

@@ -1,4 +1,4 @@
-"""Allowed regions of single contacts, and the parts of a problem that the bound relaxes."""
+"""Allowed regions of single contacts, and the parts of a problem that the bound drops."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class StatedRegion:
 def allowed_regions(
     problem: Json, faces: Sequence[str], space: int, sources: SourceFolders
 ) -> tuple[list[StatedRegion], list[str]]:
-    """Return the allowed region of each contact, and the relaxed parts of the problem, as text."""
+    """Return the allowed region of each contact, and the dropped parts of the problem, as text."""
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)

@@ -28,10 +28,10 @@ def distance_from_box(points):
 
 def test_clearance_is_the_distance_and_negative_inside(points):
     box = trimesh.creation.box(EXTENTS).subdivide()
-    np.testing.assert_allclose(tree_of(box).clearance(points), distance_from_box(points), atol=1e-15)
+    np.testing.assert_allclose(tree_of(box).exact_signed_distance(points), distance_from_box(points), atol=1e-15)
     box.invert()
-    np.testing.assert_allclose(tree_of(box).clearance(points), distance_from_box(points), atol=1e-15)
-    assert tree_of(box).clearance(points[:0]).shape == (0,)
+    np.testing.assert_allclose(tree_of(box).exact_signed_distance(points), distance_from_box(points), atol=1e-15)
+    assert tree_of(box).exact_signed_distance(points[:0]).shape == (0,)
 
 
 def test_signed_distance_is_the_clearance_to_a_hundredth(points):
@@ -62,7 +62,7 @@ def test_the_nearest_edge_is_that_of_a_loop(rng, points):
 
 def test_trees_are_built_anew_where_they_are_let_go_or_sent_elsewhere(points):
     tree = tree_of(trimesh.creation.icosphere(subdivisions=2, radius=0.03))
-    expected = tree.clearance(points)
+    expected = tree.exact_signed_distance(points)
     tree.release()
-    np.testing.assert_array_equal(tree.clearance(points), expected)
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(tree)).clearance(points), expected)  # noqa: S301
+    np.testing.assert_array_equal(tree.exact_signed_distance(points), expected)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(tree)).exact_signed_distance(points), expected)  # noqa: S301

@@ -46,9 +46,9 @@ class InnerEllipsoid:
         """Return the end points of its semi-axes, (2 m, d)."""
         return np.concatenate([self.center + self.axes, self.center - self.axes])
 
-    def within(self, local: NormalisedWrenches) -> InnerEllipsoid:
+    def normalised(self, local: NormalisedWrenches) -> InnerEllipsoid:
         """Return the ellipsoid in normalised coordinates."""
-        return InnerEllipsoid(local.inward(self.center[None])[0], local.inward_axes(self.axes))
+        return InnerEllipsoid(local.normalise(self.center[None])[0], local.normalise_axes(self.axes))
 
     def to_dict(self) -> Json:
         """Return centre and semi-axes as JSON data."""
@@ -80,12 +80,12 @@ class OuterEllipsoid:
     axes: FloatArray
     gap: float | None
 
-    def within(self, local: NormalisedWrenches) -> MinVolumeEllipsoid | None:
+    def normalised(self, local: NormalisedWrenches) -> MinVolumeEllipsoid | None:
         """Return the ellipsoid in normalised coordinates, ``None`` if it is flat in them."""
-        _, sizes, vectors = np.linalg.svd(local.inward_axes(self.axes), full_matrices=False)
+        _, sizes, vectors = np.linalg.svd(local.normalise_axes(self.axes), full_matrices=False)
         if len(sizes) < len(local.basis) or sizes[-1] <= FLAT * sizes[0]:
             return None
-        return MinVolumeEllipsoid(local.inward(self.center[None])[0], sizes[:, None] * vectors, 0.0)
+        return MinVolumeEllipsoid(local.normalise(self.center[None])[0], sizes[:, None] * vectors, 0.0)
 
 
 def enclose_wrenches(
@@ -107,15 +107,15 @@ def enclose_wrenches(
         When there is only one point.
     """
     local = NormalisedWrenches.of(np.concatenate([wrenches, *(ellipsoid.ends() for ellipsoid in inner)]))
-    points, inner = local.points[: len(wrenches)], [ellipsoid.within(local) for ellipsoid in inner]
+    points, inner = local.points[: len(wrenches)], [ellipsoid.normalised(local) for ellipsoid in inner]
     if previous is not None:
-        ellipsoid = previous.within(local)
+        ellipsoid = previous.normalised(local)
         if ellipsoid is not None and _largest_level(ellipsoid, points, inner) <= 1.0 + INSIDE:
             return previous  # its gap still holds, since the minimum has not decreased
     result = _enclose_by_cutting_planes(local.points, inner)
     scale = max(1.0, _largest_level(result, points, inner)) * (1.0 + ROUNDING)
     gap = (1.0 + result.gap) * scale ** len(result.axes) - 1.0
-    return OuterEllipsoid(local.outward(result.center), local.outward_axes(scale * result.axes), gap)
+    return OuterEllipsoid(local.denormalise(result.center), local.denormalise_axes(scale * result.axes), gap)
 
 
 def _enclose_by_cutting_planes(points: FloatArray, inner: Sequence[InnerEllipsoid]) -> MinVolumeEllipsoid:

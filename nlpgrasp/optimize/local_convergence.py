@@ -1,4 +1,4 @@
-"""Final step of a solve: convergence of the answer to the nearest local optimum of the program (3.5-4)."""
+"""Convergence of a start's grasp to the nearest local optimum of the program (3.5-4)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.kkt_point import LocalOptimum, local_optimum, residuals_at
+from nlpgrasp.optimize.kkt_point import LocalOptimum, find_local_optimum, residuals_at
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
-from nlpgrasp.optimize.refine import PASSES, JointLimitMargins, missing_clearance
+from nlpgrasp.optimize.refine_on_body import PASSES, JointLimitMargins, missing_clearance
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality import mu
@@ -35,7 +35,7 @@ def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: D
         The best start.
     deadline : Deadline
     """
-    if not best.solved or deadline.is_requested():
+    if not best.solved or deadline.should_stop():
         return best
     with single_thread():
         result, message = attempt(lambda: _converge(compiled, best, deadline))
@@ -68,11 +68,11 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     initial = candidate
     reason, history = _reason_against_step(compiled), [candidate.points]
     increase = np.zeros(len(compiled.rows.named))
-    if compiled.hand_points.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
+    if compiled.hand_functions.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
         cleared = on_faces.with_clearance(increase) if increase.any() else on_faces
-        optimum = local_optimum(cleared, initial, deadline)
+        optimum = find_local_optimum(cleared, initial, deadline)
         if optimum is None:
             break
         result = _result_at_optimum(compiled, best, on_faces, optimum, deadline)
@@ -85,7 +85,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         if any(limit.value < limit.lower for limit in result.on_body.per_contact):
             history.append(optimum.candidate.points)
             on_faces = _with_margins(fix_to_triangles(compiled, candidate, history)[0], best)
-        elif not missing.any() or deadline.is_requested():
+        elif not missing.any() or deadline.should_stop():
             break
         increase += missing
     return replace(best, kkt=replace(residuals_at(on_faces, candidate), reason=reason))
@@ -126,7 +126,9 @@ def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProble
     if not isinstance(hand, URDFHand) or not compiled.options.seeks_room:
         return compiled
     margins = JointLimitMargins.of(hand, margin)
-    return compiled.with_joints(margins.narrow_limits(~margins.is_below_margin(best.on_body.candidate.hand["joints"])))
+    return compiled.with_joint_limits(
+        margins.narrow_limits(~margins.is_below_margin(best.on_body.candidate.hand["joints"]))
+    )
 
 
 def _result_at_optimum(

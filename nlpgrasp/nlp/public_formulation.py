@@ -35,7 +35,7 @@ from nlpgrasp.nlp.ipopt import nlpsol
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.task_samples import TaskSamples
-from nlpgrasp.problem.candidate_constraints import hand_name
+from nlpgrasp.problem.candidate_constraints import hand_variable_name
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
@@ -406,7 +406,7 @@ class Formulation:
         pressing = problem.budget.force_scale() * pressing_forces(problem, normals)
         values |= {name: pressing for name, block in self._variables.items() if block.kind == "forces"}
         hand = {**hand_from_contacts(problem, contacts.points, normals), **contacts.hand}
-        return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}
+        return values | {hand_variable_name(name): np.ravel(value) for name, value in hand.items()}
 
     def _warm_multipliers(self, previous: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
         """Return the multipliers of an earlier result in solver units, zero where it has none."""
@@ -658,7 +658,7 @@ def _block_rows(
 
 
 def _interval(limits: tuple[FloatArray, FloatArray], indices: Sequence[int] | range) -> str:
-    """Return the range of limits over given entries as text."""
+    """Return the range of the limits of some entries as text."""
     low, high = float(np.min(limits[0][indices], initial=np.inf)), float(np.max(limits[1][indices], initial=-np.inf))
     if low == high:
         return f"= {low:g}"

@@ -46,7 +46,7 @@ EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least rela
 def refine_on_body(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
 ) -> tuple[GraspOnBody, RefinementResult]:
-    """Return the local optimum reached from a candidate, with its grasp on the body itself.
+    """Return a refined candidate, with its grasp on the body itself.
 
     On a mesh, refinement on triangles alternates with coordinate exchange over mesh points nearby.
     """
@@ -62,7 +62,7 @@ def refine_on_body(
     on_body, result = refine_on_triangles(compiled, candidate, deadline)
     for _ in range(EXCHANGES):
         value = result.point.value
-        if deadline.is_requested() or value <= 0.0 or not compiled.options.rounds:
+        if deadline.should_stop() or value <= 0.0 or not compiled.options.rounds:
             break
         moved = _exchange_contacts(compiled, on_body, result, deadline)
         if moved is None:
@@ -75,23 +75,35 @@ def refine_on_body(
 
 
 def refine_on_triangles(
-    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
+    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, clearance: FloatArray | None = None
 ) -> tuple[GraspOnBody, RefinementResult]:
-    """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles.
+    """Return a refined candidate, with its grasp on the body; contacts on a mesh stay on their triangles.
 
     Where the smooth distance overestimates the clearance of links from the mesh, the required clearance is raised by
     what they lack. Contacts that come near to further sharp edges are kept away from these as well.
+
+    Parameters
+    ----------
+    compiled : CompiledProblem
+    candidate : GraspCandidate
+    deadline : Deadline
+    clearance : (rows,) array, optional
+        Increase of the constraints' lower limits, metres; zero if not given.
     """
     edge_points, (on_faces, snapped) = [candidate.points], fix_to_triangles(compiled, candidate)
     if on_faces.violation(snapped) > FEASIBLE:
         touched, moved, violation = project_onto_body(compiled, candidate)
         on_faces, snapped = (touched, moved) if violation <= TOUCHING else (on_faces, snapped)
-    lacking = np.zeros(len(compiled.rows.named))
+    lacking = np.zeros(len(compiled.rows.named)) if clearance is None else clearance.copy()
     while True:
-        widened = on_faces.with_clearance(lacking) if lacking.any() else on_faces
-        _, result = refine_with_margins(widened, snapped, deadline)
+        widened, initial = on_faces, snapped
+        if lacking.any():
+            widened = on_faces.with_clearance(lacking)
+            moved, violation = project_onto_constraints(widened, snapped)
+            initial = moved if violation <= TOUCHING else snapped
+        _, result = refine_with_margins(widened, initial, deadline)
         on_body = put_on_body(compiled, on_faces, result.point.candidate)
-        if on_faces is compiled or on_body.is_feasible or len(edge_points) == PASSES or deadline.is_requested():
+        if on_faces is compiled or on_body.is_feasible or len(edge_points) == PASSES or deadline.should_stop():
             return on_body, result
         lacking += missing_clearance(compiled, on_body)
         edge_points.append(result.point.candidate.points)
@@ -140,11 +152,11 @@ def refine_with_margins(
         return compiled, refine(compiled, candidate, deadline)
     margins = JointLimitMargins.of(hand, options.joint_margin)
     keeps_margin, candidate = _joints_with_margin(compiled, margins, candidate)
-    narrowed = compiled.with_joints(margins.narrow_limits(keeps_margin))
+    narrowed = compiled.with_joint_limits(margins.narrow_limits(keeps_margin))
     result = refine(narrowed, candidate, deadline)
     costly = _costly_margins(narrowed, result, keeps_margin * margins.wanted)
     if np.any(costly):
-        narrowed = compiled.with_joints(margins.narrow_limits(keeps_margin & ~costly))
+        narrowed = compiled.with_joint_limits(margins.narrow_limits(keeps_margin & ~costly))
         result = refine(narrowed, result.point.candidate, deadline)
     return narrowed, result
 
@@ -219,12 +231,12 @@ def _exchange_contacts(
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
 ) -> tuple[NDArray[np.bool_], GraspCandidate]:
-    """Return the mask of joints, (m,), that can keep their margins with all fingertips touching, and that candidate."""
+    """Return the mask of joints, (m,), that keep their margins with all fingertips touching, and such a candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
     for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrow_limits(keeps_margin)
         clipped = np.clip(candidate.hand["joints"], limits[0], limits[1])
-        narrowed = compiled.with_joints(limits)
+        narrowed = compiled.with_joint_limits(limits)
         hand = {**candidate.hand, "joints": clipped}
         moved, violation = project_onto_constraints(narrowed, replace(candidate, hand=hand))
         if violation <= TOUCHING:

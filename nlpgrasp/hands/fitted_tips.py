@@ -1,0 +1,167 @@
+"""Fingertips fitted to the collision shapes of links: the rounded convex hull of a link's end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.robot import Joint, Robot, joint_motion
+from nlpgrasp.hands.tips import HullTip, dome
+
+LENGTH = 0.025  # metres: part of a link's end that its fingertip has
+WIDEST = np.radians(50.0)  # angle of a patch, at most
+SEARCHED = np.radians(80.0)  # angle about the pad's edge within which a patch is looked for
+PROTRUSION = 5e-4  # metres: largest distance of other shapes of the link in front of the patch's tangent planes
+OFF_SHAPE = 3e-4  # metres: largest distance of the patch from the link's shapes
+FIT = 5e-5  # metres: largest distance of the hull's corners from the convex hull of the link's end
+MOST_POINTS = 80  # corners of a fingertip
+SIDES = 48  # of the sampled directions
+POSTURES = 100  # random postures
+RANGE_WEIGHT = 0.5  # weight of the last joint's range against the direction to the other fingertips
+
+
+def fit_hull_tips(robot: Robot, links: Sequence[str]) -> dict[str, HullTip]:
+    """Return the rounded convex hulls of links' ends; their patches face between the pad's and the link's direction.
+
+    Raises
+    ------
+    InputError
+        For a link without a collision shape.
+    """
+    ends = {link: _LinkEnd(robot, link) for link in links}
+    towards_others = _directions_to_others(robot, ends)
+    return {link: end.hull_tip(towards_others[link]) for link, end in ends.items()}
+
+
+class _LinkEnd:
+    """End of a link away from its last moving joint: the end of the farthest of the shapes rigidly connected to it."""
+
+    def __init__(self, robot: Robot, link: str) -> None:
+        chain = [joint for joint in robot.chain(link) if joint.moves]
+        frame = np.eye(4)
+        if chain and (transform := robot.fixed_transform(chain[-1].child, link)) is not None:
+            frame = transform
+        shapes = _group_shapes(robot, link)
+        vertices = [shape.mesh.vertices @ T[:3, :3].T + T[:3, 3] for shape, T in shapes]
+        self.group = np.concatenate(vertices)
+        direction = self.group.mean(axis=0) - frame[:3, 3]
+        self.direction = direction / np.linalg.norm(direction)
+        farthest = int(np.argmax([np.max(points @ self.direction) for points in vertices]))
+        self.shape, self.frame = shapes[farthest]
+        sphere = dome(self.direction, np.pi, SIDES).vertices
+        self.corners = _cut(_supporting_points(vertices[farthest], sphere, len(sphere)), self.direction, LENGTH)
+        self.centre = self.corners.mean(axis=0)
+        self.motion, self.closing = np.zeros(3), 0.0
+        if chain:
+            axis = frame[:3, :3] @ chain[-1].axis
+            motion = np.cross(axis, self.centre - frame[:3, 3]) if chain[-1].is_revolute else axis
+            self.motion = motion / max(float(np.linalg.norm(motion)), 1e-12)
+            self.closing = RANGE_WEIGHT * _range_balance(robot, chain[-1])
+
+    def hull_tip(self, towards_others: FloatArray) -> HullTip:
+        """Return the rounded hull whose patch faces along the last joint's motion to the others, and along the link."""
+        distance = max(float(np.linalg.norm(towards_others)), 1e-12)
+        closes = self.motion @ towards_others / distance + self.closing >= 0.0
+        motion = self.motion if closes else -self.motion
+        across = motion - (motion @ self.direction) * self.direction
+        length = float(np.linalg.norm(across))
+        middle = self.direction + (across / length if length > 1e-6 else 0.0)
+        normals = dome(middle / np.linalg.norm(middle), SEARCHED, SIDES).vertices
+        corners = _supporting_points(self.corners, normals, MOST_POINTS)
+        tip = HullTip(corners, normals[0], SEARCHED)
+        protrusion = np.max(normals @ self.group.T, axis=1) - np.max(normals @ corners.T, axis=1)
+        gaps = np.abs(self.shape.depth((tip.points_with_normals(normals) - self.frame[:3, 3]) @ self.frame[:3, :3]))
+        return HullTip(corners, *_widest_cone(normals, (protrusion <= PROTRUSION) & (gaps <= OFF_SHAPE)))
+
+
+def _widest_cone(normals: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """Return the axis and angle of the widest cone of usable normals among (m, 3), near the first normal if many."""
+    if not usable.any():
+        return normals[0], WIDEST
+    cosines = np.clip(normals @ normals.T, -1.0, 1.0)
+    angles = np.arccos(cosines)
+    nearest = np.min(np.where(usable, np.inf, angles), axis=1)
+    clear = np.minimum(np.where(usable, nearest, 0.0), WIDEST)
+    best = int(np.argmax(clear - 0.5 * angles[0]))
+    return normals[best], float(max(clear[best], 0.1))
+
+
+def _group_shapes(robot: Robot, link: str) -> list[tuple[CollisionShape, FloatArray]]:
+    """Return the shapes of a link's rigid group, each with the transform (4, 4) to the link's frame."""
+    groups, result = robot.rigid_groups, list[tuple[CollisionShape, FloatArray]]()
+    for other, shapes in robot.shapes.items():
+        transform = robot.fixed_transform(other, link) if groups[other] == groups[link] else None
+        if transform is not None:
+            result += [(shape, transform) for shape in shapes]
+    if not result:
+        raise InputError(f"URDFHand.fingertips[{link!r}]", "a link without a collision shape", "a tip with its size")
+    return result
+
+
+def _cut(corners: FloatArray, direction: FloatArray, length: float) -> FloatArray:
+    """Return the corners of the part of a convex hull within a length of its farthest point along a direction."""
+    hull = ConvexHull(corners)
+    height = corners @ direction - np.max(corners @ direction) + length
+    a, b = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0).T
+    crosses = height[a] * height[b] < 0.0
+    a, b = a[crosses], b[crosses]
+    share = height[a] / (height[a] - height[b])
+    return np.concatenate([corners[height >= 0.0], corners[a] + share[:, None] * (corners[b] - corners[a])])
+
+
+def _supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> FloatArray:
+    """Return at most ``most`` corners with nearly the support function of all of them along the normals (m, 3)."""
+    heights = normals @ corners.T
+    support = heights.max(axis=1)
+    chosen = [int(np.argmax(heights[0]))]
+    best = heights[:, chosen[0]]
+    while len(chosen) < most:
+        worst = int(np.argmax(support - best))
+        if support[worst] - best[worst] <= FIT:
+            break
+        chosen.append(int(np.argmax(heights[worst])))
+        best = np.maximum(best, heights[:, chosen[-1]])
+    return np.asarray(corners[chosen])
+
+
+def _directions_to_others(robot: Robot, ends: Mapping[str, _LinkEnd]) -> dict[str, FloatArray]:
+    """Return the mean direction from each link's end to the other ends, link frame, metres, over random postures."""
+    ranges = robot.ranges
+    rng = np.random.default_rng(0)
+    names = [joint.name for joint in robot.free_joints]
+    low, high = (np.clip([ranges[name][side] for name in names], -np.pi, np.pi) for side in (0, 1))
+    result = {link: np.zeros(3) for link in ends}
+    for values in rng.uniform(low, high, (POSTURES, len(names))):
+        positions = dict(zip(names, values.tolist(), strict=True))
+        poses = {link: _link_pose(robot, link, positions) for link in ends}
+        places = {link: poses[link][:3, :3] @ end.centre + poses[link][:3, 3] for link, end in ends.items()}
+        middle = np.mean(list(places.values()), axis=0)
+        for link in ends:
+            result[link] += (middle - places[link]) @ poses[link][:3, :3] / POSTURES
+    return result
+
+
+def _range_balance(robot: Robot, joint: Joint) -> float:
+    """Return how far a joint's range is on one side of zero, from -1 (negative positions alone) to 1."""
+    driver, multiplier, _ = robot.driving_joint(joint)
+    low, high, _ = robot.ranges[driver]
+    if not np.isfinite(low) or not np.isfinite(high) or high <= low:
+        return 0.0
+    return float(np.clip((low + high) / (high - low), -1.0, 1.0) * np.sign(multiplier))
+
+
+def _link_pose(robot: Robot, link: str, positions: Mapping[str, float]) -> FloatArray:
+    """Return the pose (4, 4) of a link in the palm's frame at positions of the free joints."""
+    pose = np.eye(4)
+    for joint in robot.chain(link):
+        pose = pose @ joint.frame
+        if joint.moves:
+            driver, multiplier, offset = robot.driving_joint(joint)
+            pose = pose @ joint_motion(not joint.is_revolute, joint.axis, multiplier * positions[driver] + offset)
+    return pose
