@@ -60,6 +60,8 @@ def fit_command(
         write_json_line({"did": "updated" if is_update else "added", "library": str(into), **entry.summary()})
     else:
         typer.echo(f"{'updated' if is_update else 'added'} in {into}: {_describe_entry(entry)}")
+        if wrenches.conversion:
+            typer.echo(f"{wrenches.source}: {wrenches.conversion}")
 
 
 def list_command(

@@ -3,7 +3,7 @@
 from nlpgrasp.hands.base import Hand, HandVariable, PosedHand
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
-from nlpgrasp.hands.presets import allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow
+from nlpgrasp.hands.presets import allegro, barrett, jaws, leap, panda, robotiq_2f85, robotiq_3f, shadow
 from nlpgrasp.hands.registry import hand_from_dict, register
 from nlpgrasp.hands.tips import CapsuleTip, CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
@@ -24,6 +24,7 @@ __all__ = [
     "allegro",
     "barrett",
     "hand_from_dict",
+    "jaws",
     "leap",
     "panda",
     "register",

@@ -2,7 +2,8 @@
 
 The closing direction points from contact 0 to contact 1. The approach, in which the gripper moves to the body, is the
 clearest direction at right angles to it within the cones of the problem. The pose is that of the gripper's own frame,
-in which both directions are axes: x and z unless the hand states others.
+in which both directions are axes, x and z unless the hand states others, and the middle between the pads is its tool
+centre point.
 
 The approach path is straight: from the grasp back by twice the body's size. Both fingers move along it, rectangles as
 thick as stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are
@@ -43,6 +44,7 @@ ROUNDING = 1e-9  # rounding tolerance of a number of lines
 TIE_TOLERANCE = 1e-6  # share of the body's size: clearances this close are ties
 MAX_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
+SAME_POINT = 1e-12  # metres: distance of a stated tool centre point from the default one that counts as none
 
 
 Distance = Callable[[FloatArray], FloatArray]
@@ -70,7 +72,7 @@ class ParallelJaw(Hand):
     tilt : float
         Largest angle between a contact's normal and the closing direction, radians: compliant pads give a little.
     finger_length : float
-        From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
+        From the middle between the pads back to the palm, metres; 0 checks no palm on the approach.
     finger_thickness : float
         Of a finger in the closing direction, outwards from its pad, metres; 0 checks the pads' lines alone.
     closing_axis : str or (3,) sequence of float
@@ -78,6 +80,14 @@ class ParallelJaw(Hand):
         ``"x"``, ``"y"``, ``"z"``, with a sign such as ``"-x"``, or a unit direction. The Franka hand closes along y.
     approach_axis : str or (3,) sequence of float
         Direction in which the gripper moves to the body, in its own frame, at right angles to ``closing_axis``.
+    tcp : (3,) sequence of float, optional
+        Tool centre point, the middle between the pads, in the gripper's own frame, metres; by default
+        ``finger_length`` along ``approach_axis``. The Franka hand's is ``(0, 0, 0.1034)``.
+
+    Raises
+    ------
+    InputError
+        On lengths that no gripper has, and on axes that are no unit directions or not at right angles to each other.
     """
 
     kind: ClassVar[str] = "parallel_jaw"
@@ -88,6 +98,7 @@ class ParallelJaw(Hand):
     finger_thickness: float = 0.0
     closing_axis: str | Sequence[float] = CLOSING_AXIS
     approach_axis: str | Sequence[float] = APPROACH_AXIS
+    tcp: Sequence[float] | None = None
     count: int = field(default=2, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -104,6 +115,25 @@ class ParallelJaw(Hand):
             axes = gripper_rotation(self.closing_axis, self.approach_axis)
         object.__setattr__(self, "closing_axis", axis_name(axes[:, 0]))
         object.__setattr__(self, "approach_axis", axis_name(axes[:, 2]))
+        object.__setattr__(self, "tcp", self._stated_tcp(self.finger_length * axes[:, 2]))
+
+    def _stated_tcp(self, default: FloatArray) -> tuple[float, ...] | None:
+        """Return the checked tool centre point; None where it is the default one."""
+        if self.tcp is None:
+            return None
+        point = array("ParallelJaw.tcp", self.tcp, (3,))
+        hand_length("ParallelJaw.tcp", float(np.linalg.norm(point)), LARGEST_PART)
+        return None if np.linalg.norm(point - default) <= SAME_POINT else tuple(point.tolist())
+
+    @property
+    def axes(self) -> FloatArray:
+        """Rotation (3, 3) whose columns are the closing, transverse and approach directions in the gripper's frame."""
+        return gripper_rotation(self.closing_axis, self.approach_axis)
+
+    @property
+    def tool_centre_point(self) -> FloatArray:
+        """Middle between the pads in the gripper's own frame, (3,), metres: ``tcp``, stated or by default."""
+        return self.finger_length * self.axes[:, 2] if self.tcp is None else np.asarray(self.tcp, dtype=float)
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
@@ -136,14 +166,12 @@ class ParallelJaw(Hand):
 
     def at_contacts(self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone] = ()) -> Json:
         """Return pose, opening and approach of the gripper, as JSON data."""
-        axes = self.closing_axis, self.approach_axis
-        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones), *axes).posture(size, distance)
+        jaws = Jaws(points, self.finger_length, self.finger_thickness, tuple(cones))
+        return jaws.posture(size, distance, self.axes, self.tool_centre_point)
 
     def to_dict(self) -> Json:
-        """Return limits, fingers, and axes other than x and z, as JSON data."""
+        """Return limits, fingers, axes and tool centre point as JSON data."""
         axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}
-        usual = {"closing_axis": CLOSING_AXIS, "approach_axis": APPROACH_AXIS}
-        others = {k: a if isinstance(a, str) else list(a) for k, a in axes.items() if a != usual[k]}
         return {
             "type": self.kind,
             "opening": self.opening,
@@ -151,7 +179,8 @@ class ParallelJaw(Hand):
             "tilt": self.tilt,
             "finger_length": self.finger_length,
             "finger_thickness": self.finger_thickness,
-            **others,
+            **{name: axis if isinstance(axis, str) else list(axis) for name, axis in axes.items()},
+            "tcp": self.tool_centre_point.tolist(),
         }
 
 
@@ -164,21 +193,17 @@ class Jaws:
     points : (2, space) array
         The contacts, metres, body frame.
     length : float
-        From the pads back to the gripper's frame, metres; 0 where none is stated.
+        From the pads back to the palm, metres; 0 where none is stated.
     thickness : float
         Of a finger in the closing direction, metres.
     cones : tuple of pairs
         Cones that the approach has to be within.
-    closing_axis, approach_axis : str or (3,) sequence of float
-        Closing direction and approach in the gripper's own frame.
     """
 
     points: FloatArray
     length: float
     thickness: float
     cones: tuple[Cone, ...] = ()
-    closing_axis: str | Sequence[float] = CLOSING_AXIS
-    approach_axis: str | Sequence[float] = APPROACH_AXIS
 
     @property
     def opening(self) -> float:
@@ -306,8 +331,18 @@ class Jaws:
         on_pads = np.isin(np.arange(len(starts)), [0, len(across)])
         return starts, firsts, on_pads
 
-    def posture(self, size: float, distance: Distance) -> Json:
-        """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data."""
+    def posture(self, size: float, distance: Distance, axes: FloatArray, tcp: FloatArray) -> Json:
+        """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data.
+
+        Parameters
+        ----------
+        size, distance
+            As for ``march_outwards``.
+        axes : (3, 3) array
+            Closing, transverse and approach directions in the gripper's frame, its columns.
+        tcp : (3,) array
+            Tool centre point in the gripper's frame, metres.
+        """
         approach, depth, through = self.clearest(size, distance)
         approach_data: dict[str, object] = {"direction": approach.tolist(), "depth": depth}
         if through:
@@ -316,9 +351,9 @@ class Jaws:
         if len(approach) == 2:
             return data
         grasp_axes = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
-        rotation = Rotation.from_matrix(grasp_axes @ gripper_rotation(self.closing_axis, self.approach_axis).T)
-        position = self.points.mean(axis=0) - self.length * approach
-        quaternion = rotation.as_quat(canonical=True, scalar_first=True).tolist()
+        rotation = grasp_axes @ axes.T
+        position = self.points.mean(axis=0) - rotation @ tcp
+        quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
         return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **data}
 
 

@@ -15,6 +15,7 @@ from typing import NoReturn, TypedDict, Unpack
 import numpy as np
 
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_links
 from nlpgrasp.hands.suggested_tips import tip_from_shapes
@@ -45,6 +46,8 @@ class Preset:
         other joints have the file's efforts.
     description : str
         Module of ``robot_descriptions`` that holds its URDF, empty where there is none.
+    jaw : ParallelJaw or None
+        A parallel gripper's opening, palm, axes and tool centre point, in the frame of its first palm.
     """
 
     palms: tuple[str, ...]
@@ -52,6 +55,7 @@ class Preset:
     approach: Direction
     limits: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
+    jaw: ParallelJaw | None = None
 
 
 PRESETS = {
@@ -88,6 +92,8 @@ PRESETS = {
         approach=(0.0, 0.0, 1.0),
         limits={"": 70.0},
         description="panda_description",
+        # joint axes and hand_tcp of franka_description's hand; the mesh of its palm ends 37.4 mm before
+        jaw=ParallelJaw(0.08, finger_length=0.0374, closing_axis="y", tcp=(0.0, 0.0, 0.1034)),
     ),
     "robotiq_2f85": Preset(
         palms=("robotiq_arg2f_base_link", "robotiq_85_base_link"),
@@ -98,6 +104,8 @@ PRESETS = {
         approach=(0.0, 0.0, 1.0),
         limits={"finger_joint": 25.0},
         description="robotiq_2f85_description",
+        # pads half open by the joints of ROS-Industrial's robotiq_2f_85_gripper_visualization, whose base ends at 90 mm
+        jaw=ParallelJaw(0.085, finger_length=0.052, closing_axis="y", tcp=(0.0, 0.0, 0.142)),
     ),
     "robotiq_3f": Preset(
         palms=("palm",),
@@ -307,6 +315,29 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
     return load_preset("shadow", urdf, **options)
 
 
+def jaws(name: str) -> ParallelJaw:
+    """Return a known parallel gripper as jaws in the frame of its own model.
+
+    ``"panda"`` is in the frame of ``panda_hand`` (``fr3_hand``). ``"robotiq_2f85"`` is in that of
+    ``robotiq_arg2f_base_link``; its pads move along an arc, and its tool centre point is their middle half open, at
+    most 12 mm away from that of any other opening along the approach. ``dataclasses.replace`` changes single fields.
+
+    Parameters
+    ----------
+    name : str
+        Of a preset of a parallel gripper.
+
+    Raises
+    ------
+    InputError
+        On any other name.
+    """
+    known = {key: preset.jaw for key, preset in PRESETS.items() if preset.jaw is not None}
+    if name not in known:
+        raise InputError("hands.jaws.name", name, "a parallel gripper: " + ", ".join(known))
+    return known[name]
+
+
 def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
     """Return the hand of a preset in a URDF or MJCF file.
 
@@ -504,4 +535,4 @@ def effort_limits(robot: Robot, limits: Mapping[str, float]) -> dict[str, float]
     return result
 
 
-__all__ = ["allegro", "barrett", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]
+__all__ = ["allegro", "barrett", "jaws", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]

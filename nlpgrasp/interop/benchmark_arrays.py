@@ -48,7 +48,7 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
         "obj_scale": np.full(len(hands), object_scale(solution, export_options.object)),
         "obj_path": np.array(object_file(solution, export_options.object)),
         "gripper_frame": np.array(export_options.gripper or hands[0].frame),
-        **hands[0].axes(),
+        **hands[0].gripper_frame(),
         "mu": np.array([[grasp_solution.mu.lower, grasp_solution.mu.upper] for grasp_solution in solutions]),
         "contact_points": np.stack([grasp.points for grasp in grasps]),
         "contact_normals": np.stack([grasp.normals for grasp in grasps]),
@@ -63,7 +63,7 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
 
     Its fields are those that https://github.com/JYChen18/DexGraspBench evaluates: ``pregrasp_qpos``, ``grasp_qpos`` and
     ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``. Additional fields for other readers:
-    ``has_pregrasp``, ``way_in_free``, and for parallel jaws ``closing_axis`` and ``approach_axis`` (3,).
+    ``has_pregrasp``, ``way_in_free``, and for parallel jaws ``closing_axis``, ``approach_axis`` and ``tcp`` (3,).
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
         "obj_path": object_file(solution, export_options.object),
         "has_pregrasp": hand.has_pregrasp,
         "way_in_free": not hand.blocked,
-        **hand.axes(),
+        **hand.gripper_frame(),
     }
     file = io.BytesIO()
     np.save(file, np.array(record, dtype=object), allow_pickle=True)

@@ -13,7 +13,9 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import UNITS, FloatArray, prefix_errors
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, axis_direction, axis_name, gripper_rotation
+from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.hands.parallel_jaw import axis_name
+from nlpgrasp.hands.presets import jaws
 from nlpgrasp.interop.base import ExportOptions
 from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
 from nlpgrasp.solution.solution import GraspSolution
@@ -21,12 +23,13 @@ from nlpgrasp.solution.solution import GraspSolution
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
 UNKNOWN_APPROACH = "the file states no way in"
 NOT_ADDED = "the solve left it out"
-CLOSING_AXES = {  # part of a gripper's name in public models to its closing axis, base frame
-    "panda": "y",  # franka_description: both fingers slide along y of panda_hand or fr3_hand
-    "franka": "y",
-    "fr3_hand": "y",
-    "robotiq_arg2f": "y",  # robotiq_2f_85_gripper_visualization of ROS-Industrial
-    "robotiq_85_base_link": "x",  # robotiq_description of ros2_robotiq_gripper
+# part of a gripper's name in public models to its preset, or to jaws in the frame of that model
+KNOWN_GRIPPERS: dict[str, str | ParallelJaw] = {
+    "panda": "panda",
+    "franka": "panda",
+    "fr3_hand": "panda",
+    "robotiq_arg2f": ParallelJaw(0.085, closing_axis="y"),  # 2F-85 and 2F-140 of ROS-Industrial
+    "robotiq_85_base_link": ParallelJaw(0.085),  # robotiq_description of ros2_robotiq_gripper closes along x
 }
 PARALLEL_TOLERANCE = 1e-3  # tolerance of parallel unit directions
 MOST_NAMES = 3  # most grasps named in a warning
@@ -54,6 +57,8 @@ class HandStates:
         Unit direction in which the hand moves to the body, in its own frame; None if unknown.
     closing : (3,) array or None
         Unit direction from jaw to jaw in the gripper's own frame, for parallel jaws.
+    tcp : (3,) array or None
+        Tool centre point of parallel jaws in the gripper's own frame, metres.
     has_pregrasp : bool
         Whether the solution states a pregrasp; otherwise the grasp itself is used.
     blocked : str
@@ -71,6 +76,7 @@ class HandStates:
     efforts: Mapping[str, float]
     approach: FloatArray | None
     closing: FloatArray | None = None
+    tcp: FloatArray | None = None
     has_pregrasp: bool = True
     blocked: str = ""
     no_squeeze: str = ""
@@ -116,11 +122,11 @@ class HandStates:
         """Return the joint torques of the squeeze, (j,): 0 for joints that move no contact; NaN if unknown."""
         return np.array([self.efforts.get(name, np.nan if self.no_squeeze else 0.0) for name in self.joints])
 
-    def axes(self) -> dict[str, FloatArray]:
-        """Return closing and approach axis in the gripper's own frame by name, (3,) each; empty for other hands."""
-        if self.closing is None or self.approach is None:
+    def gripper_frame(self) -> dict[str, FloatArray]:
+        """Return axes and tool centre point of parallel jaws in their own frame, (3,) each; empty for other hands."""
+        if self.closing is None or self.approach is None or self.tcp is None:
             return {}
-        return {"closing_axis": self.closing, "approach_axis": self.approach}
+        return {"closing_axis": self.closing, "approach_axis": self.approach, "tcp": self.tcp}
 
     def _select_joints(self, names: Sequence[str]) -> HandStates:
         """Return the states with the named joints alone, in their order; with all if none are named."""
@@ -171,16 +177,15 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
 
     Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
     """
-    gripper = solution.problem["hand"]
+    gripper = ParallelJaw.from_dict(solution.problem["hand"])
     try:
         force = float(np.mean(squeeze_for_task(solution).normal))
     except InputError as error:  # contacts that cannot be squeezed
         efforts, reason = {}, str(error)
     else:
         efforts, reason = dict.fromkeys(joints, -force), ""
-    grasp_position, open_position = hand["opening"] / len(joints), gripper["opening"] / len(joints)
-    pose, closed_position = _pose_vector(hand["palm_pose"]), gripper["closed"] / len(joints)
-    axes = gripper_rotation(gripper.get("closing_axis", CLOSING_AXIS), gripper.get("approach_axis", APPROACH_AXIS))
+    grasp_position, open_position = hand["opening"] / len(joints), gripper.opening / len(joints)
+    pose, closed_position = _pose_vector(hand["palm_pose"]), gripper.closed / len(joints)
     return HandStates(
         solution.palm,
         pose,
@@ -189,8 +194,9 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
         dict.fromkeys(joints, open_position),
         dict.fromkeys(joints, closed_position) if efforts else {},
         efforts,
-        axes[:, 2],
-        axes[:, 0],
+        gripper.axes[:, 2],
+        gripper.axes[:, 0],
+        gripper.tool_centre_point,
         blocked="; ".join(approach_obstructions(hand)),
         no_squeeze=reason,
     )
@@ -210,9 +216,9 @@ def states_of_grasps(solution: GraspSolution, joints: Sequence[str]) -> list[tup
 
 
 def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
-    """Warn where options name a gripper whose known closing axis differs from that of the pose.
+    """Warn where options name a gripper whose known axes differ from those of the pose.
 
-    The sign does not matter: the jaws of such a gripper are symmetric.
+    The sign of the closing axis does not matter: the jaws of such a gripper are symmetric.
 
     Parameters
     ----------
@@ -220,15 +226,20 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
     options : ExportOptions
         Whose ``gripper`` and ``joints`` may name a known gripper.
     """
-    if hand.closing is None:
+    if hand.closing is None or hand.approach is None:
         return
     for name in filter(None, (options.gripper, *options.joints)):
-        for part, axis in CLOSING_AXES.items():
-            cosine = abs(float(axis_direction("axis", axis) @ hand.closing))
-            if part in name.lower() and not cosine >= 1.0 - PARALLEL_TOLERANCE:
-                pose_axis = f"{axis_name(hand.closing)} of the gripper's frame"
-                text = f"{name} closes along its {axis} axis, the exported pose along {pose_axis}"
-                warn(f'{text}: solve with ng.ParallelJaw(..., closing_axis="{axis}")')
+        for part, known in KNOWN_GRIPPERS.items():
+            if part not in name.lower():
+                continue
+            gripper = known if isinstance(known, ParallelJaw) else jaws(known)
+            cosines = [abs(float(gripper.axes[:, 0] @ hand.closing)), float(gripper.axes[:, 2] @ hand.approach)]
+            if not min(cosines) >= 1.0 - PARALLEL_TOLERANCE:
+                remedy = f'ng.ParallelJaw(..., closing_axis="{gripper.closing_axis}")'
+                remedy = remedy if isinstance(known, ParallelJaw) else f'ng.hands.jaws("{known}") or {remedy}'
+                axes = f"closes along its {gripper.closing_axis} axis and approaches along {gripper.approach_axis}"
+                pose = f"the exported pose along {axis_name(hand.closing)} and {axis_name(hand.approach)}"
+                warn(f"{name} {axes}, {pose} of the gripper's frame: solve with {remedy}")
                 return
 
 
@@ -263,9 +274,9 @@ def approach_warning(hand: HandStates) -> str:
 
 
 def axes_comment(hand: HandStates) -> str:
-    """Return the axes of a gripper's own frame as a comment line; empty for other hands."""
-    axes = {name: [round(x, 9) for x in (axis + 0.0).tolist()] for name, axis in hand.axes().items()}
-    return "".join(f"# {name} of the gripper's frame: {axis}\n" for name, axis in axes.items())
+    """Return axes and tool centre point in a gripper's own frame as comment lines; empty for other hands."""
+    vectors = {name: [round(x, 9) for x in (v + 0.0).tolist()] for name, v in hand.gripper_frame().items()}
+    return "".join(f"# {name} of the gripper's frame: {vector}\n" for name, vector in vectors.items())
 
 
 def _format_names(names: list[str]) -> str:

@@ -53,7 +53,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
 
     ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
     names in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Additional fields
-    beyond the format: ``closing_axis`` and ``approach_axis`` of parallel jaws, in the frame of the pose; and
+    beyond the format: ``closing_axis``, ``approach_axis`` and ``tcp`` of parallel jaws, in the frame of the pose; and
     ``way_in``, the reason for a straight approach that is not free.
 
     Parameters
@@ -71,7 +71,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     Warns
     -----
     UserWarning
-        On a gripper, named in the options, that closes along another axis than the pose.
+        On a gripper, named in the options, that closes or approaches along another axis than the pose.
     """
     export_options = options or ExportOptions()
     best = max((s.mu.upper for s in solutions.values() if s.is_certified), default=0.0)
@@ -100,7 +100,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
         "gripper_frame_link": frame,
         "object_frame": body_name,
         "gripper_frame": frame,
-        **{axis: direction.tolist() for axis, direction in hand_of_first.axes().items()},
+        **{name: vector.tolist() for name, vector in hand_of_first.gripper_frame().items()},
     }
     if export_options.object is not None:
         data["object_file"] = export_options.object

@@ -35,8 +35,8 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     """Return the kept grasps as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
 
     ``grasp_quality`` is the certified lower bound of mu, ``effort`` the joint torques of the squeeze,
-    ``max_contact_force`` the problem's limit or 0 (none). Comments before the list state the axes of a gripper's own
-    frame, and which grasps have no free approach, as the messages have no field for them.
+    ``max_contact_force`` the problem's limit or 0 (none). Comments before the list state a gripper's axes and
+    tool centre point, and which grasps have no free approach, as the messages have no field for them.
 
     Parameters
     ----------

@@ -15,7 +15,6 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips, ParallelJaw
-from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, gripper_rotation
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.report.scene_parts import (
     TABLE_HALF_WIDTH,
@@ -46,18 +45,19 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     hand, configuration = solution.problem.get("hand"), solution.hand or {}
     if not isinstance(hand, Mapping) or hand.get("type") != ParallelJaw.kind or "palm_pose" not in configuration:
         return []
-    length, opening = float(hand.get("finger_length", 0.0)), float(configuration["opening"])
+    gripper, opening = ParallelJaw.from_dict(hand), float(configuration["opening"])
+    length, axes = gripper.finger_length, gripper.axes
     if length <= 0.0:
         return []
-    thickness = float(hand.get("finger_thickness", 0.0)) or FINGER_THICKNESS * opening
+    thickness = gripper.finger_thickness or FINGER_THICKNESS * opening
     offset, reach = 0.5 * (opening + thickness), (1.0 + FINGER_OVERHANG) * length
     pose = configuration["palm_pose"]
-    axes = gripper_rotation(hand.get("closing_axis", CLOSING_AXIS), hand.get("approach_axis", APPROACH_AXIS))
-    rotation = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix() @ axes
-    position = np.asarray(pose["position"], dtype=float)
+    turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix()
+    palm_middle = gripper.tool_centre_point - length * axes[:, 2]  # gripper's frame
+    rotation, position = turn @ axes, np.asarray(pose["position"], dtype=float) + turn @ palm_middle
 
     def jaw_box(extents: list[float], middle: list[float]) -> Triangles:
-        """Return a box with its middle about the gripper's origin: x from jaw to jaw, z along the approach."""
+        """Return a box with its middle about that of the palm: x from jaw to jaw, z along the approach."""
         vertices, faces = triangles(Box(extents))
         return Triangles(_transform_points(vertices + middle, rotation, position), faces)
 

@@ -189,12 +189,13 @@ def _approach_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def _gripper_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the approach of parallel jaws."""
+    """Return the approach of parallel jaws, and the frame of their pose."""
     line, hand = solution.gripper_line(), solution.hand or {}
     if not line:
         return []
     tone = "weak" if solution.way_blocked else ""
-    return [KeyFigure("Gripper", f"open {format_number(1e3 * hand['opening'])} mm", (capitalise(line),), tone)]
+    lines = tuple(capitalise(text) for text in (line, solution.gripper_frame_line()) if text)
+    return [KeyFigure("Gripper", f"open {format_number(1e3 * hand['opening'])} mm", lines, tone)]
 
 
 def _robustness_figures(solution: GraspSolution) -> list[KeyFigure]:

@@ -69,6 +69,7 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
     root.insert(0, Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
     add_patches(add_object(asset, world, grasp, drawing, mass), grasp, unit)
     add_links(asset, world, drawing)
+    add_gripper_frame(world, solution)
     contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
     for i, model in enumerate(grasp.contacts):
         add_fingertip(world, grasp, i, unit, settings.stiffness)
@@ -179,6 +180,15 @@ def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
         SubElement(
             hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **appearance, **NO_COLLISION}
         )
+
+
+def add_gripper_frame(world: Element, solution: GraspSolution) -> None:
+    """Add a site at the frame of a gripper's pose, with a comment that states its axes and tool centre point."""
+    pose, text = (solution.hand or {}).get("palm_pose"), solution.gripper_frame_line()
+    if pose is not None and text:
+        world.append(Comment(f" {text} "))
+        place = {"pos": format_numbers(pose["position"]), "quat": format_numbers(pose["quaternion_wxyz"])}
+        SubElement(world, "site", {"name": "gripper_frame", **place, "group": "4"})
 
 
 def add_fingertip(world: Element, grasp: Grasp, i: int, unit: DynamicScales, stiffness: bool) -> None:

@@ -198,6 +198,20 @@ def format_jaw_approach(hand: Json | None) -> str:
     return f"{text}; that way leads {penetration}, clearances included"
 
 
+def format_gripper_frame(hand: Json | None, gripper: Json | None) -> str:
+    """Return the frame of a gripper's pose as text; empty for other hands, and for files without its ``tcp``."""
+    stated = gripper or {}
+    if "palm_pose" not in (hand or {}) or "tcp" not in stated:
+        return ""
+    closing, approach = (
+        axis if isinstance(axis, str) else f"[{vector(np.asarray(axis, dtype=float))}]"
+        for axis in (stated["closing_axis"], stated["approach_axis"])
+    )
+    tcp = ", ".join(f"{1e3 * coordinate + 0.0:.6g}" for coordinate in stated["tcp"])
+    axes = f"closing axis {closing}, approach axis {approach}, tool centre point [{tcp}] mm"
+    return f"the pose is that of the gripper's own frame: {axes}"
+
+
 def _stated_depth(hand: Json | None, key: str) -> LinkPenetration | None:
     data = (hand or {}).get(key)
     return None if data is None else LinkPenetration.from_dict(data, f"hand.{key}")

@@ -36,6 +36,7 @@ from nlpgrasp.solution.obstructions import (
     LinkPenetration,
     approach_obstructions,
     approach_penetration,
+    format_gripper_frame,
     format_jaw_approach,
     format_link_penetrations,
     format_unshaped_links,
@@ -313,13 +314,18 @@ class GraspSolution(InNotebook):
         """Return the approach of parallel jaws as text; empty for other hands."""
         return format_jaw_approach(self.hand)
 
+    def gripper_frame_line(self) -> str:
+        """Return axes and tool centre point of a gripper's own frame as text; empty for other hands."""
+        return format_gripper_frame(self.hand, self.problem.get("hand"))
+
     def approach_line(self) -> str:
         """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
         return missing_approach_reason(self.hand)
 
     def lines_by_hand(self) -> list[str]:
         """Return the results on joints, squeeze and approach as text lines."""
-        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), self.gripper_line())))
+        gripper = self.gripper_line(), self.gripper_frame_line()
+        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), *gripper)))
 
     # Status and quality
 

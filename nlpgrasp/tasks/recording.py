@@ -15,7 +15,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.enclosing_ellipsoid import GAP, enclose, format_invalid_rows
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
-from nlpgrasp.tasks.wrench_table import WrenchTable, columns_of, csv_table, scales_of, table_of
+from nlpgrasp.tasks.wrench_table import WrenchTable, columns_of, csv_table, scales_of, table_of, units_of
 
 SI = ("N", "Nm")  # units of forces and torques
 
@@ -34,16 +34,29 @@ class WrenchRecording:
         Lines left out because they contain NaN, infinity or text.
     source : str
         Of the recording, for messages and libraries; mostly the file's name.
+    columns : tuple of str
+        Names of the six columns, f_x to m_z; their numbers from 0 without a header.
+    units : tuple of str
+        Units of these columns, which were converted to newtons and newton-metres.
     """
 
     wrenches: FloatArray
     lines: NDArray[np.intp]
     dropped: NDArray[np.intp]
     source: str
+    columns: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         omitted = f", {len(self.dropped)} lines left out" if len(self.dropped) else ""
-        return f"WrenchRecording({len(self.wrenches)} wrenches from {self.source}{omitted})"
+        conversion = f", {self.conversion}" if self.conversion else ""
+        return f"WrenchRecording({len(self.wrenches)} wrenches from {self.source}{omitted}{conversion})"
+
+    @property
+    def conversion(self) -> str:
+        """The units that were converted to newtons and newton-metres, as text; empty where there were none."""
+        converted = [unit for unit in dict.fromkeys(self.units) if unit not in SI]
+        return f"{' and '.join(converted)} converted to N and Nm" if converted else ""
 
     @classmethod
     def read(
@@ -58,7 +71,7 @@ class WrenchRecording:
     ) -> WrenchRecording:
         """Read a recording from a CSV file of a sensor or a ROS bag export.
 
-        Semicolons, tabs or commas delimit; with the first two, numbers may have decimal commas.
+        Semicolons, tabs, commas or spaces delimit; with the first two, numbers may have decimal commas.
 
         Parameters
         ----------
@@ -66,11 +79,12 @@ class WrenchRecording:
             A text file with a header and one wrench per row.
         columns : sequence of 6 str or int, optional
             Names or indices (from 0) of the columns f_x, f_y, f_z, m_x, m_y, m_z. By default identified by name, in any
-            case: ``fx ... mz`` or ``tx ... tz``, ``wrench.force.x ... wrench.torque.z``, ``wrench/force/x``,
-            ``/ft/wrench.force.x``. Other columns are ignored.
+            case: ``fx ... mz`` or ``tx ... tz``, ``F_x``, ``wrench.force.x ... wrench.torque.z``,
+            ``/ft/wrench/force/x``, or by number, from 0 or 1: ``actual_TCP_force_0 ... 5``, ``wrench[0]``,
+            ``force_0`` to ``torque_2``. Other columns are ignored.
         units : pair of str, optional
             Of forces (N, mN, kN, lbf, kgf) and of torques (Nm, Nmm, mNm, Ncm, kNm, lbf in, lbf ft). By default taken
-            from the header, ``Fx [N]``.
+            from the header: ``Fx [N]``, ``Fx/N``, ``fx_N``, ``Mx (N*mm)``.
         sensor_pose : (4, 4) array or mapping, optional
             Of the sensor frame in the body frame; by default the identity. A matrix, or a mapping with ``position`` and
             ``quaternion_wxyz`` or ``quaternion_xyzw``.
@@ -83,7 +97,8 @@ class WrenchRecording:
         Raises
         ------
         InputError
-            On files, columns or units that cannot be used; rows that are not numbers are counted and named.
+            On files, columns or units that cannot be used or are ambiguous; rows that are not numbers are counted and
+            named.
         """
         if not isinstance(path, str | Path) or "\0" in str(path):
             raise InputError("path", path, "the name of a CSV file; ng.WrenchRecording.of takes frames and arrays")
@@ -138,10 +153,10 @@ class WrenchRecording:
         if not isinstance(skip_invalid, bool):
             raise InputError("skip_invalid", skip_invalid, "True or False")
         indices = columns_of(table.header, columns, table.width, table.name)
-        scale = scales_of(table.header, indices, units, table.name)
+        column_units = units_of(table.header, indices, units, table.name)
         if not isinstance(exerts, str) or exerts not in ("surroundings", "fingers"):
             raise InputError("exerts", exerts, "surroundings or fingers")
-        values = table.numbers(indices) * scale
+        values = table.numbers(indices) * scales_of(column_units)
         is_valid = np.all(np.isfinite(values), axis=1)
         lines, invalid = table.lines, table.lines[~is_valid]
         if not is_valid.all():
@@ -153,7 +168,8 @@ class WrenchRecording:
         pose = np.eye(4) if sensor_pose is None else pose_matrix("sensor_pose", sensor_pose)
         wrenches = values[is_valid] @ wrench_transform(pose[:3, 3], pose[:3, :3]).T
         sign = -1.0 if exerts == "surroundings" else 1.0
-        return cls(sign * wrenches, lines[is_valid], invalid, table.name)
+        names = tuple(table.header[i] if table.header else str(i) for i in indices)
+        return cls(sign * wrenches, lines[is_valid], invalid, table.name, names, column_units)
 
     def fit(
         self, *, outliers: float = 0.0, probability: float | None = None, center: ArrayLike | None = None

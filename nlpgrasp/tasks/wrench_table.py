@@ -30,9 +30,14 @@ TORQUES = {  # N m per unit
 SPATIAL = (("f", "x"), ("f", "y"), ("f", "z"), ("m", "x"), ("m", "y"), ("m", "z"))
 PLANAR = (("f", "x"), ("f", "y"), ("m", "z"))
 # recognition of column names
-QUANTITIES = {"f": "f", "force": "f", "m": "m", "t": "m", "torque": "m", "moment": "m"}
-UNIT = re.compile(r"[\[(]([^\])]*)[\])]")  # a unit in brackets
+QUANTITIES = {"f": "f", "force": "f", "m": "m", "t": "m", "torque": "m", "moment": "m", "wrench": "w", "ft": "w"}
+WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")  # also of camelCase, and a number behind a word
 ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")  # quantity and axis without a separator
+BRACKETED_UNIT = re.compile(r"[\[(](?!\s*\d+\s*[\])])([^\])]*)[\])]")  # anything in brackets but an index
+BEFORE_UNIT = re.compile(r"[\s_/,.:]+(?:in\s+)?")  # separates a unit at the end of a name
+BETWEEN_UNITS = re.compile("[\\s*_.\u00b7\u22c5-]")  # signs between the units of a product
+# components of columns numbered from 0 or 1, by quantity and count
+NUMBERED = {("f", 3): SPATIAL[:3], ("m", 3): SPATIAL[3:], ("f", 6): SPATIAL, ("w", 6): SPATIAL}
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ class WrenchTable:
 
 
 def csv_table(path: Path) -> WrenchTable:
-    """Read a CSV file delimited by semicolons, tabs or commas.
+    """Read a text file delimited by semicolons, tabs, commas or spaces.
 
     Raises
     ------
@@ -98,8 +103,8 @@ def csv_table(path: Path) -> WrenchTable:
         with path.open(newline="", encoding="utf-8-sig") as file:
             sample = file.read(4096)
             file.seek(0)
-            delimiter = next((sign for sign in ";\t" if sign in sample), ",")
-            reader = csv.reader(file, delimiter=delimiter)
+            delimiter = next((sign for sign in ";\t, " if sign in sample), ",")
+            reader = csv.reader(file, delimiter=delimiter, skipinitialspace=delimiter == " ")
             numbered_rows = [
                 (row[:-1] if len(row) > 1 and not row[-1].strip() else row, reader.line_num) for row in reader if row
             ]
@@ -178,7 +183,8 @@ def columns_of(
     Parameters
     ----------
     header : sequence of str or None
-        Names to recognise without ``columns``, in any case: ``fx``, ``Tx [Nm]``, ``force_x``, ``/ft/wrench.torque.z``.
+        Names to recognise without ``columns``, in any case: ``fx``, ``Tx [Nm]``, ``Fx/N``, ``force_x``,
+        ``/ft/wrench.torque.z``, ``wrench[0]``, ``actual_TCP_force_0``.
     columns : sequence of str or int, or None
         Explicit column names or indices.
     width : int
@@ -197,17 +203,19 @@ def columns_of(
     if columns is not None:
         return _column_indices(header, columns, width, available, wrench_size)
     components = SPATIAL if wrench_size == 6 else PLANAR
-    recognised = [_component(name) for name in header or ()]
-    matches = [
-        [i for i, match in enumerate(recognised) if match is not None and match[1:] == component]
-        for component in components
-    ]
-    sensors = {match[0] for match in recognised if match is not None and match[1:] in components}
+    recognised = {i: match for i, match in _wrench_columns(header or ()).items() if match[1:] in components}
+    matches = [[i for i, match in recognised.items() if match[1:] == component] for component in components]
+    sensors = {sensor for sensor, _, _ in recognised.values()}
     if any(len(indices) != 1 for indices in matches) or len(sensors) > 1:
-        is_ambiguous = len(sensors) > 1 or any(len(indices) > 1 for indices in matches)
         names = ", ".join(a + b for a, b in components)
         allowed = f"one each of {names} (or wrench.force.x ... wrench.torque.z), or columns="
-        raise InputError(f"{table}: columns", available, allowed + (" with the sensor's own" if is_ambiguous else ""))
+        if header and (len(sensors) > 1 or any(len(indices) > 1 for indices in matches)):
+            groups = [
+                [header[i] for i in sorted(recognised) if recognised[i][0] == sensor] for sensor in sorted(sensors)
+            ]
+            available = "columns " + ", ".join(_format_columns(group, wrench_size) for group in groups)
+            allowed += " with the sensor's own"
+        raise InputError(f"{table}: columns", available, allowed)
     return [indices[0] for indices in matches]
 
 
@@ -228,17 +236,72 @@ def _column_indices(
     return result
 
 
-def _component(name: str) -> tuple[str, str, str] | None:
-    """Return prefix, quantity (``"f"`` or ``"m"``) and axis of a wrench column's name; None for other columns."""
-    words = [word for word in re.split(r"[\s_./:-]+", UNIT.split(name)[0].lower()) if word]
-    if len(words) > 1 and words[-1] in "xyz" and words[-2] in QUANTITIES:
-        return ".".join(words[:-2]), QUANTITIES[words[-2]], words[-1]
-    match = ONE_WORD.fullmatch(words[-1]) if words else None
-    return None if match is None else (".".join(words[:-1]), QUANTITIES[match[1]], match[2])
+def _format_columns(names: Sequence[str], wrench_size: int) -> str:
+    """Return the columns of a sensor as text: the first and the last of a whole wrench, else all."""
+    return f"{names[0]} ... {names[-1]}" if len(names) == wrench_size else ", ".join(names)
 
 
-def scales_of(header: Sequence[str] | None, columns: Sequence[int], units: object, table: str) -> FloatArray:
-    """Return factors to newtons and newton-metres, one per column, from given units or the header.
+def _wrench_columns(header: Sequence[str]) -> dict[int, tuple[str, str, str]]:
+    """Return sensor, quantity (``"f"`` or ``"m"``) and axis of the columns of wrenches, by column index.
+
+    Numbered columns are a sensor's three forces, three torques, or whole wrench: ``force_0 ... force_5``.
+    """
+    result: dict[int, tuple[str, str, str]] = {}
+    numbered: dict[tuple[str, str], list[tuple[int, int]]] = {}
+    for i, name in enumerate(header):
+        sensor, quantity, axis = _name_parts(name) or ("", "", "")
+        if axis.isdigit():
+            numbered.setdefault((sensor, quantity), []).append((int(axis), i))
+        elif quantity in ("f", "m"):
+            result[i] = sensor, quantity, axis
+    for (sensor, quantity), columns in numbered.items():
+        numbers, indices = zip(*sorted(columns), strict=True)
+        components = NUMBERED.get((quantity, len(columns)))
+        is_of_joints = len(numbered.get((sensor, "m"), ())) > 3  # more torques than a wrench has: of joints, or fingers
+        if components is None or (quantity == "f" and is_of_joints):
+            continue
+        if numbers[0] in (0, 1) and numbers == tuple(range(numbers[0], numbers[0] + len(numbers))):
+            result |= {i: (sensor, *component) for i, component in zip(indices, components, strict=True)}
+    return result
+
+
+def _name_parts(name: str) -> tuple[str, str, str] | None:
+    """Return sensor, quantity (``"f"``, ``"m"`` or ``"w"``) and axis or number in a column's name; None for others."""
+    text = " ".join(WORD.findall(_split_unit(name)[0])).lower().replace("force torque", "ft")
+    *words, last = text.split() or [""]
+    match = ONE_WORD.fullmatch(last)
+    if match:
+        return ".".join(words), QUANTITIES[match[1]], match[2]
+    if not words:
+        return None
+    *sensor, word = words
+    if len(last) > 1 and word in ("x", "y", "z"):  # X Force
+        word, last = last, word
+    word = word.removesuffix("s") if len(word) > 2 else word  # forces[0]
+    is_number = last.isdigit() and len(word) > 1  # f1, f2, ... may be load cells
+    if word not in QUANTITIES or not (last in ("x", "y", "z") or is_number):
+        return None
+    return ".".join(sensor), QUANTITIES[word], last
+
+
+def _split_unit(name: str) -> tuple[str, str | None]:
+    """Return a column's name without its unit, and the unit: ``Fx [N]``, ``Fx/N``, ``fx_N``, ``Fx in N``."""
+    bracketed = list(BRACKETED_UNIT.finditer(name))
+    if bracketed:
+        return name[: bracketed[-1].start()], bracketed[-1][1]
+    for separator in BEFORE_UNIT.finditer(name):
+        if _unit_name(name[separator.end() :]) in FORCES | TORQUES:
+            return name[: separator.start()], name[separator.end() :]
+    return name, None
+
+
+def _unit_name(text: str) -> str:
+    """Return a unit without the signs between its factors: ``Nmm`` for ``N*mm``."""
+    return BETWEEN_UNITS.sub("", text)
+
+
+def units_of(header: Sequence[str] | None, columns: Sequence[int], units: object, table: str) -> tuple[str, ...]:
+    """Return the unit of each column, a key of ``FORCES`` or ``TORQUES``, from given units or the header.
 
     Raises
     ------
@@ -247,24 +310,28 @@ def scales_of(header: Sequence[str] | None, columns: Sequence[int], units: objec
     """
     if units is not None and (not isinstance(units, list | tuple) or len(units) != 2):
         raise InputError("units", units, 'a pair such as ("N", "Nm")')
-    factors, forces = [], 3 if len(columns) == 6 else 2
-    for i, column in enumerate(columns):
-        factors_of_units = FORCES if i < forces else TORQUES
-        if isinstance(units, list | tuple):
-            text = str(units[0 if i < forces else 1])
-        else:
-            match = UNIT.search(header[column]) if header else None
-            if match is None:
-                expected = 'units=("N", "Nm"), which ROS messages are in, or a header such as Fx [N]'
-                raise InputError(f"{table}: units", "none in the header", expected)
-            text = match.group(1)
-        key = re.sub(r"[\s*\u00b7.-]", "", text)
-        if key not in factors_of_units:
-            raise InputError("units", repr(text), "one of " + ", ".join(factors_of_units))
-        factors.append(factors_of_units[key])
-    return np.array(factors)
+    forces, names = 3 if len(columns) == 6 else 2, [header[c] if header else str(c) for c in columns]
+    if isinstance(units, list | tuple):
+        texts = [str(units[0 if i < forces else 1]) for i in range(len(columns))]
+    else:
+        stated = [_split_unit(name)[1] if header else None for name in names]
+        texts = [text for text in stated if text is not None]
+        if len(texts) < len(stated):
+            missing = ", ".join(name for name, text in zip(names, stated, strict=True) if text is None)
+            expected = 'units=("N", "Nm"), which ROS messages are in, or a header such as Fx [N]'
+            raise InputError(f"{table}: units", f"none of {missing}" if texts else "none in the header", expected)
+    for i, text in enumerate(texts):
+        allowed = FORCES if i < forces else TORQUES
+        if _unit_name(text) not in allowed:
+            raise InputError("units", repr(text), "one of " + ", ".join(allowed))
+    return tuple(_unit_name(text) for text in texts)
+
+
+def scales_of(units: Sequence[str]) -> FloatArray:
+    """Return factors to newtons and newton-metres of units, keys of ``FORCES`` or ``TORQUES``."""
+    return np.array([(FORCES | TORQUES)[unit] for unit in units])
 
 
 def has_units(header: Sequence[str], columns: Sequence[int]) -> bool:
     """Return whether any of the columns states its unit."""
-    return any(UNIT.search(header[column]) for column in columns)
+    return any(_split_unit(header[column])[1] is not None for column in columns)

@@ -88,16 +88,18 @@ def _pose_errors(problem_hand: Json, hand: Json, placement: StatedPlacement) -> 
         yield "the approach is not at right angles to the closing line"
     if space == 2:
         return
-    finger_length = _finger_length(problem_hand, "finger_length")
     position = array("hand.palm_pose.position", hand["palm_pose"]["position"], (3,))
-    if not np.linalg.norm(position - ((p + q) / 2.0 - finger_length * approach)) <= POSE_TOLERANCE * size:
-        yield "the pose is not behind the middle between the contacts"
     quaternion = array("hand.palm_pose.quaternion_wxyz", hand["palm_pose"]["quaternion_wxyz"], (4,))
     if not abs(float(quaternion @ quaternion) - 1.0) <= UNIT:
         yield "the quaternion is not of unit length"
     gripper_axes = [
         _read_axis(problem_hand, key, letter) for key, letter in (("closing_axis", "x"), ("approach_axis", "z"))
     ]
+    tcp = _finger_length(problem_hand, "finger_length") * gripper_axes[1]
+    if problem_hand.get("tcp") is not None:
+        tcp = array("problem.hand.tcp", problem_hand["tcp"], (3,))
+    if not np.linalg.norm(position + _rotate(quaternion, tcp) - (p + q) / 2.0) <= POSE_TOLERANCE * size:
+        yield "the pose's tool centre point is not the middle between the contacts"
     if not abs(float(gripper_axes[0] @ gripper_axes[1])) <= UNIT:
         yield "the gripper's own axes are not at right angles"
     rotated_closing, rotated_approach = (_rotate(quaternion, axis) for axis in gripper_axes)

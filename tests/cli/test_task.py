@@ -37,6 +37,7 @@ def test_a_recording_goes_into_a_library_and_the_next_updates_it(call, tmp_path,
     code, out, err = call("fit", "0.csv", "--into", "lib", "--name", "wiping", "--tag", "clean", "--frame", "z up")
     assert (code, err) == (0, [])
     assert out[0].startswith("added in lib: wiping: ellipsoid of least volume around 300 wrenches")
+    assert out[-1] == "0.csv: Nmm converted to N and Nm"
     code, out, err = call("fit", "1.csv", "--into", "lib", "--name", "wiping", "--exerts", "fingers", "--json")
     assert (code, err) == (0, [])
     data = json.loads(out[0])

@@ -1,6 +1,7 @@
 """Pose and approach of a parallel-jaw gripper: pads on the contacts, clear of body, tables and obstacles."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import nlpgrasp as ng
 from nlpgrasp.hands import hand_from_dict
 from nlpgrasp.hands.parallel_jaw import Jaws
 from nlpgrasp.motion.distance_fields import build_distance_fields, distance_to_all
+from nlpgrasp.solution.obstructions import format_gripper_frame
 
 BODY = ng.Box([0.08, 0.04, 0.06])
 PADS = np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.0]])
@@ -278,14 +280,45 @@ def test_the_pose_is_that_of_the_grippers_own_frame(closing, approach):
     assert posture(again, body=ng.Sphere(0.025), points=points) == hand_data
 
 
-def test_axes_are_stated_only_where_they_are_others():
+def test_axes_and_tool_centre_point_are_stated_by_their_shortest_names():
     plain = ng.ParallelJaw(0.05).to_dict()
-    assert not {"closing_axis", "approach_axis"} & set(plain)
+    assert (plain["closing_axis"], plain["approach_axis"], plain["tcp"]) == ("x", "z", [0.0, 0.0, 0.0])
     assert ng.ParallelJaw(0.05, closing_axis=[1, 0, 0], approach_axis="+z") == ng.ParallelJaw(0.05)
+    sideways = ng.ParallelJaw(0.05, finger_length=0.03, closing_axis="y", approach_axis="-x")
+    assert sideways.to_dict()["tcp"] == [-0.03, 0.0, 0.0]
+    assert replace(sideways, tcp=[-0.03, 0.0, 0.0]) == sideways
+    assert replace(sideways, tcp=[0.0, 0.0, 0.1]).to_dict()["tcp"] == [0.0, 0.0, 0.1]
     assert ng.ParallelJaw(0.05, closing_axis=[0, -1, 0]).to_dict() == {**plain, "closing_axis": "-y"}
     few = ng.ParallelJaw(0.05, closing_axis=[0.70711, 0.70711, 0.0])  # written with few digits
     assert np.linalg.norm(few.to_dict()["closing_axis"]) == pytest.approx(1.0, abs=1e-15)
     assert hash(few) == hash(hand_from_dict(few.to_dict()))
+
+
+@pytest.mark.parametrize(("closing", "approach"), AXES)
+@pytest.mark.parametrize("tcp", [(0.0, 0.0, 0.1034), (0.01, -0.02, 0.05)])
+def test_the_tool_centre_point_is_the_middle_between_the_pads(closing, approach, tcp):
+    """The palm, and with it the approach, stays a finger's length behind the pads wherever the frame is."""
+    hand = ng.ParallelJaw(0.05, finger_length=0.03, closing_axis=closing, approach_axis=approach)
+    usual, own = posture(hand), posture(replace(hand, tcp=tcp))
+    assert {k: v for k, v in own.items() if k != "palm_pose"} == {k: v for k, v in usual.items() if k != "palm_pose"}
+    assert own["palm_pose"]["quaternion_wxyz"] == usual["palm_pose"]["quaternion_wxyz"]
+    turn = Rotation.from_quat(own["palm_pose"]["quaternion_wxyz"], scalar_first=True)
+    local = turn.inv().apply(PADS - own["palm_pose"]["position"])
+    np.testing.assert_allclose(local.mean(axis=0), tcp, atol=1e-12)
+    again = hand_from_dict(json.loads(json.dumps(replace(hand, tcp=tcp).to_dict())))
+    assert again == replace(hand, tcp=tcp)
+
+
+def test_presets_of_parallel_grippers_state_axes_and_tool_centre_point():
+    panda = ng.hands.jaws("panda")
+    assert (panda.closing_axis, panda.approach_axis, panda.tcp) == ("y", "z", (0.0, 0.0, 0.1034))
+    text = format_gripper_frame(posture(panda), panda.to_dict())
+    assert text.endswith("closing axis y, approach axis z, tool centre point [0, 0, 103.4] mm")
+    assert ng.hands.jaws("robotiq_2f85").closing_axis == "y"
+    with pytest.raises(
+        ng.InputError, match=r"hands\.jaws\.name: got leap, expected a parallel gripper: panda, robotiq"
+    ):
+        ng.hands.jaws("leap")
 
 
 BAD_AXES = {
@@ -300,6 +333,13 @@ BAD_AXES = {
         "got 53.13 degrees off closing_axis, expected a direction at right",
     ),
     "nothing": ({"closing_axis": None}, "ParallelJaw.closing_axis"),
+    "a point in millimetres": (
+        {"tcp": [0, 0, 103.4]},
+        "ParallelJaw.tcp: got 103.4 m, expected metres, at most 2: 103.4",
+    ),
+    "a point of two numbers": ({"tcp": [0, 0.1]}, "ParallelJaw.tcp: got shape (2,), expected"),
+    "no point": ({"tcp": "z"}, "ParallelJaw.tcp: got z, expected"),
+    "nowhere": ({"tcp": [0, 0, np.nan]}, "ParallelJaw.tcp"),
 }
 
 

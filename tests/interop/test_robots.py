@@ -9,13 +9,17 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 import yaml
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import ExportOptions, benchmark_arrays, dexgraspbench, isaac_grasp, moveit, read_isaac_grasps
-from tests.hands.urdf import GRIPPER, solution_links
+from nlpgrasp.simulation.fingertip_scene import mjcf
+from tests.hands.robotiq import robotiq_2f85
+from tests.hands.robots import GRIPPERS, model
+from tests.hands.urdf import GRIPPER, Mujoco, solution_links
 from tests.once import solve_once
 
 # github.com/moveit/moveit_msgs: msg/Grasp.msg, msg/GripperTranslation.msg; trajectory_msgs, geometry_msgs, std_msgs,
@@ -308,7 +312,11 @@ def test_the_way_in_of_jaws_is_free_where_it_leads_into_nothing(jaws):
 
 def closing_along(jaws, axis):
     """Return the solution of a gripper that closes along another axis of its own frame, its contacts the same."""
-    hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06, closing_axis=axis)
+    return held_by(jaws, ng.ParallelJaw(0.06, 0.002, finger_length=0.06, closing_axis=axis))
+
+
+def held_by(jaws, hand):
+    """Return the solution of another gripper at the same contacts."""
     posture = hand.at_contacts(jaws.grasp.points, 0.05, lambda points: np.full(len(points), 1.0))
     return replace(jaws, problem={**jaws.problem, "hand": hand.to_dict()}, hand=posture)
 
@@ -340,16 +348,117 @@ def test_a_gripper_that_closes_along_its_y_has_its_pads_on_the_contacts(jaws, tm
         np.testing.assert_allclose([pads[side] for side in sides], jaws.grasp.points, atol=1e-9)
 
 
+def pose_in_isaac_grasp(solution, folder):
+    """The pose of an isaac_grasp file, and the opening."""
+    path = folder / "jaws.yaml"
+    path.write_text(isaac_grasp({"grasp_0": solution}))
+    (read,) = read_isaac_grasps(path)
+    return read.position, read.quaternion, read.joints["finger_joint"]
+
+
+def pose_in_arrays(solution, folder):
+    with np.load(io.BytesIO(benchmark_arrays(solution))) as data:
+        (row,) = data["grasp_qpos"]
+    return row[:3], row[3:7], row[7]
+
+
+def pose_in_message(solution, folder):
+    (message,) = yaml.safe_load(moveit(solution))
+    pose, (point,) = message["grasp_pose"]["pose"], message["grasp_posture"]["points"]
+    return *(np.array([pose[key][k] for k in keys]) for key, keys in POSE_KEYS.items()), point["positions"][0]
+
+
+def pose_in_scene(solution, folder):
+    scene = mujoco.MjModel.from_xml_string(mjcf(solution))
+    return scene.site("gripper_frame").pos, scene.site("gripper_frame").quat, solution.hand["opening"]
+
+
+POSE_KEYS = {"position": "xyz", "orientation": "wxyz"}
+POSES = [pose_in_isaac_grasp, pose_in_arrays, pose_in_message, pose_in_scene]
+TOUCH = 5e-4  # metres
+
+
+@pytest.mark.parametrize("exported_pose", POSES)
+def test_a_model_of_the_panda_gripper_has_its_pads_on_the_contacts(jaws, tmp_path, exported_pose):
+    gripper = ng.hands.jaws("panda")
+    distances = distances_of_panda_fingers(jaws.grasp.points, *exported_pose(held_by(jaws, gripper), tmp_path))
+    assert max(distances) <= TOUCH
+    turned = held_by(jaws, replace(gripper, closing_axis="x"))
+    assert min(distances_of_panda_fingers(jaws.grasp.points, *exported_pose(turned, tmp_path))) > 10.0 * TOUCH
+
+
+def distances_of_panda_fingers(points, position, quaternion, opening):
+    """Distances of contacts from the fingers of robosuite's model, whose world is the hand's frame, in MuJoCo."""
+    file = model(f"{GRIPPERS}/panda_gripper.xml")
+    scene = mujoco.MjSpec()
+    place = scene.worldbody.add_site(name="palm", pos=position, quat=quaternion)
+    scene.attach(mujoco.MjSpec.from_file(str(file)), prefix="gripper_", site=place)
+    compiled = scene.compile()
+    data = mujoco.MjData(compiled)
+    for name, side in (("finger_joint1", 1.0), ("finger_joint2", -1.0)):
+        data.joint(f"gripper_{name}").qpos = side * opening / 2.0
+    mujoco.mj_kinematics(compiled, data)
+    fingers = [finger_mesh(compiled, data, f"gripper_finger{number}_collision") for number in (2, 1)]
+    pairs = zip(fingers, points, strict=True)
+    return [float(trimesh.proximity.closest_point_naive(finger, point[None])[1][0]) for finger, point in pairs]
+
+
+def finger_mesh(compiled, data, name):
+    """The triangles of a geom in the world frame."""
+    shape, geom = compiled.geom(name).dataid[0], data.geom(name)
+    start, count = compiled.mesh_vertadr[shape], compiled.mesh_vertnum[shape]
+    vertices = compiled.mesh_vert[start : start + count] @ geom.xmat.reshape(3, 3).T + geom.xpos
+    start, count = compiled.mesh_faceadr[shape], compiled.mesh_facenum[shape]
+    return trimesh.Trimesh(vertices, compiled.mesh_face[start : start + count])
+
+
+def test_a_model_of_the_robotiq_gripper_has_its_pads_on_the_contacts(jaws, tmp_path):
+    """The joints of ROS-Industrial's model, closed as far as the opening: the contacts are on its pads' rectangles."""
+    position, quaternion, opening = pose_in_isaac_grasp(held_by(jaws, ng.hands.jaws("robotiq_2f85")), tmp_path)
+    kinematics = Mujoco(robotiq_2f85(tmp_path / "robotiq.urdf"))
+    turn, sides = Rotation.from_quat(quaternion, scalar_first=True), ("left", "right")
+    local = turn.inv().apply(jaws.grasp.points - position)
+    low, high = 0.0, 0.81  # radians: open, closed
+    for _ in range(40):
+        angle = 0.5 * (low + high)
+        driven = {"finger_joint": 1, "right_outer_knuckle_joint": 1}
+        driven |= {f"{side}_inner_{part}_joint": s for side in sides for part, s in (("finger", -1), ("knuckle", 1))}
+        links = kinematics.link_poses({name: sign * angle for name, sign in driven.items()})
+        pads = [links[f"{side}_inner_finger_pad"] @ translation(PAD_FACE) for side in sides]
+        gap = pads[1][1, 3] - pads[0][1, 3]
+        low, high = (angle, high) if gap > opening else (low, angle)
+    for pad, point in zip(pads, local, strict=True):
+        x, y, z = pad[:3, :3].T @ (point - pad[:3, 3])
+        assert abs(y) <= TOUCH  # along the pad's normal
+        assert abs(x) <= 0.011
+        assert abs(z) <= 0.01875
+
+
+PAD_FACE = [0.0, -0.003175, 0.0]  # metres, of a pad's link
+
+
+def translation(offset):
+    pose = np.eye(4)
+    pose[:3, 3] = offset
+    return pose
+
+
 def test_exports_state_the_axes_of_the_grippers_frame(jaws):
     for axis, axis_vector in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0]), ("-y", [0.0, -1.0, 0.0])):
         turned = closing_along(jaws, axis)
         file = yaml.safe_load(isaac_grasp({"g": turned}))
         assert (file["closing_axis"], file["approach_axis"]) == (axis_vector, [0.0, 0.0, 1.0])
+        assert file["tcp"] == [0.0, 0.0, 0.06]
         with np.load(io.BytesIO(benchmark_arrays(turned))) as data:
             assert (data["closing_axis"].tolist(), data["approach_axis"].tolist()) == (axis_vector, [0.0, 0.0, 1.0])
         assert moveit(turned).startswith(f"# closing_axis of the gripper's frame: {axis_vector}\n# approach_axis of ")
+        assert "\n# tcp of the gripper's frame: [0.0, 0.0, 0.06]\n" in moveit(turned)
+        stated = f"closing axis {axis}, approach axis z, tool centre point [0, 0, 60] mm"
+        assert stated in str(turned)
+        assert stated in mjcf(turned)
         record = np.load(io.BytesIO(dexgraspbench(turned)), allow_pickle=True).item()
         assert record["closing_axis"].tolist() == axis_vector
+        assert record["tcp"].tolist() == [0.0, 0.0, 0.06]
     sideways = ng.ParallelJaw(0.06, finger_length=0.06, closing_axis="y", approach_axis="x")
     (message,) = yaml.safe_load(moveit(replace(jaws, problem={**jaws.problem, "hand": sideways.to_dict()})))
     assert message["pre_grasp_approach"]["direction"]["vector"] == {"x": 1.0, "y": 0.0, "z": 0.0}
@@ -362,7 +471,11 @@ def test_a_hand_with_joints_states_no_closing_axis(held):
 
 
 NAMED = [
-    ("x", {"gripper": "models/Panda_hand.usd"}, "models/Panda_hand.usd closes along its y axis"),
+    (
+        "x",
+        {"gripper": "models/Panda_hand.usd"},
+        r'Panda_hand.usd closes along its y axis .* ng\.hands\.jaws\("panda"\)',
+    ),
     ("x", {"gripper": "fr3_hand"}, "fr3_hand closes along its y axis"),
     ("x", {"joints": ("panda_finger_joint1", "panda_finger_joint2")}, "panda_finger_joint1 closes along its y axis"),
     ("y", {"gripper": "robotiq_85_base_link"}, 'robotiq_85_base_link closes along its x .*closing_axis="x"'),

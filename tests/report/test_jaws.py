@@ -20,7 +20,9 @@ def gripper_solution(hand=HAND, posture=None):
     return SimpleNamespace(problem={"hand": hand.to_dict()}, hand=posture_at_contacts if posture is None else posture)
 
 
-@pytest.mark.parametrize("axes", [{}, {"closing_axis": "y"}, {"closing_axis": "-z", "approach_axis": "x"}])
+@pytest.mark.parametrize(
+    "axes", [{}, {"closing_axis": "y"}, {"closing_axis": "-z", "approach_axis": "x", "tcp": (0.1, 0.02, 0.05)}]
+)
 def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
     drawn = dict(jaws(gripper_solution(replace(HAND, **axes))))
     approach = np.array(gripper_solution().hand["approach"]["direction"])

@@ -23,6 +23,16 @@ SPELLINGS = {
     "apart": ["F_x", "F_y", "F_z", "T_x", "T_y", "T_z"],
     "words": ["Force X", "Force Y", "Force Z", "Torque X", "Torque Y", "Torque Z"],
     "joined": ["forceX", "forceY", "forceZ", "torqueX", "torqueY", "torqueZ"],
+    "camel": ["tcpForceX", "tcpForceY", "tcpForceZ", "tcpTorqueX", "tcpTorqueY", "tcpTorqueZ"],
+    "axis first": ["X Force", "Y Force", "Z Force", "X Torque", "Y Torque", "Z Torque"],
+    "fields": ["force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z"],
+    "robot": [f"actual_TCP_force_{i}" for i in range(6)],
+    "numbered": [f"force_{i}" for i in range(6)],
+    "tool": [f"tcp_force_{i}" for i in range(6)],
+    "brackets": [f"wrench[{i}]" for i in range(6)],
+    "from one": [f"FT{i}" for i in range(1, 7)],
+    "both words": [f"/arm/force_torque/{i}" for i in range(6)],
+    "halves": [f"{quantity}[{i}]" for quantity in ("forces", "torques") for i in range(3)],
 }
 STAMPS = ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]
 
@@ -53,6 +63,83 @@ def test_units_of_a_bag_are_asked_for_and_a_header_states_them(tmp_path):
     header = [f"{name} [{'mN' if i < 3 else 'Ncm'}]" for i, name in enumerate(ROS)]
     wrenches = ng.WrenchRecording.read(write_csv(tmp_path, header, ROWS), exerts="fingers").wrenches
     np.testing.assert_allclose(wrenches, ROWS * ([1e-3] * 3 + [1e-2] * 3))
+
+
+FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+TORQUE_UNITS = {"Nm": 1.0, "N*mm": 1e-3, "Nmm": 1e-3, "mNm": 1e-3, "N m": 1.0, "N·m": 1.0, "N.mm": 1e-3, "kNm": 1e3}
+UNIT_STYLES = ["{} [{}]", "{}/{}", "{}_{}", "{} ({})", "{} {}", "{} in {}", "{}[{}]", "{}, {}"]
+
+
+@pytest.mark.parametrize("style", UNIT_STYLES)
+@pytest.mark.parametrize("spelling", ["dots", "short", "apart", "robot", "brackets", "camel"])
+def test_units_stand_in_headers_of_any_style(style, spelling):
+    pairs = [(force, torque) for force in FORCE_UNITS for torque in TORQUE_UNITS]
+    for force, torque in pairs:
+        units = [force] * 3 + [torque] * 3
+        header = [style.format(name, unit) for name, unit in zip(SPELLINGS[spelling], units, strict=True)]
+        recording = ng.WrenchRecording.of(pd.DataFrame(ROWS, columns=header), exerts="fingers")
+        np.testing.assert_allclose(recording.wrenches[:, :3], ROWS[:, :3] * FORCE_UNITS[force])
+        np.testing.assert_allclose(recording.wrenches[:, 3:], ROWS[:, 3:] * TORQUE_UNITS[torque])
+        assert recording.columns == tuple(header)
+        assert ("converted" in repr(recording)) == ((force, TORQUE_UNITS[torque]) != ("N", 1.0))
+
+
+def test_a_recording_says_which_units_it_converted(tmp_path):
+    header = ["Fx/kN", "Fy/kN", "Fz/kN", "Tx/N*mm", "Ty/N*mm", "Tz/N*mm"]
+    path = write_csv(tmp_path, header, ROWS)
+    recording = ng.WrenchRecording.read(path)
+    assert repr(recording) == f"WrenchRecording(2 wrenches from {path}, kN and Nmm converted to N and Nm)"
+    assert recording.units == ("kN",) * 3 + ("Nmm",) * 3
+    assert ng.WrenchRecording.of(ROWS).conversion == ""
+    with pytest.raises(ng.InputError, match=r"units: got none of Fz, expected units="):
+        ng.WrenchRecording.read(write_csv(tmp_path, [*header[:2], "Fz", *header[3:]], ROWS))
+    with pytest.raises(ng.InputError, match=r"units: got 'N', expected one of Nm, mNm"):
+        ng.WrenchRecording.read(write_csv(tmp_path, [*header[:5], "Tz/N"], ROWS))
+
+
+def test_a_log_of_a_robot_delimited_by_spaces(tmp_path):
+    """Poses, speeds and torques of joints are numbered too."""
+    others = [f"{name}_{i}" for name in ("actual_q", "actual_TCP_pose", "target_moment") for i in range(6)]
+    rows = [[0.1, *np.arange(18), *row] for row in ROWS.tolist()]
+    path = write_csv(tmp_path, ["timestamp", *others, *SPELLINGS["robot"]], rows, " ")
+    np.testing.assert_array_equal(ng.WrenchRecording.read(path, **SI).wrenches, ROWS)
+
+
+RAW = [f"ft_raw_wrench_{i}" for i in range(6)]
+AMBIGUOUS = {
+    "numbers and letters": ([*SPELLINGS["tool"], *SPELLINGS["short"]], "fx ... tz, tcp_force_0 ... tcp_force_5"),
+    "two logs of a robot": (
+        [*SPELLINGS["robot"], *RAW],
+        "actual_TCP_force_0 ... actual_TCP_force_5, ft_raw_wrench_0 ... ft_raw_wrench_5",
+    ),
+    "two kinds of torques": ([*SPELLINGS["short"], "mx"], "fx, fy, fz, tx, ty, tz, mx"),
+}
+
+
+@pytest.mark.parametrize("name", AMBIGUOUS)
+def test_an_ambiguous_header_is_refused_with_the_columns_found(name):
+    header, columns = AMBIGUOUS[name]
+    frame = pd.DataFrame(np.ones((2, len(header) + 1)), columns=["time", *header])
+    with pytest.raises(ng.InputError) as caught:
+        ng.WrenchRecording.of(frame, **SI)
+    assert f"got columns {columns}, expected one each of" in str(caught.value)
+    assert str(caught.value).endswith("or columns= with the sensor's own")
+
+
+UNRECOGNISED = {
+    "forces and torques of six joints": [f"{quantity}_{i}" for quantity in ("force", "torque") for i in range(6)],
+    "five of six": [f"force_{i}" for i in range(5)],
+    "from two": [f"force_{i}" for i in range(2, 8)],
+    "positions": ["pos_x_m", "pos_y_m", "pos_z_m", *SPELLINGS["short"][:3]],
+    "load cells": [f"f{i}" for i in range(1, 7)],
+}
+
+
+@pytest.mark.parametrize("name", UNRECOGNISED)
+def test_other_columns_are_no_wrenches(name):
+    header = UNRECOGNISED[name]
+    with pytest.raises(ng.InputError, match=r"expected one each of fx, fy, fz, mx, my, mz .*, or columns=$"):
+        ng.WrenchRecording.of(pd.DataFrame(np.ones((2, len(header))), columns=header), **SI)
 
 
 def test_two_sensors_are_not_guessed_between(tmp_path):

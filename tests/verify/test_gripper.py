@@ -33,6 +33,7 @@ def data():
 
 
 AXES = {"closing_axis": "y"}, {"closing_axis": "-y", "approach_axis": "x"}, {"closing_axis": (0.6, 0.8, 0.0)}
+POINTS = (0.0, 0.0, 0.1034), (0.02, -0.01, 0.05)
 
 
 @pytest.mark.parametrize("axes", AXES)
@@ -46,7 +47,28 @@ def test_the_pose_of_a_gripper_with_other_axes(axes, data):
         assert "along the closing line and " in check.detail
 
 
-@pytest.mark.parametrize("axes", [{"closing_axis": "u"}, {"closing_axis": [0, 2, 0]}, {"closing_axis": "z"}])
+@pytest.mark.parametrize("tcp", POINTS)
+def test_the_pose_of_a_gripper_with_another_tool_centre_point(tcp, data):
+    own = stated_by(tcp=tcp, closing_axis="y")
+    assert recomputed_file(own)["gripper"].passed, recomputed_file(own)["gripper"]
+    moved_by_little = edited(own, lambda d: d["problem"]["hand"]["tcp"].__setitem__(0, tcp[0] + 1e-5))
+    for lie in (moved_by_little, edited(own, lambda d: d["problem"]["hand"].pop("tcp"))):
+        check = recomputed_file(lie)["gripper"]
+        assert check.failed
+        assert "tool centre point is not the middle between the contacts" in check.detail
+
+
+def test_a_file_without_axes_and_tool_centre_point_passes(data):
+    older = edited(data, lambda d: [d["problem"]["hand"].pop(key) for key in ("closing_axis", "approach_axis", "tcp")])
+    assert recomputed_file(older)["gripper"].passed
+    assert ng.GraspSolution.from_dict(older).gripper_frame_line() == ""
+    stated = "closing axis x, approach axis z, tool centre point [0, 0, 40] mm"
+    assert ng.GraspSolution.from_dict(data).gripper_frame_line().endswith(stated)
+
+
+@pytest.mark.parametrize(
+    "axes", [{"closing_axis": "u"}, {"closing_axis": [0, 2, 0]}, {"closing_axis": "z"}, {"tcp": [0.0, "far", 0.0]}]
+)
 def test_axes_that_are_none_fail(axes, data):
     assert recomputed_file(edited(data, lambda d: d["problem"]["hand"].update(axes)))["gripper"].failed
 
@@ -76,7 +98,7 @@ LIES = {
     "another opening": (lambda hand: {**hand, "opening": 0.041}, "gripper", "opening 0.041 m stated"),
     "a longer direction": (lambda hand: way(hand, direction=[0.0, 0.0, -1.1]), "gripper", "no unit direction"),
     "along the line": (lambda hand: way(hand, direction=[0.0, 1.0, 0.0]), "gripper", "not at right angles"),
-    "elsewhere": (moved, "gripper", "not behind the middle"),
+    "elsewhere": (moved, "gripper", "not the middle"),
     "turned": (turned, "gripper", "other axes"),
     "freer": (lambda hand: way(hand, depth=hand["approach"]["depth"] + 1e-3), "way in", "found"),
     "through the shelf": (lambda hand: way(hand, direction=[0.0, 0.0, -1.0]), "way in", "found"),
