@@ -161,11 +161,12 @@ def parse_palm_direction(text: str | None) -> list[float]:
     return direction
 
 
-def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Mapping[str, float | Tip | Sequence[Tip]]:
+def parse_fingertips(
+    source: Path, palm: str | None, texts: Sequence[str]
+) -> Mapping[str, float | Tip | Sequence[Tip] | None]:
     """Return link and patch of each fingertip from text LINK or LINK=RADIUS.
 
-    Without a radius the fingertip is the link's only collision sphere or capsule, or a sphere as thick as its collision
-    shapes, about their middle.
+    Without a radius the fingertip is the link's only collision sphere or capsule, or else fitted to its shapes.
 
     Raises
     ------
@@ -173,11 +174,11 @@ def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Ma
         On links that are not there or stand twice, radii that are none, and links without a shape and a radius.
     """
     from nlpgrasp.common.validation import number
+    from nlpgrasp.hands.fitted_tips import group_shapes
     from nlpgrasp.hands.robot_file import read_robot
-    from nlpgrasp.hands.suggested_tips import central_sphere, tip_from_shapes
 
     robot = read_robot(source, palm)
-    tips: dict[str, float | Tip | Sequence[Tip]] = {}
+    tips: dict[str, float | Tip | Sequence[Tip] | None] = {}
     for text in texts:
         name, separator, radius = text.partition("=") if text not in robot.links else (text, "", "")
         link = check_link(source, name, "--fingertip", robot.links)
@@ -186,12 +187,10 @@ def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Ma
         if separator:
             tips[link] = number(f"--fingertip {link}", _parse_number(link, radius), above=0.0)
             continue
-        shapes = robot.shapes.get(link, ())
-        tip = tip_from_shapes(shapes) or central_sphere(shapes)
-        if tip is None:
+        if not group_shapes(robot, link):
             problem = f"{link}, which has no collision shape"
             raise InputError("--fingertip", problem, f"its radius: {link}=0.01 (metres)")
-        tips[link] = tip
+        tips[link] = None
     return tips
 
 

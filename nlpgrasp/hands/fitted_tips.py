@@ -47,7 +47,10 @@ class _LinkEnd:
         frame = np.eye(4)
         if chain and (transform := robot.fixed_transform(chain[-1].child, link)) is not None:
             frame = transform
-        shapes = _group_shapes(robot, link)
+        shapes = group_shapes(robot, link)
+        if not shapes:
+            problem = "a link without a collision shape"
+            raise InputError(f"URDFHand.fingertips[{link!r}]", problem, "a radius or a tip, such as ng.SphereTip(0.01)")
         vertices = [shape.mesh.vertices @ T[:3, :3].T + T[:3, 3] for shape, T in shapes]
         self.group = np.concatenate(vertices)
         direction = self.group.mean(axis=0) - frame[:3, 3]
@@ -92,15 +95,13 @@ def _widest_cone(normals: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatA
     return normals[best], float(max(clear[best], 0.1))
 
 
-def _group_shapes(robot: Robot, link: str) -> list[tuple[CollisionShape, FloatArray]]:
+def group_shapes(robot: Robot, link: str) -> list[tuple[CollisionShape, FloatArray]]:
     """Return the shapes of a link's rigid group, each with the transform (4, 4) to the link's frame."""
     groups, result = robot.rigid_groups, list[tuple[CollisionShape, FloatArray]]()
     for other, shapes in robot.shapes.items():
         transform = robot.fixed_transform(other, link) if groups[other] == groups[link] else None
         if transform is not None:
             result += [(shape, transform) for shape in shapes]
-    if not result:
-        raise InputError(f"URDFHand.fingertips[{link!r}]", "a link without a collision shape", "a tip with its size")
     return result
 
 

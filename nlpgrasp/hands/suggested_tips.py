@@ -9,12 +9,12 @@ import numpy as np
 
 from nlpgrasp.common.formatting import format_number
 from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.fitted_tips import group_shapes
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
 
 GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
 DIGITS = 4  # significant digits of a radius
-ZERO_LENGTH = 5e-5  # metres: smaller coordinates count as 0
 
 
 def tip_from_shapes(shapes: Sequence[CollisionShape]) -> Tip | None:
@@ -38,23 +38,9 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     Where the patch is beyond them, the finger itself does not touch. None if none of these links has a shape. Links of
     a rigid group do not move against each other, so the result holds in every posture.
     """
-    groups, surface = robot.rigid_groups, tip.surface().vertices
-    outside = []
-    for other, shapes in robot.shapes.items():
-        transform = robot.fixed_transform(link, other)
-        if groups[other] == groups[link] and transform is not None:
-            local = surface @ transform[:3, :3].T + transform[:3, 3]
-            outside += [-shape.depth(local) for shape in shapes]
+    surface = tip.surface().vertices
+    outside = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in group_shapes(robot, link)]
     return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
-
-
-def central_sphere(shapes: Sequence[CollisionShape]) -> SphereTip | None:
-    """Return a sphere about the centre of a link's shapes, as thick as they are; None without shapes."""
-    if not shapes:
-        return None
-    low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
-    high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
-    return SphereTip(float(np.min(high - low)) / 2.0, (low + high) / 2.0)
 
 
 @dataclass(frozen=True)
@@ -96,15 +82,10 @@ def leaf_links(robot: Robot) -> tuple[str, ...]:
 
 def suggest_tip(robot: Robot, link: str) -> SuggestedTip:
     """Return the fingertip that a leaf link's shapes suggest, as command and code."""
-    shapes = robot.shapes.get(link, ())
-    exact = tip_from_shapes(shapes)
-    tip = exact or central_sphere(shapes)
-    if tip is None:
-        return SuggestedTip(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)
-    if not isinstance(tip, SphereTip):
-        return SuggestedTip(link, link, "None")
-    radius = format_number(tip.radius, DIGITS)
-    if not np.any(tip.centre):
+    tip = tip_from_shapes(robot.shapes.get(link, ()))
+    if isinstance(tip, SphereTip) and not np.any(tip.centre):
+        radius = format_number(tip.radius, DIGITS)
         return SuggestedTip(link, f"{link}={radius}", radius)
-    centre = ", ".join(format_number(v, DIGITS, ZERO_LENGTH) for v in tip.centre)
-    return SuggestedTip(link, link, "None" if exact is not None else f"ng.SphereTip({radius}, [{centre}])")
+    if tip is not None or group_shapes(robot, link):
+        return SuggestedTip(link, link, "None")
+    return SuggestedTip(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)

@@ -41,10 +41,11 @@ from nlpgrasp.hands.self_collision import (
     self_collision_constraints,
     tip_clearance_constraints,
 )
-from nlpgrasp.hands.suggested_tips import leaf_links, suggest_tip, tip_from_shapes
+from nlpgrasp.hands.suggested_tips import leaf_links, overhang, suggest_tip, tip_from_shapes
 from nlpgrasp.hands.tips import SphereTip, SymbolicTouch, Tip
 
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
+MOST_OVERHANG, WORTH_A_WARNING = 5e-3, 1e-3  # metres: fingertips beyond their links that are refused, and warned of
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
@@ -108,6 +109,7 @@ class URDFHand(LinkedHand):
         clearance: float = 0.0,
         spheres_per_link: int = 6,
         self_collision: bool = True,
+        tip_overhang: float = MOST_OVERHANG,
     ) -> URDFHand:
         """Return the hand of a robot file.
 
@@ -118,7 +120,8 @@ class URDFHand(LinkedHand):
             which. Bodies of an MJCF are links, hinges and slides are joints.
         fingertips : mapping or sequence of str
             Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or
-            names alone, take the only sphere or capsule among the link's collision shapes. Contact i belongs to
+            names alone, take the only sphere or capsule among the link's collision shapes, or else the rounded convex
+            hull of the link's end (``HullTip``), facing where the finger closes. Contact i belongs to
             fingertip i, in this order. Inner links and the palm may have tips too. Left out, the error names links.
         torque_limits : mapping of joint names to floats, or float, optional
             Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
@@ -134,11 +137,15 @@ class URDFHand(LinkedHand):
             and cost time.
         self_collision : bool
             Keep the links from each other.
+        tip_overhang : float
+            Largest distance of a fingertip beyond the collision shapes of its link, metres: there the finger itself
+            does not touch.
 
         Raises
         ------
         InputError
-            On files, links, joints or limits that cannot be used; unknown link names list those there are.
+            On fingertips off their links, and on files, links, joints or limits that cannot be used; unknown link names
+            list those there are.
         MissingExtraError
             Without adam-robotics, which solves need; on MJCF without MuJoCo, and on meshes in COLLADA without their
             reader.
@@ -146,14 +153,15 @@ class URDFHand(LinkedHand):
         Warns
         -----
         UserWarning
-            On missing mesh files and on visible links without a collision shape: the other shapes are used. On mimic
-            joints with a negative multiplier whose limits lack the sign: they are taken with it. On tendons and closed
-            loops of an MJCF that couple joints and are not modelled. On an MJCF whose joints hardly turn: its limits
-            may be radians without stating so.
+            On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
+            links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
+            limits lack the sign: they are taken with it. On tendons and closed loops of an MJCF that couple joints and
+            are not modelled. On an MJCF whose joints hardly turn: its limits may be radians without stating so.
         """
         robot = read_robot(path, palm)
         tips = resolve_tips(robot, fingertips)
         require_kinematics()
+        check_overhangs(robot, tips, tip_overhang)
         for text in file_warnings(robot):
             warn(f"{robot.source}: {text}")
         return cls(
@@ -309,6 +317,20 @@ def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str,
     if not result:
         raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
     return result
+
+
+def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float) -> None:
+    """Refuse fingertips farther beyond the shapes of their links than ``most``, metres; warn of others that are off."""
+    limit = number("URDFHand.tip_overhang", most, at_least=0.0)
+    for link, tip in tips:
+        distance = overhang(tip, link, robot) or 0.0
+        if distance <= WORTH_A_WARNING:
+            continue
+        text = f"a fingertip that reaches {1e3 * distance:.1f} mm beyond the shapes of its link"
+        cure = "None, to fit it to them, or another radius or tip"
+        if distance > limit:
+            raise InputError(f"URDFHand.fingertips[{link!r}]", text, f"{cure}; tip_overhang={distance:.1g} allows it")
+        warn(f"URDFHand.fingertips[{link!r}]: {text}: the finger itself does not touch there; expected {cure}")
 
 
 def _check_radius(field: str, radius: object) -> float:

@@ -25,6 +25,8 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
 MOST_CLEARANCES = 3  # refinements with more clearance of links that touch, at most
+DEEP = 0.5  # penetration of a link over the tolerated one above which it is moved off
+WORTH_FREEING = 0.8  # least mu without the penetration over that with it
 ADDED_CLEARANCE = 2e-4  # metres beyond the depth of a link that touches
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
 MOST_COLLIDING = 2  # candidates that end in link collisions before a start gives up
@@ -179,8 +181,10 @@ def _result_of_candidate(
         result = StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust)
         clock.mark("link depth")
         results.append(result)
-        if result.record.status is Status.TOUCHES:
-            results.append(_free_links(compiled, result, deadline))
+        if result.record.has_grasp and result.depth is not None and result.depth.depth > DEEP * result.depth.tolerance:
+            freed = _free_links(compiled, result, deadline)
+            if freed.solved and freed.record.mu.lower >= WORTH_FREEING * result.record.mu.lower:
+                results[-1] = freed
             clock.mark("refine")
     return _best_of_results(results)
 
@@ -193,7 +197,7 @@ def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadl
     """
     increase, result = np.zeros(len(compiled.rows.named)), touching
     for _ in range(MOST_CLEARANCES):
-        if result.depth is None or result.depth.is_free or deadline.should_stop():
+        if result.depth is None or result.depth.depth <= DEEP * result.depth.tolerance or deadline.should_stop():
             break
         slack = compiled.rows.link_slack(result.on_body.values, str(result.depth.link))
         nearest = int(np.argmin(slack))

@@ -425,6 +425,26 @@ def _ellipsoid_constraints(tip: Json, touch: StatedTouch) -> Iterator[Constraint
         yield touch.cosine("within the patch", cosine, float(np.cos(number("angle", tip["angle"]))), np.inf)
 
 
+def _hull_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
+    """Yield the constraints that the rounded hull's point with the outward normal n is p, and n within the patch.
+
+    The support function ``h(m) = e log sum exp(v . m / e)`` is extended to all vectors as ``|m| h(m / |m|)``; the point
+    is its gradient ``h m + (I - m m^T) grad h``.
+    """
+    corners, rounding = array("points", tip["points"], (None, 3)), number("rounding", tip["rounding"], above=0.0)
+    m = touch.pose[:3, :3].T @ touch.n
+    heights = corners @ m
+    highest = float(np.max(heights))
+    shares = np.exp((heights - highest) / rounding)
+    support = highest + rounding * float(np.log(np.sum(shares)))
+    gradient = shares @ corners / np.sum(shares)
+    point = support * m + gradient - (m @ gradient) * m
+    slack = np.full(3, touch.turn * float(np.max(np.ptp(corners, axis=0))) ** 2 / rounding)
+    yield from touch.equal(touch.place(point), touch.p, slack)
+    cosine = float(array("facing", tip["facing"], (3,)) @ m)
+    yield touch.cosine("within the patch", cosine, float(np.cos(number("angle", tip["angle"]))), np.inf)
+
+
 def _tip_frame(tip: Json, touch: StatedTouch) -> tuple[FloatArray, FloatArray]:
     """Return origin and axes of a fingertip's frame, in the body's frame."""
     rotation = Rotation.from_euler("xyz", array("rpy", tip["rpy"], (3,))).as_matrix()
@@ -437,5 +457,6 @@ TIP_CONSTRAINTS: dict[str, Callable[[Json, StatedTouch], Iterator[ConstraintValu
     "capsule": _capsule_constraints,
     "flat": _flat_constraints,
     "ellipsoid": _ellipsoid_constraints,
+    "hull": _hull_constraints,
 }
 """The scalar constraints of each shape of fingertip; a new shape is one more entry."""
