@@ -13,6 +13,7 @@ import scipy
 
 from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.common.deadline import Deadline, Stopwatch
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import SolverEffort
@@ -29,7 +30,6 @@ from nlpgrasp.quality.least_friction import can_press
 from nlpgrasp.solution.analysis_records import WhyNot
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solution.schema import SolverData
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.start_summary import ipopt_lines
 from nlpgrasp.version import __version__
@@ -245,7 +245,7 @@ def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float
 
 def solver_record(
     options: SolveOptions, seed: int, effort: SolverEffort, seconds: float, stages: Mapping[str, float] | None = None
-) -> SolverData:
+) -> Json:
     """Return the solver's record for the file: seed, effort, wall time by stage, options, versions.
 
     Warns
@@ -253,7 +253,7 @@ def solver_record(
     UserWarning
         Where IPOPT did not run in some of its calls.
     """
-    record: SolverData = {
+    record: Json = {
         "seed": seed,
         "iterations": effort.iterations,
         "ipopt_calls": effort.calls,
@@ -275,6 +275,6 @@ def solver_record(
         },
     }
     if effort.failures:
-        record["ipopt_failures"] = dict(effort.failures)
+        record = {**record, "ipopt_failures": dict(effort.failures)}
         warn(*ipopt_lines(record))
     return record

@@ -378,7 +378,7 @@ class Multistart:
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
         record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)
         if self._keeping.count > 1:
-            record |= {"keep": self._keeping.count, "distinct": self._keeping.distinct}
+            record = {**record, "keep": self._keeping.count, "distinct": self._keeping.distinct}
         return replace(solution, solver=record)
 
     @property

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-
-import numpy as np
+from typing import Annotated, Self
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, integer
+from nlpgrasp.common.validation import array, integer
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.schema import ConflictData, PriceData, RobustData, WhyNotData
+from nlpgrasp.solution.record_fields import LEFT_OUT, Count, Form, NonNegative, Points, Record, Share, Wrench
 
 FRAGILE = 0.2  # remaining share of mu below which a grasp is fragile: the task then takes over five times the force
 LEAST_SHARE = 1e-4  # smaller shares are written as "less than"
@@ -20,7 +19,7 @@ WORTH_A_WORD = 0.005  # share of mu above which the cost of margins is reported
 
 
 @dataclass(frozen=True)
-class Robustness:
+class Robustness(Record):
     """Remaining quality under contact displacement and friction loss, at the worst displacement found.
 
     Parameters
@@ -36,18 +35,22 @@ class Robustness:
         The displaced contacts, metres, and unit inward normals, body frame.
     lost : tuple of int
         Contacts that slip over an edge of their face: they exert no force; their original positions are stated.
-    stated : tuple or None
-        Remaining share of mu as the solution states it, and whether the grasp is fragile; None in files of earlier
-        versions.
+    stated_share : float or None
+        Remaining share of mu as the solution states it; None in files of earlier versions.
+    stated_fragile : bool or None
+        Whether that share is below 0.2, a fragile grasp.
     """
 
-    offset: float
-    friction_share: float
+    offset: NonNegative
+    friction_share: Annotated[float, Form(minimum=0, exclusiveMaximum=1)]
     mu: Bounds
-    points: FloatArray
-    normals: FloatArray
-    lost: tuple[int, ...] = ()
-    stated: tuple[float, bool] | None = field(default=None, repr=False, compare=False)
+    points: Points = field(metadata={"key": "positions"})
+    normals: Points
+    lost: tuple[Count, ...] = field(default=(), metadata=LEFT_OUT)
+    stated_share: Share | None = field(default=None, repr=False, compare=False, metadata={**LEFT_OUT, "key": "share"})
+    stated_fragile: bool | None = field(
+        default=None, repr=False, compare=False, metadata={**LEFT_OUT, "key": "fragile"}
+    )
 
     def share(self, mu: Bounds) -> float:
         """Return the remaining share of a grasp's certified quality, the ratio of the upper bounds."""
@@ -67,25 +70,10 @@ class Robustness:
 
     def beside(self, mu: Bounds) -> Robustness:
         """Return the record with share and fragility for a grasp of this certified quality."""
-        return replace(self, stated=(self.share(mu), self.is_fragile(mu)))
-
-    def to_dict(self) -> RobustData:
-        """Return the record as JSON data."""
-        data: RobustData = {
-            "offset": self.offset,
-            "friction_share": self.friction_share,
-            "mu": self.mu.to_dict(),
-            "positions": self.points.tolist(),
-            "normals": self.normals.tolist(),
-        }
-        if self.lost:
-            data["lost"] = list(self.lost)
-        if self.stated is not None:
-            data["share"], data["fragile"] = self.stated
-        return data
+        return replace(self, stated_share=self.share(mu), stated_fragile=self.is_fragile(mu))
 
     @classmethod
-    def from_dict(cls, data: RobustData, name: str) -> Robustness:
+    def from_dict(cls, data: Json, name: str = "") -> Self:
         """Return the record that ``to_dict`` wrote.
 
         Raises
@@ -93,14 +81,11 @@ class Robustness:
         InputError
             When its interval is empty or its arrays do not fit each other; ``name`` is shown in the message.
         """
-        bounds = Bounds.from_dict(data["mu"], f"{name}.mu")
-        points = array(f"{name}.positions", data["positions"], (None, None))
-        normals = array(f"{name}.normals", data["normals"], points.shape)
-        summary = (data["share"], data["fragile"]) if "share" in data and "fragile" in data else None
-        lost_contacts = tuple(
-            integer(f"{name}.lost", i, at_least=0, at_most=len(points) - 1) for i in data.get("lost", ())
-        )
-        return cls(data["offset"], data["friction_share"], bounds, points, normals, lost_contacts, summary)
+        record = super().from_dict(data, name)
+        array(f"{name}.normals", record.normals, record.points.shape)
+        for contact in record.lost:
+            integer(f"{name}.lost", contact, at_least=0, at_most=len(record.points) - 1)
+        return record
 
     def __str__(self) -> str:
         disturbance = f"contacts {1e3 * self.offset:g} mm off and {self.friction_share:.0%} less friction"
@@ -124,7 +109,7 @@ def fragility_warning(robust: Robustness | None, mu: Bounds, label: str) -> str:
 
 
 @dataclass(frozen=True)
-class Conflict:
+class Conflict(Record):
     """A constraint that conflicts with the others.
 
     Parameters
@@ -144,24 +129,8 @@ class Conflict:
     row: str
     value: float
     bound: float
-    relation: str
+    relation: Annotated[str, Form(enum=["at least", "at most", "exactly"])]
     unit: str = ""
-
-    def to_dict(self) -> ConflictData:
-        """Return the conflict as JSON data."""
-        return {
-            "name": self.name,
-            "row": self.row,
-            "value": self.value,
-            "bound": self.bound,
-            "relation": self.relation,
-            "unit": self.unit,
-        }
-
-    @classmethod
-    def from_dict(cls, data: ConflictData) -> Conflict:
-        """Return the conflict that ``to_dict`` wrote."""
-        return cls(**data)
 
     @property
     def excess(self) -> float:
@@ -182,7 +151,7 @@ class Conflict:
 
 
 @dataclass(frozen=True)
-class WhyNot:
+class WhyNot(Record):
     """Infeasibility diagnosis: conflicting constraints, or a direction in which no force works.
 
     Parameters
@@ -198,38 +167,17 @@ class WhyNot:
     """
 
     conflicts: tuple[Conflict, ...] = ()
-    direction: FloatArray | None = None
+    direction: Wrench | None = None
     reasons: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     locally_infeasible: bool = False
-
-    def to_dict(self) -> WhyNotData:
-        """Return the diagnosis as JSON data."""
-        return {
-            "conflicts": [conflict.to_dict() for conflict in self.conflicts],
-            "direction": None if self.direction is None else self.direction.tolist(),
-            "reasons": list(self.reasons),
-            "advice": list(self.advice),
-            "locally_infeasible": self.locally_infeasible,
-        }
-
-    @classmethod
-    def from_dict(cls, data: WhyNotData) -> WhyNot:
-        """Return the diagnosis that ``to_dict`` wrote."""
-        return cls(
-            tuple(Conflict.from_dict(conflict) for conflict in data["conflicts"]),
-            None if data["direction"] is None else np.array(data["direction"], dtype=float),
-            tuple(data["reasons"]),
-            tuple(data["advice"]),
-            data["locally_infeasible"],
-        )
 
     def __str__(self) -> str:
         return "\n".join([*self.reasons, *self.advice])
 
 
 @dataclass(frozen=True)
-class ShadowPrice:
+class ShadowPrice(Record):
     """Shadow price of a limit.
 
     Parameters
@@ -251,15 +199,6 @@ class ShadowPrice:
     step: float
     unit: str
     gain: float
-
-    def to_dict(self) -> PriceData:
-        """Return the price as JSON data."""
-        return {"name": self.name, "value": self.value, "step": self.step, "unit": self.unit, "gain": self.gain}
-
-    @classmethod
-    def from_dict(cls, data: PriceData) -> ShadowPrice:
-        """Return the price that ``to_dict`` wrote."""
-        return cls(**data)
 
     @property
     def what(self) -> str:

@@ -10,18 +10,19 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.formatting import FORCE_UNIT, format_interval, format_number, format_wrench
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.schema import FingerForceData, ForcesData, NeededData
+from nlpgrasp.solution.record_fields import LEFT_OUT, Matrix, Record, Wrench
 
 Forces: TypeAlias = Sequence[tuple[FloatArray, FloatArray]]  # (wrench, forces) pairs
 Moments: TypeAlias = Sequence[FloatArray]  # moments for each wrench, or empty
 
 
 @dataclass(frozen=True)
-class HeldWrench:
+class HeldWrench(Record):
     """A wrench and the least finger forces that produce it.
 
     Parameters
@@ -33,24 +34,9 @@ class HeldWrench:
         About the contact points, newton-metres; None where no contact exerts any.
     """
 
-    wrench: FloatArray
-    forces: FloatArray
-    moments: FloatArray | None = None
-
-    def to_dict(self) -> ForcesData:
-        """Return wrench, forces and, where there are any, moments as JSON data."""
-        data: ForcesData = {"direction": self.wrench.tolist(), "forces": self.forces.tolist()}
-        if self.moments is not None:
-            data["moments"] = self.moments.tolist()
-        return data
-
-    @classmethod
-    def from_dict(cls, data: ForcesData, name: str) -> HeldWrench:
-        """Return the record that ``to_dict`` wrote; refuse arrays of other dimensions, under this name."""
-        wrench = array(f"{name}: direction", data["direction"], (None,))
-        forces = array(f"{name}: forces", data["forces"], (None, None))
-        moments = array(f"{name}: moments", data["moments"], (None, None)) if "moments" in data else None
-        return cls(wrench, forces, moments)
+    wrench: Wrench = field(metadata={"key": "direction"})
+    forces: Matrix
+    moments: Matrix | None = field(default=None, metadata=LEFT_OUT)
 
 
 def held_wrenches(forces: Forces, moments: Moments) -> list[HeldWrench]:
@@ -59,7 +45,7 @@ def held_wrenches(forces: Forces, moments: Moments) -> list[HeldWrench]:
     return [HeldWrench(w, f, m) for (w, f), m in zip(forces, moment_arrays, strict=True)]
 
 
-def forces_and_moments(data: Sequence[ForcesData], name: str) -> tuple[Forces, Moments]:
+def forces_and_moments(data: Sequence[Json], name: str) -> tuple[Forces, Moments]:
     """Return the forces of a file, and the moments where contacts exert any.
 
     Raises
@@ -67,11 +53,17 @@ def forces_and_moments(data: Sequence[ForcesData], name: str) -> tuple[Forces, M
     InputError
         On arrays of other numbers of axes, or moments with some wrenches and not with others.
     """
-    records = [HeldWrench.from_dict(entry, name) for entry in data]
+    records = [HeldWrench.from_dict(entry, f"{name}: forces.{i}") for i, entry in enumerate(data)]
     moments = tuple(entry.moments for entry in records if entry.moments is not None)
     if moments and len(moments) != len(records):
         raise InputError(f"{name}: forces", f"{len(moments)} entries with moments", "moments in all or in none")
     return tuple((entry.wrench, entry.forces) for entry in records), moments
+
+
+def finger_entries(**columns: FloatArray | None) -> list[Json]:
+    """Return the JSON entries of each finger from arrays with a row for each; None for what no finger has."""
+    lists = {name: values.tolist() for name, values in columns.items() if values is not None}
+    return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
 
 
 @dataclass(frozen=True)
@@ -211,21 +203,13 @@ class ForcesNeeded:
             f"the largest force of a finger is {largest} {FORCE_UNIT}, of {finger}{comparison}",
         ]
 
-    def to_dict(self) -> NeededData:
+    def to_dict(self) -> Json:
         """Return the required forces as JSON data."""
-        fingers: list[FingerForceData] = []
-        for i, force in enumerate(self.forces):
-            entry: FingerForceData = {
-                "force": force.tolist(),
-                "normal": float(self.normal[i]),
-                "size": float(self.size[i]),
-                "largest": float(self.largest[i]),
-            }
-            fingers.append(entry if self.moments is None else {**entry, "moment": self.moments[i].tolist()})
         largest, finger, total = self.stated_summary or self.summary
-        data: NeededData = {
+        columns = {"force": self.forces, "normal": self.normal, "size": self.size, "largest": self.largest}
+        data: Json = {
             "wrench": self.wrench.tolist(),
-            "fingers": fingers,
+            "fingers": finger_entries(**columns, moment=self.moments),
             "largest": largest,
             "finger": finger,
             "total": total,
@@ -234,7 +218,7 @@ class ForcesNeeded:
         return data if self.within is None else {**data, "within_max_force": self.within}
 
     @classmethod
-    def from_dict(cls, data: NeededData, name: str) -> ForcesNeeded:
+    def from_dict(cls, data: Json, name: str) -> ForcesNeeded:
         """Return the record that ``to_dict`` wrote; ``name`` is shown in messages.
 
         Raises

@@ -17,8 +17,8 @@ from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import Quality
+from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.solution.schema import KeptGraspData, SolutionData
 
 Accepts = Callable[["FoundGrasp"], bool]  # whether a kept grasp may be the answer
 
@@ -73,7 +73,7 @@ class FoundGrasp:
         """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
-    def to_dict(self) -> KeptGraspData:
+    def to_dict(self) -> Json:
         """Return the grasp as JSON data, with the keys of a solution."""
         bounds = replace(self.mu, task_beta=None)  # the file states the task's beta once
         return {
@@ -81,12 +81,12 @@ class FoundGrasp:
             "grasp": PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
             "quality": Quality(bounds, self.kind, robust=self.robust, needed=self.needed).to_dict(),
-            "forces": [record.to_dict() for record in held_wrenches(self.forces, self.moments)],
-            "constraints": [report.to_dict() for report in self.constraints],
+            "forces": to_json(held_wrenches(self.forces, self.moments)),
+            "constraints": to_json(self.constraints),
         }
 
     @classmethod
-    def from_dict(cls, data: KeptGraspData, name: str) -> FoundGrasp:
+    def from_dict(cls, data: Json, name: str) -> FoundGrasp:
         """Return the grasp that ``to_dict`` wrote; ``name`` is shown in messages.
 
         Raises
@@ -113,7 +113,7 @@ class FoundGrasp:
         )
 
 
-def read_kept_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
+def read_kept_grasps(data: Json, name: str) -> list[FoundGrasp]:
     """Return the kept grasps of a file; ``name`` is shown in messages.
 
     Raises

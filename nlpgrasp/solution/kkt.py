@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution.schema import KKTData
+from nlpgrasp.solution.record_fields import LATER, LEFT_OUT, Direction, NonNegative, Record
 
 SMALL = 1e-6  # scaled residuals below count as zero: a first-order optimum
 
 
 @dataclass(frozen=True)
-class KKT:
+class KKT(Record):
     """Residuals of the Karush-Kuhn-Tucker conditions at a point with its multipliers.
 
     All three are scaled: variables over their typical sizes, constraints over theirs, the objective over its value.
@@ -27,53 +29,41 @@ class KKT:
         Largest violation of a constraint or bound.
     complementarity : float
         Largest product of a multiplier and the slack of its limit; the multiplier itself where there is no limit.
-    reason : str
-        In a solution, why the residuals are not small; empty where they are.
+    locally_optimal : bool
+        Computed: whether all three are below 1e-6, so that the point is a first-order optimum of the program.
     directions : tuple of tuples of d float
         In a solution, the directions of wrench space whose support inequalities bind, scaled to ``phi_A = 1``.
     weights : tuple of float
         Their multipliers, at least zero, over the sum of all.
+    reason : str
+        In a solution, why the residuals are not small; empty where they are.
     """
 
-    stationarity: float
-    feasibility: float
-    complementarity: float
-    reason: str = ""
-    directions: tuple[tuple[float, ...], ...] = ()
-    weights: tuple[float, ...] = ()
+    stationarity: NonNegative
+    feasibility: NonNegative
+    complementarity: NonNegative
+    locally_optimal: bool = field(init=False)
+    directions: tuple[Direction, ...] = field(default=(), metadata=LATER)
+    weights: tuple[NonNegative, ...] = field(default=(), metadata=LATER)
+    reason: str = field(default="", metadata=LEFT_OUT)
 
-    def to_dict(self) -> KKTData:
-        """Return the residuals as JSON data."""
-        data: KKTData = {
-            "stationarity": self.stationarity,
-            "feasibility": self.feasibility,
-            "complementarity": self.complementarity,
-            "locally_optimal": self.is_small,
-            "directions": [list(direction) for direction in self.directions],
-            "weights": list(self.weights),
-        }
-        return {**data, "reason": self.reason} if self.reason else data
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "locally_optimal", self.largest < SMALL)
 
     @classmethod
-    def from_dict(cls, data: KKTData) -> KKT:
+    def from_dict(cls, data: Json, name: str = "kkt") -> Self:
         """Return the residuals that ``to_dict`` wrote.
 
         Raises
         ------
         InputError
-            Where the residuals contradict the stated reason.
+            Where the residuals contradict ``locally_optimal``.
         """
-        residuals = cls(
-            float(data["stationarity"]),
-            float(data["feasibility"]),
-            float(data["complementarity"]),
-            data.get("reason", ""),
-            tuple(tuple(map(float, direction)) for direction in data.get("directions", [])),
-            tuple(map(float, data.get("weights", []))),
-        )
-        if residuals.is_small != data["locally_optimal"]:
-            raise InputError("kkt.locally_optimal", data["locally_optimal"], f"{residuals.is_small}, by its residuals")
-        return residuals
+        kkt = super().from_dict(data, name)
+        if kkt.locally_optimal != data["locally_optimal"]:
+            expected = f"{kkt.locally_optimal}, by its residuals"
+            raise InputError(f"{name}.locally_optimal", data["locally_optimal"], expected)
+        return kkt
 
     @property
     def words(self) -> str:
@@ -96,8 +86,8 @@ class KKT:
 
     @property
     def is_small(self) -> bool:
-        """Whether all residuals are below 1e-6, so that the point is a first-order optimum of the program."""
-        return self.largest < SMALL
+        """The same as ``locally_optimal``."""
+        return self.locally_optimal
 
 
 def kkt_residuals(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from nlpgrasp.common.formatting import format_number, vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import number
-from nlpgrasp.errors import InputError
+from nlpgrasp.solution.record_fields import LATER, Count, NonNegative, Record
 
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
 MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
@@ -19,7 +18,7 @@ BODY = "the body"  # name of the held body among the things that links penetrate
 
 
 @dataclass(frozen=True)
-class LinkPenetration:
+class LinkPenetration(Record):
     """Deepest penetration of a hand's links, by their collision shapes.
 
     Parameters
@@ -36,11 +35,11 @@ class LinkPenetration:
         Number of postures that were checked.
     """
 
-    depth: float = 0.0
+    depth: NonNegative = 0.0
     link: str | None = None
-    thing: str = BODY
-    tolerance: float = TOLERANCE
-    postures: int = 1
+    thing: str = field(default=BODY, metadata=LATER)
+    tolerance: NonNegative = field(default=TOLERANCE, metadata=LATER)
+    postures: Count = field(default=1, metadata={"key": "samples"})
 
     @property
     def is_free(self) -> bool:
@@ -51,32 +50,6 @@ class LinkPenetration:
     def words(self) -> str:
         """The penetration as text."""
         return f"link {self.link} is {format_number(1e3 * self.depth, 2)} mm inside {self.thing}"
-
-    def to_dict(self) -> Json:
-        """Return the penetration as JSON data."""
-        return {
-            "depth": self.depth,
-            "link": self.link,
-            "thing": self.thing,
-            "tolerance": self.tolerance,
-            "samples": self.postures,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Json, name: str) -> LinkPenetration:
-        """Return the record that ``to_dict`` wrote; older files lack thing and tolerance.
-
-        Raises
-        ------
-        InputError
-            On invalid or negative numbers; ``name`` is shown in the message.
-        """
-        if not isinstance(data, dict) or not {"depth", "samples"} <= data.keys():
-            raise InputError(name, data, "a mapping with depth, link and samples")
-        lengths = [number(f"{name}.{key}", data.get(key, TOLERANCE), at_least=0.0) for key in ("depth", "tolerance")]
-        link = data.get("link")
-        thing, postures = str(data.get("thing", BODY)), int(data["samples"])
-        return cls(lengths[0], None if link is None else str(link), thing, lengths[1], postures)
 
 
 def grasp_penetration(hand: Json | None) -> LinkPenetration | None:

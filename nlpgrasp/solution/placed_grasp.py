@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
 from nlpgrasp.common.formatting import vector
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, prefix_errors
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.schema import ContactData, GraspData
 
 OWN_NORMAL = 1e-5  # radians: a stated normal this near the mesh's counts as the mesh's
 FAR = 1e-3  # metres: larger moves of contacts are reported
@@ -46,7 +45,7 @@ class PlacedGrasp:
         size = float(np.linalg.norm(np.ptp(self.grasp.points, axis=0)))
         return result if self.surface is None else [*result, *self.surface.lines(size)]
 
-    def to_dict(self) -> GraspData:
+    def to_dict(self) -> Json:
         """Return the grasp as JSON data, contact by contact."""
         return {
             "dimension": self.grasp.dimension,
@@ -54,9 +53,9 @@ class PlacedGrasp:
             "contacts": [self._contact(i) for i in range(len(self.grasp))],
         }
 
-    def _contact(self, i: int) -> ContactData:
+    def _contact(self, i: int) -> Json:
         grasp = self.grasp
-        entries = {
+        return {
             "position": grasp.points[i].tolist(),
             "normal": grasp.normals[i].tolist(),
             "tangents": grasp.tangents[i].tolist(),
@@ -64,10 +63,9 @@ class PlacedGrasp:
             **grasp.contacts[i].to_dict(),
             **({} if self.surface is None else self.surface.at(i)),
         }
-        return cast(ContactData, entries)  # and those of its contact model
 
     @classmethod
-    def from_dict(cls, data: GraspData, name: str) -> PlacedGrasp:
+    def from_dict(cls, data: Json, name: str) -> PlacedGrasp:
         """Return the grasp that ``to_dict`` wrote.
 
         Raises
@@ -163,7 +161,7 @@ class SurfaceMatch:
         }
 
     @classmethod
-    def of(cls, contacts: list[ContactData]) -> SurfaceMatch | None:
+    def of(cls, contacts: Sequence[Json]) -> SurfaceMatch | None:
         """Return the match from the contacts' JSON entries; None where one of them states nothing."""
         if not all("surface_distance" in c and "surface_angle" in c and "moved" in c for c in contacts):
             return None

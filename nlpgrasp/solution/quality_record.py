@@ -21,8 +21,8 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded
+from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import UNKNOWN
-from nlpgrasp.solution.schema import GlobalBoundData, MuData, QualityData
 
 SCHEMA = "nlpgrasp-bound/1"  # of a bound file
 SMALL = 200_000  # bytes: largest certificate stored inside another file
@@ -56,32 +56,30 @@ class Quality:
     bound: GlobalBound | None = None
     needed: ForcesNeeded | None = None
 
-    def to_dict(self) -> QualityData:
+    def to_dict(self) -> Json:
         """Return the measures as JSON data, None for unknown ones."""
-        direction = self.mu.worst_direction
-        mu: MuData = {
+        mu = {
             "lower": self.mu.lower,
             "upper": self.mu.upper,
             "kind": self.kind,
-            "worst_direction": None if direction is None else direction.tolist(),
+            "worst_direction": to_json(self.mu.worst_direction),
         }
         if self.mu.limit:
             mu["limit"] = self.mu.limit
-        paper = self.mu.beta
-        if paper is not None and self.mu.task_beta != 1.0:
-            mu["beta"] = paper.to_dict()
-        data: QualityData = {
+        if self.mu.task_beta not in (None, 1.0):
+            mu["beta"] = to_json(self.mu.beta)
+        data = {
             "mu": mu if math.isfinite(self.mu.upper) else None,
-            "delta": None if self.delta is None else self.delta.to_dict(),
-            "nu": None if self.nu is None else self.nu.to_dict(),
-            "robust": None if self.robust is None else self.robust.to_dict(),
+            "delta": to_json(self.delta),
+            "nu": to_json(self.nu),
+            "robust": to_json(self.robust),
         }
         if self.needed is not None:
             data["forces_needed"] = self.needed.to_dict()
         return data if self.bound is None else {**data, "best_possible": self.bound.to_dict(self.mu.lower)}
 
     @classmethod
-    def from_dict(cls, data: QualityData, dimension: int | None, name: str) -> Quality:
+    def from_dict(cls, data: Json, dimension: int | None, name: str) -> Quality:
         """Return the measures that ``to_dict`` wrote.
 
         Parameters
@@ -110,7 +108,7 @@ class Quality:
         )
 
 
-def _read_mu(data: MuData, dimension: int | None, name: str) -> Bounds:
+def _read_mu(data: Json, dimension: int | None, name: str) -> Bounds:
     """Return the certified interval with its worst direction."""
     components, direction = data.get("worst_direction"), None
     if components is not None:
@@ -149,7 +147,7 @@ def measure_meaning(kind: str, budget: ForceBudget) -> str:
     return f"1 {budget.unit} ({budget.amount}) holds {task} scaled by this factor"
 
 
-def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:
+def check_beta(data: Json, beta: Bounds | None, name: str) -> None:
     """Refuse an interval of the paper's beta that differs from mu times the task's beta.
 
     Raises
@@ -197,10 +195,10 @@ class GlobalBound:
         """Return the relative optimality gap ``upper / mu - 1`` of a grasp of this certified quality."""
         return max(0.0, self.upper / mu - 1.0) if mu > 0.0 else math.inf
 
-    def to_dict(self, mu: float) -> GlobalBoundData:
+    def to_dict(self, mu: float) -> Json:
         """Return the bound as JSON data, with the gap of a grasp of this quality; an infinite gap is null."""
         gap = self.gap(mu) if self.stated_gap is None else self.stated_gap
-        data: GlobalBoundData = {
+        data: Json = {
             "upper": self.upper,
             "gap": gap if math.isfinite(gap) else None,
             "nodes": self.nodes,
@@ -240,7 +238,7 @@ class GlobalBound:
         return replace(self, certificate=bound_file_reference(write_bound(data, path.with_suffix(".bound.json"))))
 
     @classmethod
-    def from_dict(cls, data: GlobalBoundData, name: str) -> GlobalBound:
+    def from_dict(cls, data: Json, name: str) -> GlobalBound:
         """Return the bound that ``to_dict`` wrote; the stated gap is checked by ``verify``."""
         upper, gap = number(f"{name}.upper", data["upper"], at_least=0.0), data.get("gap")
         dropped, certificate = tuple(data.get("dropped", ())), data.get("certificate", {})

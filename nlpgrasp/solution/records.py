@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from nlpgrasp.common.formatting import format_upper
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.schema import ConstraintData, SolutionData, SolverData, StartData
+from nlpgrasp.solution.record_fields import LATER, LEFT_OUT, NULL_IF_INFINITE, Record
 
 UNKNOWN = Bounds(0.0, math.inf)  # quality without a grasp
 
@@ -48,7 +49,7 @@ class CandidateOrigin(Enum):
 
 
 @dataclass(frozen=True)
-class StartRecord:
+class StartRecord(Record):
     """Record of one start of the solve.
 
     Parameters
@@ -58,9 +59,9 @@ class StartRecord:
     faces : tuple of str
         The face each contact is on.
     mu : Bounds
-        Certified quality of the start's grasp; ``[0, inf]`` without one.
+        Certified quality of the start's grasp; ``[0, inf]`` without one, null in a file.
     violation : float
-        Largest violation of a constraint, relative to its scale; inf when unknown.
+        Largest violation of a constraint, relative to its scale; inf when unknown, null in a file.
     iterations : int
         IPOPT iterations of the kept attempt; 0 where the start was warm and every step was a quadratic program.
     seconds : mapping
@@ -78,62 +79,19 @@ class StartRecord:
     index: int
     status: Status
     faces: tuple[str, ...] = ()
-    mu: Bounds = UNKNOWN
-    violation: float = math.inf
+    mu: Bounds = field(default=UNKNOWN, metadata={**LATER, **NULL_IF_INFINITE})
+    violation: float = field(default=math.inf, metadata=NULL_IF_INFINITE)
     iterations: int = 0
     seconds: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
-    history: tuple[float, ...] = ()
-    obstruction: str = ""
-    origin: CandidateOrigin | None = None
+    history: tuple[float, ...] = field(default=(), metadata=LATER)
+    obstruction: str = field(default="", metadata=LEFT_OUT)
+    origin: CandidateOrigin | None = field(default=None, metadata=LEFT_OUT)
 
     @property
     def has_grasp(self) -> bool:
         """Whether the start ended with a certified, feasible grasp, with free links or not."""
         return self.status in (Status.SOLVED, Status.TOUCHES)
-
-    def to_dict(self) -> StartData:
-        """Return the record as JSON data, None for unknown values."""
-        data: StartData = {
-            "index": self.index,
-            "status": self.status.name.lower(),
-            "faces": list(self.faces),
-            "mu": self.mu.to_dict() if math.isfinite(self.mu.upper) else None,
-            "violation": _finite_or_none(self.violation),
-            "iterations": self.iterations,
-            "seconds": dict(self.seconds),
-            "message": self.message,
-            "history": list(self.history),
-        }
-        if self.obstruction:
-            data["obstruction"] = self.obstruction
-        if self.origin is not None:
-            data["origin"] = self.origin.name.lower()
-        return data
-
-    @classmethod
-    def from_dict(cls, data: StartData) -> StartRecord:
-        """Return the record that ``to_dict`` wrote.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError, AttributeError
-            On other data: the JSON Schema does not cover starts.
-        """
-        mu = data.get("mu")
-        return cls(
-            index=int(data["index"]),
-            status=Status[str(data["status"]).upper()],
-            faces=tuple(map(str, data["faces"])),
-            mu=UNKNOWN if mu is None else Bounds(float(mu["lower"]), float(mu["upper"])),
-            violation=math.inf if data["violation"] is None else float(data["violation"]),
-            iterations=int(data["iterations"]),
-            seconds={str(stage): float(time) for stage, time in data["seconds"].items()},
-            message=str(data["message"]),
-            history=tuple(map(float, data.get("history", ()))),
-            obstruction=str(data.get("obstruction", "")),
-            origin=CandidateOrigin[data["origin"].upper()] if "origin" in data else None,
-        )
 
 
 @dataclass(frozen=True)
@@ -171,9 +129,9 @@ class ConstraintReport:
         """Whether the constraint is an equation: always met, and no limit that a user could move."""
         return self.lower == self.upper
 
-    def to_dict(self) -> ConstraintData:
+    def to_dict(self) -> Json:
         """Return the report as JSON data, None for no limit."""
-        data: ConstraintData = {
+        data: Json = {
             "name": self.name,
             "value": self.value,
             "bound": [_finite_or_none(self.lower), _finite_or_none(self.upper)],
@@ -181,11 +139,11 @@ class ConstraintReport:
             "active": self.active,
         }
         if self.kind:
-            data |= {"kind": self.kind, "fingers": list(self.fingers)}
+            return {**data, "kind": self.kind, "fingers": list(self.fingers)}
         return data
 
     @classmethod
-    def from_dict(cls, data: ConstraintData) -> ConstraintReport:
+    def from_dict(cls, data: Json) -> ConstraintReport:
         """Return the report that ``to_dict`` wrote."""
         lower, upper = data["bound"]
         return cls(
@@ -200,7 +158,7 @@ class ConstraintReport:
         )
 
 
-def read_starts(data: SolutionData, name: str) -> tuple[tuple[StartRecord, ...], int | None, SolverData]:
+def read_starts(data: Json, name: str) -> tuple[tuple[StartRecord, ...], int | None, Json]:
     """Return the starts of a file, the index of the start of its answer if stated, and its other ``solver`` data.
 
     Raises
@@ -208,15 +166,15 @@ def read_starts(data: SolutionData, name: str) -> tuple[tuple[StartRecord, ...],
     InputError
         On an invalid start, or an answer of no start; ``name`` is shown in the message.
     """
-    solver: SolverData = {**data.get("solver", {})}
-    try:
-        starts = tuple(StartRecord.from_dict(start) for start in solver.pop("starts", []))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
+    solver = data.get("solver", {})
+    starts = tuple(
+        StartRecord.from_dict(start, f"{name}: solver.starts.{i}") for i, start in enumerate(solver.get("starts", ()))
+    )
     best_start = data.get("best_start")
     if best_start is not None and best_start not in [start.index for start in starts]:
         raise InputError(f"{name}: best_start", best_start, "the index of one of its starts")
-    return starts, None if best_start is None else int(best_start), solver
+    other_data = {key: value for key, value in solver.items() if key != "starts"}
+    return starts, None if best_start is None else int(best_start), other_data
 
 
 def status_message(status: Status, optimality: str) -> str:

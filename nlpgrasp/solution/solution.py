@@ -28,7 +28,7 @@ from nlpgrasp.solution.analysis_records import (
     fragility_warning,
     mu_before_margins,
 )
-from nlpgrasp.solution.file import read_solution_data, write_solution
+from nlpgrasp.solution.file import SCHEMA_NAME, read_solution_data, write_solution
 from nlpgrasp.solution.force_records import ForcesNeeded, excess_force_warning, forces_and_moments, held_wrenches
 from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, grasp_table, read_kept_grasps
 from nlpgrasp.solution.kkt import KKT
@@ -48,6 +48,7 @@ from nlpgrasp.solution.obstructions import (
 from nlpgrasp.solution.phase_record import Phase, read_phases
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import GlobalBound, Quality, check_beta, format_quality
+from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import (
     UNKNOWN,
     ConstraintReport,
@@ -57,7 +58,6 @@ from nlpgrasp.solution.records import (
     read_starts,
     status_message,
 )
-from nlpgrasp.solution.schema import SCHEMA_NAME, SolutionData, SolverData
 from nlpgrasp.solution.squeeze_record import (
     JointSqueeze,
     Squeeze,
@@ -175,7 +175,7 @@ class GraspSolution(InNotebook):
     best_start: int | None = None
     others: tuple[FoundGrasp, ...] = ()
     stated_first: FoundGrasp | None = field(default=None, repr=False, compare=False)
-    solver: SolverData = field(default_factory=SolverData)
+    solver: Json = field(default_factory=dict)
     source: GraspProblem | None = field(default=None, repr=False, compare=False)
 
     _card: ClassVar[tuple[str, str]] = CARD
@@ -582,11 +582,11 @@ class GraspSolution(InNotebook):
 
     # Files
 
-    def to_dict(self) -> SolutionData:
+    def to_dict(self) -> Json:
         """Return the solution as JSON data, schema 1 (docs/json.md)."""
-        solver: SolverData = {**self.solver, "starts": [start.to_dict() for start in self.starts]}
+        solver = {**self.solver, "starts": to_json(self.starts)}
         versions = solver.pop("versions", {})
-        data: SolutionData = {
+        data = {
             "schema": SCHEMA_NAME,
             "created_by": dict(versions),
             "status": self.status.name.lower(),
@@ -596,21 +596,21 @@ class GraspSolution(InNotebook):
             "grasp": None if self.grasp is None else PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
             "quality": self._quality.to_dict(),
-            "forces": [record.to_dict() for record in held_wrenches(self.forces, self.moments)],
-            "constraints": [report.to_dict() for report in self.constraints],
-            "shadow_prices": [price.to_dict() for price in self.prices],
-            "why_not": None if self.why_not is None else self.why_not.to_dict(),
-            "drawing": None if self.drawing is None else self.drawing.to_dict(),
+            "forces": to_json(held_wrenches(self.forces, self.moments)),
+            "constraints": to_json(self.constraints),
+            "shadow_prices": to_json(self.prices),
+            "why_not": to_json(self.why_not),
+            "drawing": to_json(self.drawing),
             "solver": solver,
         }
         if self.others:
-            data = {**data, "grasps": [grasp.to_dict() for grasp in self.grasps]}
+            data["grasps"] = to_json(self.grasps)
         if self.kkt is not None:
-            data = {**data, "kkt": self.kkt.to_dict()}
+            data["kkt"] = self.kkt.to_dict()
         return data if self.best_start is None else {**data, "best_start": self.best_start}
 
     @classmethod
-    def from_dict(cls, data: SolutionData, name: str = "solution") -> GraspSolution:
+    def from_dict(cls, data: Json, name: str = "solution") -> GraspSolution:
         """Return the solution that ``to_dict`` wrote; ``name`` is shown in messages: a file's path.
 
         Raises
@@ -689,7 +689,7 @@ class GraspSolution(InNotebook):
         return (self.hand or {}).get("room")
 
 
-def _read_solution(data: SolutionData, name: str) -> GraspSolution:
+def _read_solution(data: Json, name: str) -> GraspSolution:
     """Return the solution of a file's data, unchecked as a whole."""
     placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
     dimension = None if placed is None else placed.grasp.dimension
@@ -708,8 +708,8 @@ def _read_solution(data: SolutionData, name: str) -> GraspSolution:
         moments=moments,
         constraints=tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
         prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
-        kkt=None if kkt is None else KKT.from_dict(kkt),
-        why_not=None if why_not is None else WhyNot.from_dict(why_not),
+        kkt=None if kkt is None else KKT.from_dict(kkt, f"{name}: kkt"),
+        why_not=None if why_not is None else WhyNot.from_dict(why_not, f"{name}: why_not"),
         hand=data.get("hand"),
         drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
         starts=starts,

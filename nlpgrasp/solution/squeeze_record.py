@@ -13,7 +13,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.force_records import ForcesNeeded
+from nlpgrasp.solution.force_records import ForcesNeeded, finger_entries
 
 GAIN = 5.0  # N m / rad: default gain of the joints' position control
 LEAST = 1e-9  # newton-metres, or radians per rate: smaller values count as zero
@@ -151,14 +151,11 @@ class Squeeze:
 
     def to_dict(self) -> Json:
         """Return the squeeze as JSON data, ``hand.squeeze`` of a solution file."""
-        fingers = []
-        for i, force in enumerate(self.forces):
-            entry = {"force": force.tolist(), "normal": float(self.normal[i]), "friction": float(self.friction[i])}
-            fingers.append(entry if self.moments is None else {**entry, "moment": self.moments[i].tolist()})
+        columns = {"force": self.forces, "normal": self.normal, "friction": self.friction}
         data = {
             "normal_force": self.normal_force,
             "wrench": self.wrench.tolist(),
-            "fingers": fingers,
+            "fingers": finger_entries(**columns, moment=self.moments),
             "friction_needed": self.friction_needed,
             "share": self.share,
             "residual": self.residual,

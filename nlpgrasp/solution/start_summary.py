@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
-from nlpgrasp.solution.schema import SolverData
 
 ALLOWED = 1e-4  # largest relative violation of grasps on a mesh; elsewhere a tenth of it
 SOLVER_WORD = re.compile(r"\b[A-Z][A-Za-z]*(?:_[A-Z][A-Za-z]*)+\b")  # a status name of IPOPT in a message
@@ -74,7 +74,7 @@ def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
     return [f"{head}: {', '.join(counts)}{solves}"]
 
 
-def ipopt_lines(solver: SolverData) -> list[str]:
+def ipopt_lines(solver: Json) -> list[str]:
     """Return in a line the number of a solve's calls in which IPOPT did not run; empty where it always did.
 
     Parameters

@@ -5,15 +5,15 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.solution.record_fields import Matrix, Record, Vector
 from nlpgrasp.solution.solution import GraspSolution
 
 RATE, SPEED, JOINT_SPEED = 50.0, 0.1, 0.5  # defaults: samples per second, m/s of the palm, rad/s of joints
@@ -22,7 +22,7 @@ PALM = ("palm_x", "palm_y", "palm_z", "palm_qw", "palm_qx", "palm_qy", "palm_qz"
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Record):
     """Hand trajectory: straight between the keyframes of ``solution.phases``, each leg at constant speeds.
 
     Parameters
@@ -41,23 +41,12 @@ class Trajectory:
         Radians or metres.
     """
 
-    times: FloatArray
+    times: Vector
     phases: tuple[str, ...]
-    palm_positions: FloatArray
-    palm_quaternion: FloatArray
+    palm_positions: Matrix
+    palm_quaternion: Vector = field(metadata={"key": "palm_quaternion_wxyz"})
     joint_names: tuple[str, ...]
-    joints: FloatArray
-
-    def to_dict(self) -> Json:
-        """Return the trajectory as JSON data."""
-        return {
-            "times": self.times.tolist(),
-            "phases": list(self.phases),
-            "palm_positions": self.palm_positions.tolist(),
-            "palm_quaternion_wxyz": self.palm_quaternion.tolist(),
-            "joint_names": list(self.joint_names),
-            "joints": self.joints.tolist(),
-        }
+    joints: Matrix
 
     def to_csv(self) -> str:
         """Return the trajectory as CSV text: time, phase, palm position and quaternion, joints."""

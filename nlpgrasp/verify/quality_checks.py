@@ -99,7 +99,8 @@ def robustness_checks(
     slipping = set() if budget.depends_on_frames else near_edges
     displacement = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
     is_zero = stated.mu.upper <= ZERO_SHARE * solution.mu.upper
-    share, is_fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
+    share = stated.share(solution.mu) if stated.stated_share is None else stated.stated_share
+    is_fragile = stated.is_fragile(solution.mu) if stated.stated_fragile is None else stated.stated_fragile
     passed = all(
         (
             overlap_check("", stated.mu, recomputed).passed,

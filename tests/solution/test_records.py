@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,8 @@ import nlpgrasp as ng
 from nlpgrasp.quality import Bounds, Volume
 from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, SurfaceMatch
 from nlpgrasp.solution.force_records import HeldWrench, forces_and_moments, held_wrenches
+from nlpgrasp.solution.kkt import KKT
+from nlpgrasp.solution.obstructions import LinkPenetration
 from nlpgrasp.solution.placed_grasp import PlacedGrasp
 from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.records import CandidateOrigin
@@ -36,6 +38,9 @@ PLAIN = [
     ng.ShadowPrice("Spread.max", 0.09, 1e-3, "1 mm", 0.007),
     CONFLICT,
     ng.WhyNot((CONFLICT,), None, ("Too wide.",), ("Move the table.",), True),
+    KKT(1e-9, 0.0, 1e-8, ((1.0, 0.0, 1 / 3),), (1.0,)),
+    KKT(1e-3, 0.0, 0.0, reason="The last step failed."),
+    LinkPenetration(1e-4, "thumb", "table", 2e-3, 20),
 ]
 NAMED = [
     Bounds(0.1, 1 / 3),
@@ -83,6 +88,35 @@ def test_what_is_not_known_is_null():
     assert data["mu"] is None
     assert data["violation"] is None
     assert ConstraintReport("x", 0.0, -math.inf, math.inf, 0.0, False).to_dict()["bound"] == [None, None]
+
+
+def test_entries_are_the_fields_in_their_order():
+    assert list(START.to_dict())[:4] == ["index", "status", "faces", "mu"]
+    assert [*PLAIN[7].to_dict()][3] == "locally_optimal"  # computed
+    assert PLAIN[9].to_dict() == {"depth": 1e-4, "link": "thumb", "thing": "table", "tolerance": 2e-3, "samples": 20}
+    assert "origin" in START.to_dict()
+    assert PLAIN[1].to_dict().keys().isdisjoint(["obstruction", "origin"])  # left out by default
+
+
+def test_entries_that_earlier_files_lack_are_the_defaults():
+    data = {k: v for k, v in START.to_dict().items() if k not in ("history", "origin")}
+    assert StartRecord.from_dict(data) == replace(START, history=(), origin=None)
+    assert LinkPenetration.from_dict({"depth": 0.1, "link": None, "samples": 3}) == LinkPenetration(0.1, postures=3)
+
+
+def test_a_computed_entry_that_does_not_follow_is_refused():
+    with pytest.raises(
+        ng.InputError, match=r"f\.json: kkt\.locally_optimal: got False, expected True, by its residuals"
+    ):
+        KKT.from_dict({**PLAIN[7].to_dict(), "locally_optimal": False}, "f.json: kkt")
+
+
+def test_a_contact_that_does_not_exist_cannot_be_lost():
+    robustness = ng.Robustness(1e-3, 0.1, Bounds(0.2, 0.25), np.eye(2), -np.eye(2), (1,), 0.8, False)
+    data = through_json(robustness.to_dict())
+    assert same(ng.Robustness.from_dict(data), robustness)
+    with pytest.raises(ng.InputError, match=r"quality\.robust\.lost: got 2, expected a whole number from 0 to 1"):
+        ng.Robustness.from_dict({**data, "lost": [2]}, "quality.robust")
 
 
 def test_a_diagnosis_keeps_its_direction():

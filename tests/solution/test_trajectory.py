@@ -52,6 +52,7 @@ def test_exports_hold_the_same_numbers(solution):
     data = json.loads(format_named("trajectory_json").export(solution))
     np.testing.assert_array_equal(data["palm_positions"], path.palm_positions)
     assert data["palm_quaternion_wxyz"] == path.palm_quaternion.tolist()
+    np.testing.assert_array_equal(ng.Trajectory.from_dict(data).joints, path.joints)
 
 
 def test_phases_go_through_a_file(solution, tmp_path):
