@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Generic, Protocol, TypeVar
 
 import clarabel
@@ -18,8 +18,8 @@ TOLERANCE, SLACK_TOLERANCE = 1e-9, 1e-8  # solver tolerance without and with sla
 LEAST_CURVATURE = 1e-8  # quadratic penalty of slacks with a linear one
 STEP_SHARE = 0.05  # share of the step's bounds: constraints that such a step can violate are included first
 BROKEN = 1e-9  # least violation at which an omitted constraint is added
-OVERSHOT = 1.5  # violation after a step over the one before it above which the step is repeated, shorter
-SHORTER = 0.3  # length of the repeated step over the first one
+OVERSHOT = 1.5  # violation after a Newton step over the one before it above which the step is shortened
+SHORTER, LEAST_SHARE = 0.3, 0.1  # factor on the step; share of it below which it is taken as it is
 STALLED = 0.98  # share of the violation left by a step above which it counts as no progress
 
 
@@ -322,12 +322,6 @@ class NewtonResult(Generic[R]):
         return self.rows.violation
 
 
-def _largest_share(rows: Linearised, step: FloatArray) -> float:
-    """Return the largest component of a step as a share of its bounds."""
-    bounds = np.where(step > 0.0, rows.most, -rows.least)
-    return float(np.max(np.abs(step) / np.maximum(bounds, 1e-300), initial=0.0))
-
-
 def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> NewtonResult[R]:
     """Reduce the violation by Newton steps; return the variables of least violation and the last ones.
 
@@ -339,22 +333,25 @@ def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rul
     rules : NewtonRules
     """
     rows = linearise(z)
-    best, best_rows, stalled, contradicted, share = z, rows, 0, False, 1.0
+    best, best_rows, stalled, contradicted = z, rows, 0, False
+    step, share = None, 1.0
     for remaining in reversed(range(rules.steps)):
         if rows.violation <= rules.enough or stalled > rules.patience:
             break
-        step = quadratic_step(replace(rows, least=share * rows.least, most=share * rows.most), slack=rules.slack)
+        if step is None:
+            step, share = quadratic_step(rows, slack=rules.slack), 1.0
         if step is None:
             contradicted = True
             break
-        previous, z = z, z + step.d
+        moved_z = z + share * step.d
         if remaining:
-            moved = linearise(z)
+            moved = linearise(moved_z)
             stalled = 0 if moved.violation < STALLED * best_rows.violation else stalled + 1
             if moved.violation < best_rows.violation:
-                best, best_rows = z, moved
-            if moved.violation > OVERSHOT * rows.violation:
-                z, share = previous, SHORTER * min(share, _largest_share(rows, step.d))
-            else:
-                rows, share = moved, min(1.0, share / SHORTER)
+                best, best_rows = moved_z, moved
+            if moved.violation > OVERSHOT * rows.violation and share > LEAST_SHARE:
+                share *= SHORTER
+                continue
+            rows, step = moved, None
+        z = moved_z
     return NewtonResult(best, best_rows, z, contradicted)

@@ -18,7 +18,8 @@ LENGTH = 0.025  # metres: part of a link's end that its fingertip has
 WIDEST = np.radians(50.0)  # angle of a patch, at most
 SEARCHED = np.radians(80.0)  # angle about the pad's edge within which a patch is looked for
 PROTRUSION = 5e-4  # metres: largest distance of other shapes of the link in front of the patch's tangent planes
-OFF_SHAPE = 3e-4  # metres: largest distance of the patch from the link's shapes
+OFF_SHAPE = (3e-4, 1e-3, 2e-3)  # metres: largest distance of the patch from a concave shape, the next if too narrow
+WIDE_ENOUGH, NARROWEST = np.radians(30.0), 0.1  # angle of a patch from which on it is not too narrow; at least
 FIT = 5e-5  # metres: largest distance of the hull's corners from the convex hull of the link's end
 MOST_POINTS = 80  # corners of a fingertip
 SIDES = 48  # of the sampled directions
@@ -40,26 +41,26 @@ def fit_hull_tips(robot: Robot, links: Sequence[str]) -> dict[str, HullTip]:
 
 
 class _LinkEnd:
-    """End of a link away from its last moving joint: the end of the farthest of the shapes rigidly connected to it."""
+    """End of a link away from its last moving joint, as convex hull of its farthest shape and of all its shapes."""
 
     def __init__(self, robot: Robot, link: str) -> None:
         chain = [joint for joint in robot.chain(link) if joint.moves]
         frame = np.eye(4)
         if chain and (transform := robot.fixed_transform(chain[-1].child, link)) is not None:
             frame = transform
-        shapes = group_shapes(robot, link)
-        if not shapes:
+        self.shapes = group_shapes(robot, link)
+        if not self.shapes:
             problem = "a link without a collision shape"
             raise InputError(f"URDFHand.fingertips[{link!r}]", problem, "a radius or a tip, such as ng.SphereTip(0.01)")
-        vertices = [shape.mesh.vertices @ T[:3, :3].T + T[:3, 3] for shape, T in shapes]
+        vertices = [shape.mesh.vertices @ T[:3, :3].T + T[:3, 3] for shape, T in self.shapes]
         self.group = np.concatenate(vertices)
         direction = self.group.mean(axis=0) - frame[:3, 3]
         self.direction = direction / np.linalg.norm(direction)
         farthest = int(np.argmax([np.max(points @ self.direction) for points in vertices]))
-        self.shape, self.frame = shapes[farthest]
-        sphere = dome(self.direction, np.pi, SIDES).vertices
-        self.corners = _cut(_supporting_points(vertices[farthest], sphere, len(sphere)), self.direction, LENGTH)
-        self.centre = self.corners.mean(axis=0)
+        self.solids = [self._cut_end(vertices[farthest])]
+        if len(vertices) > 1:
+            self.solids.append(self._cut_end(self.group))
+        self.centre = self.solids[0].mean(axis=0)
         self.motion, self.closing = np.zeros(3), 0.0
         if chain:
             axis = frame[:3, :3] @ chain[-1].axis
@@ -76,23 +77,43 @@ class _LinkEnd:
         length = float(np.linalg.norm(across))
         middle = self.direction + (across / length if length > 1e-6 else 0.0)
         normals = dome(middle / np.linalg.norm(middle), SEARCHED, SIDES).vertices
-        corners = _supporting_points(self.corners, normals, MOST_POINTS)
-        tip = HullTip(corners, normals[0], SEARCHED)
+        tips = [self._widest_patch(solid, normals) for solid in self.solids]
+        angles, facing = np.array([tip.angle for tip in tips]), np.array([tip.facing for tip in tips])
+        return tips[int(np.argmax(_merits(angles, facing @ normals[0])))]
+
+    def _cut_end(self, vertices: FloatArray) -> FloatArray:
+        """Return the corners of the end of the convex hull of some vertices."""
+        sphere = dome(self.direction, np.pi, SIDES).vertices
+        return _cut(_supporting_points(vertices, sphere, len(sphere)), self.direction, LENGTH)
+
+    def _widest_patch(self, solid: FloatArray, normals: FloatArray) -> HullTip:
+        """Return the widest patch of a convex hull that is on the link's shapes, with no other shape in front of it."""
+        corners = _supporting_points(solid, normals, MOST_POINTS)
+        points = HullTip(corners, normals[0], SEARCHED).points_with_normals(normals)
         protrusion = np.max(normals @ self.group.T, axis=1) - np.max(normals @ corners.T, axis=1)
-        gaps = np.abs(self.shape.depth((tip.points_with_normals(normals) - self.frame[:3, 3]) @ self.frame[:3, :3]))
-        return HullTip(corners, *_widest_cone(normals, (protrusion <= PROTRUSION) & (gaps <= OFF_SHAPE)))
+        depths = [shape.depth((points - T[:3, 3]) @ T[:3, :3]) for shape, T in self.shapes]
+        gaps = np.maximum(-np.max(depths, axis=0), 0.0)
+        facing, angle = normals[0], 0.0
+        for off_shape in OFF_SHAPE:
+            if angle < WIDE_ENOUGH:
+                facing, angle = _widest_cone(normals, (protrusion <= PROTRUSION) & (gaps <= off_shape))
+        return HullTip(corners, facing, max(angle, NARROWEST))
+
+
+def _merits(angles: FloatArray, cosines: FloatArray) -> FloatArray:
+    """Return the merits of patches: their angle less half of that between their middle and the wanted one, radians."""
+    return np.asarray(np.minimum(angles, WIDEST) - 0.5 * np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def _widest_cone(normals: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatArray, float]:
     """Return the axis and angle of the widest cone of usable normals among (m, 3), near the first normal if many."""
     if not usable.any():
-        return normals[0], WIDEST
+        return normals[0], 0.0
     cosines = np.clip(normals @ normals.T, -1.0, 1.0)
-    angles = np.arccos(cosines)
-    nearest = np.min(np.where(usable, np.inf, angles), axis=1)
+    nearest = np.min(np.where(usable, np.inf, np.arccos(cosines)), axis=1)
     clear = np.minimum(np.where(usable, nearest, 0.0), WIDEST)
-    best = int(np.argmax(clear - 0.5 * angles[0]))
-    return normals[best], float(max(clear[best], 0.1))
+    best = int(np.argmax(_merits(clear, cosines[0])))
+    return normals[best], float(clear[best])
 
 
 def group_shapes(robot: Robot, link: str) -> list[tuple[CollisionShape, FloatArray]]:

@@ -18,7 +18,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.finger_chains import format_as_list, format_direction, suggested_approach
 from nlpgrasp.hands.kinematics import LinkTree
-from nlpgrasp.hands.link_spheres import WORTH_A_WARNING, SphereFit, fit_hand
+from nlpgrasp.hands.link_spheres import SphereFit, fit_hand, links_thicker_than_tips
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.opposition import TOUCH, Opposition, TipMeeting, opposition
 from nlpgrasp.hands.presets import matching_preset
@@ -272,11 +272,10 @@ def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
         result.append(
             FileWarning("No link has a collision shape: all but the fingertips may pass through the body.", grave=True)
         )
-    for link, fit in hand.fits.items():
-        if fit.uncovered > WORTH_A_WARNING:
-            depth = format_number(1e3 * fit.uncovered, 2)
-            text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {depth} mm into the body."
-            result.append(FileWarning(text))
+    for link, depth in links_thicker_than_tips(hand.fits, hand.tree).items():
+        reach = format_number(1e3 * depth, 2)
+        text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {reach} mm into the body."
+        result.append(FileWarning(text))
     return result
 
 

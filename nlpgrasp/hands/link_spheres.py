@@ -23,7 +23,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.robot import Robot
-from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.tips import HullTip, Tip
 
 if TYPE_CHECKING:
     import trimesh
@@ -102,13 +102,24 @@ def fit_around_tips(fits: Mapping[str, SphereFit], tree: LinkTree, clearance: fl
                 fixed_tips.append((transform, tip))
         if fixed_tips:
             fit = replace(fit, uncovered=_uncovered_depth(tree.robot.shapes[link], fit, fixed_tips))
-            if fit.uncovered > WORTH_A_WARNING:
-                depth = f"{1e3 * fit.uncovered:.1f} mm"
-                text = f"link {link} is thicker than its fingertip: beside a contact it may reach {depth} into the body"
-                warn(text)
         if len(fit.radii):
             result[link] = fit
+    for link, depth in links_thicker_than_tips(result, tree).items():
+        text = f"link {link} is thicker than its fingertip: beside a contact it may reach {1e3 * depth:.1f} mm"
+        warn(f"{text} into the body")
     return result
+
+
+def links_thicker_than_tips(fits: Mapping[str, SphereFit], tree: LinkTree) -> dict[str, float]:
+    """Return how far links stick out of their spheres and stated fingertips, metres, where that is worth a warning.
+
+    Fingertips fitted to their links as hulls are as thick as these.
+    """
+    groups = tree.robot.rigid_groups
+    stated = {groups[link] for link, tip in tree.tips if not isinstance(tip, HullTip)}
+    return {
+        link: fit.uncovered for link, fit in fits.items() if groups[link] in stated and fit.uncovered > WORTH_A_WARNING
+    }
 
 
 def _uncovered_depth(

@@ -401,7 +401,7 @@ class EllipsoidTip(Tip):
 
     @property
     def posing_radius(self) -> float:
-        """Smallest semi-axis, metres."""
+        """Smallest semi-axis of the ellipsoid, metres."""
         return float(np.min(self.semi_axes))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:

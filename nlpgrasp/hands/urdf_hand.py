@@ -109,7 +109,7 @@ class URDFHand(LinkedHand):
         clearance: float = 0.0,
         spheres_per_link: int = 6,
         self_collision: bool = True,
-        tip_overhang: float = MOST_OVERHANG,
+        tip_overhang: float | None = None,
     ) -> URDFHand:
         """Return the hand of a robot file.
 
@@ -137,9 +137,9 @@ class URDFHand(LinkedHand):
             and cost time.
         self_collision : bool
             Keep the links from each other.
-        tip_overhang : float
+        tip_overhang : float, optional
             Largest distance of a fingertip beyond the collision shapes of its link, metres: there the finger itself
-            does not touch.
+            does not touch. 5 mm if not given, with a warning from 1 mm on.
 
         Raises
         ------
@@ -319,18 +319,18 @@ def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str,
     return result
 
 
-def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float) -> None:
-    """Refuse fingertips farther beyond the shapes of their links than ``most``, metres; warn of others that are off."""
-    limit = number("URDFHand.tip_overhang", most, at_least=0.0)
+def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float | None) -> None:
+    """Refuse fingertips farther beyond the shapes of their links than ``most``, metres; warn if it is not given."""
+    limit = MOST_OVERHANG if most is None else number("URDFHand.tip_overhang", most, at_least=0.0)
     for link, tip in tips:
         distance = overhang(tip, link, robot) or 0.0
-        if distance <= WORTH_A_WARNING:
-            continue
+        field = f"URDFHand.fingertips[{link!r}]"
         text = f"a fingertip that reaches {1e3 * distance:.1f} mm beyond the shapes of its link"
         cure = "None, to fit it to them, or another radius or tip"
         if distance > limit:
-            raise InputError(f"URDFHand.fingertips[{link!r}]", text, f"{cure}; tip_overhang={distance:.1g} allows it")
-        warn(f"URDFHand.fingertips[{link!r}]: {text}: the finger itself does not touch there; expected {cure}")
+            raise InputError(field, text, f"{cure}; tip_overhang={np.ceil(1e3 * distance) / 1e3:g} allows it")
+        if most is None and distance > WORTH_A_WARNING:
+            warn(f"{field}: {text}: the finger itself does not touch there; expected {cure}")
 
 
 def _check_radius(field: str, radius: object) -> float:

@@ -44,11 +44,11 @@ def test_it_is_asked_about(parts, message):
 
 
 def test_a_fingertip_larger_than_the_body():
-    hand = ng.URDFHand.load(THREE, dict.fromkeys(TIPS, 0.99))
+    hand = ng.URDFHand.load(THREE, dict.fromkeys(TIPS, 0.99), tip_overhang=1.0)
     with pytest.warns(UserWarning, match="fingertip finger_1_tip: radius: 0.99 m beside a body of 0.08 m.*, 0.00099"):
         problem(hand=hand)
 
 
 def test_usual_lengths_are_not():
     problem(ng.SoftContact(0.6, 0.005), [ng.Table(-0.3, 0.01)])
-    problem(hand=ng.URDFHand.load(THREE, dict.fromkeys(TIPS, 0.012)))
+    problem(hand=ng.URDFHand.load(THREE, dict.fromkeys(TIPS, 0.0105)))

@@ -49,7 +49,7 @@ def mjcf(folder):
 
 def held(path, body=None, constraints=()):
     """A box that the two fingers touch, with the depth of their links."""
-    hand = ng.URDFHand.load(path, TIPS, palm="palm")
+    hand = ng.URDFHand.load(path, TIPS, palm="palm", tip_overhang=5e-3)
     problem = problem_of(body or ng.Box([2.0 * HALF] * 3), 2, hand=hand, constraints=constraints)
     points, normals = [[0.0, -HALF, 0.0], [0.0, HALF, 0.0]], [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
     values = {"palm_position": np.array([0.0, 0.0, -0.04]), "palm_quaternion": np.eye(4)[0], "joints": np.full(2, 0.04)}
