@@ -51,7 +51,17 @@ from nlpgrasp.experiments import (
     solve_many,
 )
 from nlpgrasp.global_bound import BestPossible
-from nlpgrasp.hands import CapsuleTip, CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
+from nlpgrasp.hands import (
+    CapsuleTip,
+    CylinderTip,
+    EllipsoidTip,
+    Fingertips,
+    FlatTip,
+    HullTip,
+    ParallelJaw,
+    SphereTip,
+    URDFHand,
+)
 from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
@@ -169,6 +179,7 @@ __all__ = [
     "HandSceneOptions",
     "HandSimulation",
     "HandTorques",
+    "HullTip",
     "Implicit",
     "InputError",
     "JointSqueeze",

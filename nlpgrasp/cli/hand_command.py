@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from nlpgrasp.hands.inspection import InspectedHand
     from nlpgrasp.hands.tips import Tip
 
+ANY_OVERHANG = 1e9  # metres: a fingertip anywhere is shown, with a grave finding where it is off its link
 
 Source = Annotated[
     Path,
@@ -95,8 +96,9 @@ def _load_hand(
         from nlpgrasp.hands.presets import load_preset
 
         if palm is None:
-            return load_preset(name, path)
-        return load_preset(name, path, palm=palm if path is None else check_link(path, palm, "--palm"))
+            return load_preset(name, path, tip_overhang=ANY_OVERHANG)
+        own_palm = palm if path is None else check_link(path, palm, "--palm")
+        return load_preset(name, path, palm=own_palm, tip_overhang=ANY_OVERHANG)
     palm_link = None if palm is None else check_link(source, palm, "--palm")
     direction = parse_palm_direction(approach)
     if not fingertip:
@@ -105,7 +107,8 @@ def _load_hand(
         return inspect_without_tips(source, palm_link, direction)
     from nlpgrasp import URDFHand
 
-    return URDFHand.load(source, parse_fingertips(source, palm_link, fingertip), palm=palm_link, approach=direction)
+    tips = parse_fingertips(source, palm_link, fingertip)
+    return URDFHand.load(source, tips, palm=palm_link, approach=direction, tip_overhang=ANY_OVERHANG)
 
 
 def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path | None]:

@@ -5,7 +5,7 @@ from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.presets import allegro, barrett, jaws, leap, panda, robotiq_2f85, robotiq_3f, shadow
 from nlpgrasp.hands.registry import hand_from_dict, register
-from nlpgrasp.hands.tips import CapsuleTip, CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
+from nlpgrasp.hands.tips import CapsuleTip, CylinderTip, EllipsoidTip, FlatTip, HullTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "FlatTip",
     "Hand",
     "HandVariable",
+    "HullTip",
     "ParallelJaw",
     "PosedHand",
     "SphereTip",

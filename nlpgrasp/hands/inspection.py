@@ -25,7 +25,6 @@ from nlpgrasp.hands.presets import matching_preset
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, overhang, suggest_tip
-from nlpgrasp.hands.tips import SphereTip
 from nlpgrasp.hands.urdf_hand import modelling_warnings, resolve_torque_limits, unit_approach
 
 SPHERES = 6  # per link, the default of URDFHand.load
@@ -102,12 +101,6 @@ class Inspection:
         guess = ""
         if any(tip.guessed for tip in tips):
             guess = f" A radius of {GUESS:g} m stands for a link without a collision shape."
-            robot = self.hand.tree.robot
-            reaches = {t.link: overhang(SphereTip(GUESS), t.link, robot) or 0.0 for t in tips if t.guessed}
-            floating = {link: reach for link, reach in reaches.items() if reach > OVERHANG}
-            if floating:
-                overhangs = ", ".join(f"{link} by up to {millimetres(reach)}" for link, reach in floating.items())
-                guess += f" It floats beyond the finger's own shapes at {overhangs}: state tips that lie on the finger."
         return (
             FileWarning(f"No fingertips are stated. Links at the ends: {names}.{guess} To use them:"),
             *self.findings,

@@ -37,8 +37,8 @@ class Preset:
     palms : tuple of str
         Names of the palm's link, with any prefix: the first that all fingertips hang from.
     tips : mapping
-        Link (with any prefix) to its fingertip; or to two, for a joint above the link that has an axis along +y, and
-        for any other.
+        Link (with any prefix) to its fingertip; to two, for a joint above the link that has an axis along +y, and for
+        any other; or to None: fitted to the link's shapes.
     approach : (3,) tuple
         Direction in which the palm faces, palm frame.
     limits : mapping of str to float
@@ -135,6 +135,7 @@ class Options(TypedDict, total=False):
     clearance: float
     spheres_per_link: int
     self_collision: bool
+    tip_overhang: float
 
 
 def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -152,7 +153,8 @@ def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------
@@ -165,8 +167,8 @@ def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
 def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
     """Return the BarrettHand (BH8-28x): three fingers.
 
-    Contacts: ``finger_1_dist_link``, ``finger_2_dist_link`` and ``finger_3_dist_link``, spheres of 7 mm in the end of
-    each link, 51 mm from its joint. The palm (``base_link``) faces along its z axis.
+    Contacts: the ends of ``finger_1_dist_link``, ``finger_2_dist_link`` and ``finger_3_dist_link``, fitted to the
+    collision shapes of the file (``HullTip``). The palm (``base_link``) faces along its z axis.
 
     Torque limits: the maker's 15 N at the fingertip takes 1.7 N m of a finger's inner joint, 114 mm away with the
     finger straight, and 0.77 N m of the outer one (its torque sensor ends at 1 N m). The joints that spread the
@@ -178,7 +180,8 @@ def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------
@@ -191,10 +194,10 @@ def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
 def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
     """Return the LEAP hand (v1): four fingers, 16 joints.
 
-    Contacts, in this order: the three fingers (links ``fingertip``, ``fingertip_2``, ``fingertip_3``) and the thumb
-    (``thumb_fingertip``). Each is a sphere whose end is 48 mm (thumb: 60 mm) along -y of the link, where public URDFs
-    have the tip's frame. Its radius of 12 mm is an assumption: hands are printed, measure yours. The palm
-    (``palm_lower``) faces along -z: there the fingers close.
+    Contacts, in this order: the ends of the three fingers (links ``fingertip``, ``fingertip_2``, ``fingertip_3``) and
+    of the thumb (``thumb_fingertip``), fitted to the collision shapes of the file (``HullTip``): a hand with other
+    printed fingertips needs a file with their meshes. The palm (``palm_lower``) faces along -z: there the fingers
+    close.
 
     Torque limits: 0.93 N m a joint, the stall torque of its motors at 5 V (ROBOTIS, Dynamixel XC330-M288-T); the
     current limits that its software sets take a part of that.
@@ -204,7 +207,8 @@ def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------
@@ -229,7 +233,8 @@ def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHan
     urdf : str or Path, optional
         The URDF of gripper or arm; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------
@@ -253,7 +258,8 @@ def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> 
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------
@@ -266,8 +272,8 @@ def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> 
 def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
     """Return the Robotiq 3-Finger gripper, with all of its joints free (its linkage couples those of a finger).
 
-    Contacts: ``finger_1_link_3``, ``finger_2_link_3`` and ``finger_middle_link_3``, spheres of 11 mm in the end of the
-    last link, 26 mm from its joint. The palm (``palm``) faces along its y axis.
+    Contacts: the ends of ``finger_1_link_3``, ``finger_2_link_3`` and ``finger_middle_link_3``, fitted to the collision
+    shapes of the file (``HullTip``). The palm (``palm``) faces along its y axis.
 
     Torque limits of a finger's joints: 7, 4 and 1.6 N m, which its greatest force of 60 N at the tip (the maker's
     manual, register FORCE) takes of each with the finger straight. The joints that spread the fingers keep the URDF's
@@ -278,7 +284,8 @@ def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> UR
     urdf : str or Path, optional
         Its URDF. ``robot_descriptions`` has none.
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------
@@ -305,7 +312,8 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
     urdf : str or Path, optional
         Its URDF. ``robot_descriptions`` has none.
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
 
     Raises
     ------

@@ -478,6 +478,8 @@ class HullTip(Tip):
 
     def __post_init__(self) -> None:
         points = array("HullTip.points", self.points, (None, 3))
+        if not len(points):
+            raise InputError("HullTip.points", "no points", "one at least")
         object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
         object.__setattr__(self, "angle", angle("HullTip.angle", self.angle, np.pi, "pi"))
         object.__setattr__(self, "rounding", number("HullTip.rounding", self.rounding, above=0.0))

@@ -42,10 +42,11 @@ from nlpgrasp.hands.self_collision import (
     tip_clearance_constraints,
 )
 from nlpgrasp.hands.suggested_tips import leaf_links, overhang, suggest_tip, tip_from_shapes
-from nlpgrasp.hands.tips import SphereTip, SymbolicTouch, Tip
+from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
 
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 MOST_OVERHANG, WORTH_A_WARNING = 5e-3, 1e-3  # metres: fingertips beyond their links that are refused, and warned of
+BRIDGES = 2e-3  # metres: depth of a hollow that a convex hull bridges which is warned of
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
@@ -303,7 +304,7 @@ def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str,
             "URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {format_known_names(unknown, robot.links)}"
         )
     result: list[tuple[str, Tip]] = []
-    from_shapes = _tips_from_shapes(robot, [link for link, patch in fingertips.items() if patch is None])
+    from_shapes = _tips_from_shapes(robot, fingertips)
     for link, patch in fingertips.items():
         patches = from_shapes[link] if patch is None else patch
         patch_list = list(patches) if isinstance(patches, list | tuple) else [patches]
@@ -326,10 +327,10 @@ def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float |
         distance = overhang(tip, link, robot) or 0.0
         field = f"URDFHand.fingertips[{link!r}]"
         text = f"a fingertip that reaches {1e3 * distance:.1f} mm beyond the shapes of its link"
-        cure = "None, to fit it to them, or another radius or tip"
+        cure = f"{'' if isinstance(tip, HullTip) else 'None, to fit it to them, or '}another radius or tip"
         if distance > limit:
             raise InputError(field, text, f"{cure}; tip_overhang={np.ceil(1e3 * distance) / 1e3:g} allows it")
-        if most is None and distance > WORTH_A_WARNING:
+        if most is None and distance > (BRIDGES if isinstance(tip, HullTip) else WORTH_A_WARNING):
             warn(f"{field}: {text}: the finger itself does not touch there; expected {cure}")
 
 
@@ -346,11 +347,12 @@ def _suggest_tips(robot: Robot) -> str:
     return f"{{{examples}}}{ending}"
 
 
-def _tips_from_shapes(robot: Robot, links: Sequence[str]) -> dict[str, Tip]:
-    """Return the fingertips given by links' shapes: the only sphere or capsule, else the hull of the link's end."""
-    exact = {link: tip_from_shapes(robot.shapes.get(link, ())) for link in links}
-    fitted = fit_hull_tips(robot, links) if None in exact.values() else {}
-    return {link: fitted[link] if tip is None else tip for link, tip in exact.items()}
+def _tips_from_shapes(robot: Robot, fingertips: Mapping[str, object]) -> dict[str, Tip]:
+    """Return the fingertips stated as None: the link's only sphere or capsule, else the hull of the link's end."""
+    own = {link: tip_from_shapes(robot.shapes.get(link, ())) for link, patch in fingertips.items() if patch is None}
+    result = {link: tip for link, tip in own.items() if tip is not None}
+    fitted = [link for link in own if link not in result]
+    return {**result, **fit_hull_tips(robot, fitted, [link for link in fingertips if link not in fitted])}
 
 
 def unit_approach(approach: ArrayLike) -> FloatArray:

@@ -167,9 +167,12 @@ def link_table(hand: InspectedHand) -> str:
         counts = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
         fit = hand.fits.get(link)
         shapes = ", ".join(counts) or ("none, although the link is visible" if link in robot.shapeless else "none")
-        sphere_cells = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
+        sphere_cells = ["", "", ""]
+        if fit is not None:
+            lengths = [typeset(millimetres(distance)) for distance in (fit.error, fit.uncovered)]
+            sphere_cells = [str(len(fit.radii)), *lengths]
         rows.append([link, shapes, *sphere_cells])
-    heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it"]
+    heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it", "It sticks out of them"]
     table = html_table("", heads, rows)
     return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{table}</div></details>'
 

@@ -9,7 +9,7 @@ import pytest
 
 from nlpgrasp.common import display as face
 from tests.cli.test_cli import refused, run_here
-from tests.hands.urdf import FOUR, THREE
+from tests.hands.urdf import FOUR, GRIPPER, THREE
 
 LINK = "expected a link of four_finger_hand.urdf, such as"
 TIP = ["--fingertip", "index_tip"]
@@ -51,6 +51,17 @@ def test_fingertips_with_and_without_a_radius(tmp_path):
         "written to own.html",
     ]
     assert tips(tmp_path / "own.html") == [("thumb_tip", 0.011), ("index_tip", 0.009)]
+
+
+def test_a_fingertip_beyond_its_link_is_shown_as_a_grave_finding(tmp_path):
+    """The loader refuses it; the page is there to see it."""
+    result = run_here("hand", GRIPPER, "--fingertip", "left_pad=0.02", "--no-open", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    finding = (
+        "  ! Fingertip 0 (left_pad) reaches up to 20 mm beyond the shapes of its link: where it touches there, the "
+    )
+    assert f"{finding}finger itself does not." in result.stdout.splitlines()
+    assert tips(tmp_path / "parallel_gripper.html") == [("left_pad", 0.02)]
 
 
 def test_the_printed_command_shows_the_hand(tmp_path):

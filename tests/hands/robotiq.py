@@ -9,7 +9,7 @@ BASE, SMALL, PAD = "robotiq_arg2f_base_link", '<sphere radius="0.002"/>', '<box 
 
 
 def robotiq_2f85(path, meshes=False):
-    """Write the gripper's URDF; its links are small spheres, or meshes, without which the test is skipped."""
+    """Write the gripper's URDF; its pads are boxes, its other links small spheres, or meshes or else a skip."""
     text, turned = _link(BASE, _mesh(f"{BASE}.stl", 1.0) if meshes else SMALL), f"0 0 {math.pi}"
     for side, y, rpy in (("left", -1.0, turned), ("right", 1.0, "0 0 0")):
         outer, inner, knuckle = (f"{side}_{part}" for part in ("outer_finger", "inner_finger", "inner_knuckle"))
@@ -23,7 +23,7 @@ def robotiq_2f85(path, meshes=False):
         ]
         for name, mimic, parent, link, xyz, turn, kind in rest:
             shape = SMALL
-            if meshes and kind == "fixed" and link.endswith("pad"):
+            if link.endswith("pad"):
                 shape = PAD
             elif meshes:
                 shape = _mesh(f"robotiq_arg2f_85_{link.removeprefix(f'{side}_')}.stl", 0.001)

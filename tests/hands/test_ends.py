@@ -48,10 +48,21 @@ def test_fingertips_are_those_of_the_shapes(tmp_path):
     assert [suggest_tip(robot, link) for link in SHAPES] == [
         SuggestedTip("ball", "ball=0.008", "0.008"),
         SuggestedTip("off", "off", "None"),  # its own sphere, where it is
-        SuggestedTip("block", "block", "ng.SphereTip(0.006, [0, 0, 0.01])"),
+        SuggestedTip("block", "block", "None"),  # fitted to its box
         SuggestedTip("rod", "rod", "None"),
-        SuggestedTip("bare", "bare=0.01", "0.01", guessed=True),
+        SuggestedTip("bare", "bare", "None"),  # fitted to the pad's, which is fixed to it
     ]
+
+
+def test_a_radius_is_a_guess_where_no_link_of_the_rigid_group_has_a_shape(tmp_path):
+    path = write_hand(tmp_path)
+    path.write_text(path.read_text().replace(f'<link name="pad">{SHAPES["ball"]}</link>', '<link name="pad"/>'))
+    assert suggest_tip(read_robot(path), "bare") == SuggestedTip("bare", "bare=0.01", "0.01", guessed=True)
+    notice = inspect(inspect_without_tips(path, None, [0.0, 0.0, 1.0])).notices[0].text
+    assert notice == (
+        "No fingertips are stated. Links at the ends: ball, off, block, rod, pad. "
+        "A radius of 0.01 m stands for a link without a collision shape. To use them:"
+    )
 
 
 def test_the_lines_to_paste_state_the_same_hand(tmp_path):
@@ -62,7 +73,7 @@ def test_the_lines_to_paste_state_the_same_hand(tmp_path):
     assert hand.tree.approach.tolist() == [0.0, -1.0, 0.0]
     kinds = {link: (tip.kind, tip.standoff, tip.centre.tolist()) for link, tip in hand.tips}
     assert kinds["off"] == ("sphere", 0.008, [0.0, 0.0, 0.02])
-    assert kinds["block"] == ("sphere", 0.006, [0.0, 0.0, 0.01])
+    assert kinds["block"][:2] == ("hull", 0.0)
     assert kinds["rod"][:2] == ("capsule", 0.005)
     words = shlex.split(command)
     assert words[:7] == [

@@ -44,10 +44,10 @@ def test_every_other_axis_is_asked_about(path, tips, right, wrong):
 @pytest.mark.filterwarnings("ignore:link .* is thicker")
 def test_tips_on_inner_links_and_on_the_palm_change_nothing():
     """As in problems/power_grasp.py; a palm's own tip counts from the palm's origin."""
-    tips = {
-        f"{finger}_{link}": 0.011 for finger in ("index", "ring", "thumb") for link in ("proximal", "middle", "tip")
-    }
-    hand = ng.URDFHand.load(FOUR, {"palm": 0.01, **tips}, approach=[1.0, 0.0, 0.0])
+    radii = {"proximal": 0.009, "middle": 0.009, "tip": 0.011}
+    tips = {f"{finger}_{link}": r for finger in ("index", "ring", "thumb") for link, r in radii.items()}
+    palm = ng.SphereTip(0.01, [-0.02, 0.0, -0.045])
+    hand = ng.URDFHand.load(FOUR, {"palm": palm, **tips}, approach=[1.0, 0.0, 0.0])
     assert first_finger_links(hand.tree)[0] == "palm"
     assert set(first_finger_links(hand.tree)[1:]) == {"index_knuckle", "ring_knuckle", "thumb_knuckle"}
     assert suggested_approach(hand.tree) is None

@@ -77,7 +77,7 @@ def _build_hand(name, folder):
         return Described(three_finger_hand(), THREE, 0.03)
     if name == "phantom tips":
         path = two_fingers(folder)
-        return Described(ng.URDFHand.load(path, {"t1": 0.01, "t2": 0.01}), path, 0.02)
+        return Described(ng.URDFHand.load(path, {"t1": 0.01, "t2": 0.01}, tip_overhang=0.02), path, 0.02)
     path = in_millimetres(folder)
     tips = {f"f{i}": ng.SphereTip(0.01, [0, 0, 0.06]) for i in (1, 2)}
     return Described(ng.URDFHand.load(path, tips), path, 0.02)

@@ -79,7 +79,8 @@ def test_the_file_carries_the_limits_in_the_posture_found(solved, tmp_path):
 
 
 def test_the_palm_is_held_by_the_force_limit_alone():
-    hand = ng.URDFHand.load(FOUR, {"palm": 0.01, "index_tip": 0.011, "thumb_tip": 0.011}, 0.7)
+    palm = ng.SphereTip(0.01, [-0.02, 0.0, -0.045])
+    hand = ng.URDFHand.load(FOUR, {"palm": palm, "index_tip": 0.011, "thumb_tip": 0.011}, 0.7)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), np.random.default_rng(0))[0].items()}
     points = np.array([[0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, -0.03, 0.0]])
     grasp = ng.Grasp(points, -points / 0.03, [ng.FrictionContact(0.5)] * 3)

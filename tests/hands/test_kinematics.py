@@ -9,7 +9,17 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.link_spheres import fit_spheres
-from tests.hands.urdf import FOUR, GRIPPER, THREE, THREE_TIPS, Mujoco, four_finger_hand, gripper, three_finger_hand
+from tests.hands.urdf import (
+    FOUR,
+    GRIPPER,
+    PADS,
+    THREE,
+    THREE_TIPS,
+    Mujoco,
+    four_finger_hand,
+    gripper,
+    three_finger_hand,
+)
 
 HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), "gripper": (gripper, GRIPPER)}
 
@@ -44,7 +54,7 @@ def test_axes_that_are_not_unit_and_joints_without_one(tmp_path, rng):
 def test_mimic_joint_follows_and_narrows_the_limits(tmp_path):
     text = GRIPPER.read_text().replace('multiplier="1" offset="0"', 'multiplier="2" offset="0.01"')
     (tmp_path / "hand.urdf").write_text(text)
-    hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"left_pad": 0.01})
+    hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"left_pad": PADS["left_pad"]})
     assert hand.tree.joint_positions(np.array([0.015])) == pytest.approx({"left_slide": 0.015, "right_slide": 0.04})
     np.testing.assert_allclose(hand.tree.joint_limits, [[0.0], [0.02]])  # 2 q + 0.01 <= 0.05
 
@@ -67,26 +77,39 @@ SHAPES = {
 }
 
 
+# metres: largest distances that spheres reach beyond the shape, and the shape out of the spheres
+MOST = {"sphere": (1e-9, 0.0), "capsule": (0.003, 0.0), "box": (0.003, 0.01), "finger of a gripper": (0.003, 0.002)}
+
+
 @pytest.mark.parametrize("name", SHAPES)
-def test_spheres_enclose_the_shape_with_the_stated_error(name, rng):
+def test_spheres_enclose_the_shape_with_the_stated_errors(name, rng):
     shapes = SHAPES[name]
     fit = fit_spheres(shapes, 12)
     assert len(fit.radii) <= 12
     surface = np.concatenate([s.mesh.sample(4000, seed=1) for s in shapes])
     outside = np.min(np.linalg.norm(surface[:, None] - fit.centres, axis=2) - fit.radii, axis=1)
-    assert np.max(outside) <= 1e-4
+    assert np.max(outside) <= fit.uncovered + 1e-4
     directions = rng.standard_normal((300, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     reach = (fit.centres[:, None] + fit.radii[:, None, None] * directions).reshape(-1, 3)
     beyond = -np.max([s.depth(reach) for s in shapes], axis=0)
     assert np.max(beyond) <= fit.error + 1e-4
-    assert fit.error <= {"sphere": 1e-9, "capsule": 0.003, "box": 0.02, "finger of a gripper": 0.006}[name]
+    assert fit.error <= MOST[name][0]
+    assert fit.uncovered <= MOST[name][1]
 
 
-def test_more_spheres_are_closer():
+def test_more_spheres_leave_less_of_a_thick_link_uncovered():
     box = [CollisionShape.box(np.array([0.02, 0.04, 0.1]), np.eye(4))]
-    errors = [fit_spheres(box, most).error for most in (4, 12, 40)]
-    assert errors[0] > errors[1] > errors[2]
+    fits = [fit_spheres(box, most) for most in (4, 12, 40)]
+    assert [fit.error for fit in fits] == [0.003] * 3
+    assert 0.02 > fits[0].uncovered > 1.5 * fits[1].uncovered > 2.0 * fits[2].uncovered
+
+
+def test_more_spheres_are_closer_to_a_thin_link():
+    rod = [CollisionShape.box(np.array([0.004, 0.004, 0.03]), np.eye(4))]
+    fits = [fit_spheres(rod, most) for most in (4, 6, 20)]
+    assert 0.003 > fits[0].error > fits[1].error > fits[2].error
+    assert [fit.uncovered for fit in fits] == [0.0] * 3
 
 
 def test_spheres_of_a_fingertips_own_links_leave_it_free():

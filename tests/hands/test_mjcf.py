@@ -190,8 +190,8 @@ def test_limits_that_may_be_radians_are_named(tmp_path):
     path = write_hand(tmp_path, change=(' angle="radian"', ""))
     message = r'pincer.xml: no joint turns by more than 1.2 degrees: the file may lack <compiler angle="radian"/>'
     with pytest.warns(UserWarning, match=message):
-        ng.URDFHand.load(path, {"left_tip": 0.01})
-    ng.URDFHand.load(write_hand(tmp_path), {"left_tip": 0.01})
+        ng.URDFHand.load(path, {"left_tip": 0.006})
+    ng.URDFHand.load(write_hand(tmp_path), {"left_tip": 0.006})
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):

@@ -60,7 +60,7 @@ def test_bodies_are_where_mujoco_has_them(name, rng):
 )
 def test_what_is_refused(file, palm, match):
     with pytest.raises(ng.InputError, match=match):
-        ng.URDFHand.load(model(file), {"wiping_gripper": 0.01}, palm=palm)
+        ng.URDFHand.load(model(file), {"wiping_gripper": None}, palm=palm)
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing keeps links")

@@ -21,20 +21,25 @@ ENDING = {"robotiq_2f85": "finger_joint", "robotiq_3f": "joint_{}", "barrett": "
 LIMITS = {"allegro": 0.7, "leap": 0.93, "shadow": 2.0, "robotiq_2f85": 25.0, "barrett": 1.7}
 
 
-def link(name):
-    return f'<link name="{name}"><collision><geometry><sphere radius="0.002"/></geometry></collision></link>'
+def link(name, has_shape=True):
+    shape = '<collision><geometry><sphere radius="0.002"/></geometry></collision>' if has_shape else ""
+    return f'<link name="{name}">{shape}</link>'
 
 
 def write_star(path, name, prefix="", without=()):
-    """Write a URDF with the links that a preset names, each on a joint of its own below the palm."""
+    """Write a URDF with the links that a preset names, each on a joint of its own below the palm.
+
+    Links whose fingertips are fitted to their shapes are small spheres; the others have no shape to be beyond of.
+    """
     kind = "prismatic" if name == "panda" else "revolute"
     palm, text = prefix + PRESETS[name].palms[0], ""
     for i, tip in enumerate(PRESETS[name].tips):
         if tip not in without:
             joint = f"{prefix}{i}_{ENDING.get(name, 'joint').format(i % 3 + 1)}"
             text += (
-                f'{link(prefix + tip)}<joint name="{joint}" type="{kind}"><parent link="{palm}"/><child '
-                f'link="{prefix + tip}"/><origin xyz="{0.05 * i} 0 0.1"/><axis xyz="0 {1 - 2 * (i % 2)} 0"/>'
+                f'{link(prefix + tip, PRESETS[name].tips[tip] is None)}<joint name="{joint}" type="{kind}">'
+                f'<parent link="{palm}"/><child link="{prefix + tip}"/>'
+                f'<origin xyz="{0.05 * i} 0 0.1"/><axis xyz="0 {1 - 2 * (i % 2)} 0"/>'
                 '<limit lower="0" upper="0.04" effort="2"/></joint>'
             )
     path.write_text(f"<robot name='r'>{link(palm)}{text}</robot>")

@@ -15,7 +15,7 @@ QUICK = ng.SolveOptions(workers=1)
 PR2 = "pr2_description/urdf/pr2.urdf"
 KINOVA = "kinova_description/robots/kinova.urdf"
 PSYONIC = "alex_description/urdf/alex_psyonic_hands.urdf"
-ANCHORS = {f"Left_{finger}_anchor": 0.006 for finger in ("thumb", "index", "middle")}
+ANCHORS = [f"Left_{finger}_anchor" for finger in ("thumb", "index", "middle")]
 
 THICKER = "ignore:link .* is thicker than its fingertip:UserWarning"
 needs_collada = pytest.mark.skipif(
@@ -37,21 +37,19 @@ def ends(names, radius, offset):
     return {name: ng.SphereTip(radius, offset) for name in names}
 
 
-TOUCHING = ("Unitree G1", "Tiago")  # links that are thicker than the round fingertips stated here, by 2 mm
 # file, palm, fingertips, radius of a sphere to hold, free joints
 HANDS = {
     "Unitree G1": (
         "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf",
         "left_hand_palm_link",
-        ends(["left_hand_thumb_2_link"], 0.0085, (0, -0.043, 0))
-        | ends(["left_hand_middle_1_link", "left_hand_index_1_link"], 0.0085, (0.043, 0, 0)),
+        dict.fromkeys(["left_hand_thumb_2_link", "left_hand_middle_1_link", "left_hand_index_1_link"]),
         0.03,
         7,
     ),
     "Tiago": (
         "tiago_description/robots/tiago.urdf",
         "hand_palm_link",
-        ends([f"hand_{f}_link" for f in ("thumb_flex_2", "index_flex_3", "middle_flex_3")], 0.007, (0.018, 0.002, 0)),
+        dict.fromkeys([f"hand_{f}_link" for f in ("thumb_flex_2", "index_flex_3", "middle_flex_3")]),
         0.025,
         36,
     ),
@@ -127,19 +125,18 @@ def test_hands_hold_a_sphere(name, tmp_path):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, radius, radius, radius])
     problem = ng.GraspProblem(ng.Sphere(radius), contact, task, hand=load_robot(name), edge_margin=0.0)
     solution = ng.solve(problem, starts=1, options=QUICK)
-    assert solution.status is (ng.Status.TOUCHES if name in TOUCHING else ng.Status.SOLVED)
+    assert solution.status is ng.Status.SOLVED
     assert solution.mu.lower > 0.3
     solution.save(tmp_path / "grasp.json")
     checked = ng.verify(tmp_path / "grasp.json", folders=[robot(path).parent])
-    failed = [check.name for check in checked.checks if check.failed]
-    assert failed == (["links inside something"] if name in TOUCHING else []), str(checked)
+    assert checked.passed, str(checked)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings(THICKER)
 def test_talos_holds_a_box():
     """Three flat pads, two of them beside each other; the linkage's rods overlap in most of its positions."""
-    inner = ng.FlatTip([0.03, 0.05], (0, -0.005, 0), (RIGHT, 0.0, 0.0))  # of pads 31 mm broad and 60 mm long
+    inner = ng.FlatTip([0.015, 0.026], (0, -0.005, -0.0155), (RIGHT, 0.0, 0.0))  # the flat part of the pads' mesh
     tips = {f"gripper_left_fingertip_{i}_link": inner for i in (1, 2, 3)}
     path = robot("talos_data/robots/talos_full_v2.urdf")
     hand = ng.URDFHand.load(path, tips, palm="gripper_left_base_link")
@@ -174,7 +171,7 @@ def test_mended_as_told_it_loads(tmp_path):
 
 @needs_collada
 def test_collada_is_read():
-    hand = ng.URDFHand.load(robot(KINOVA), {"j2s6s200_link_finger_tip_1": 0.01})
+    hand = ng.URDFHand.load(robot(KINOVA), ["j2s6s200_link_finger_tip_1"])
     mesh = hand.robot.shapes["j2s6s200_link_6"][0].mesh
     np.testing.assert_allclose(mesh.extents, [0.063, 0.1085, 0.1204], atol=1e-4)  # of the file, which is in metres
 
@@ -182,7 +179,7 @@ def test_collada_is_read():
 @needs_collada
 def test_fixed_fingers_are_named():
     with pytest.raises(ng.InputError, match=r"no movable joints below j2s6s200_link_6 \(fixed: .*expected a hand"):
-        ng.URDFHand.load(robot(KINOVA), {"j2s6s200_link_finger_tip_1": 0.01}, palm="j2s6s200_link_6")
+        ng.URDFHand.load(robot(KINOVA), ["j2s6s200_link_finger_tip_1"], palm="j2s6s200_link_6")
 
 
 def test_xacro_is_told_from_a_urdf():

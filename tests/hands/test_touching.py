@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import nlpgrasp as ng
 from nlpgrasp.cli.main import command_line
 from nlpgrasp.hands.inspection import inspect, inspect_without_tips
+from nlpgrasp.hands.suggested_tips import overhang
 from nlpgrasp.interop.registry import formats
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.report.key_figures import solution_figures
@@ -25,6 +26,7 @@ QUICK = ng.SolveOptions(workers=1, global_bound=False)
 BODY = ng.Cylinder(0.02, 0.1)
 THICKER = "ignore:link .* is thicker than its fingertip:UserWarning"
 RIGHT = np.pi / 2.0
+FLOATS = "ignore:URDFHand.fingertips.* beyond the shapes of its link:UserWarning"
 FLOATING = {"t1": 0.01, "t2": 0.01}
 
 
@@ -40,7 +42,7 @@ FLUSH, DEEP = pads(0.0), pads(0.004)
 
 
 def solve_grasp(path, tips, options=QUICK, **more):
-    hand = ng.URDFHand.load(path, tips)
+    hand = ng.URDFHand.load(path, tips, tip_overhang=0.02 if tips is FLOATING else 0.005)
     problem = ng.GraspProblem(BODY, ng.SoftContact(0.7, 0.005), TASK, hand=hand, name="two", **more)
     return problem, ng.solve(problem, starts=1, options=options)
 
@@ -189,6 +191,7 @@ def test_a_tolerance_is_an_option_and_is_told(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings(FLOATS, THICKER)
 def test_fingertips_off_their_links_are_said(tmp_path):
     path = two_fingers(tmp_path)
     _, solution = solve_grasp(path, FLOATING)
@@ -203,17 +206,36 @@ def test_fingertips_off_their_links_are_said(tmp_path):
     assert [check.name for check in lie.checks if check.failed] == ["contacts on their links"]
 
 
-def test_proposals_of_floating_fingertips_say_so(tmp_path):
+def test_proposed_fingertips_lie_on_their_links_and_others_are_refused(tmp_path):
     path = two_fingers(tmp_path)
-    line = inspect(inspect_without_tips(path, None, (0, 0, 1))).lines[1]
-    assert "floats beyond the finger's own shapes at t1 by up to 10 mm, t2 by up to 10 mm" in line
-    inspection = inspect(ng.URDFHand.load(path, FLOATING))
-    assert any(
-        "Fingertip 0 (t1) reaches up to 10 mm beyond the shapes of its link" in f.text for f in inspection.findings
+    proposal = inspect(inspect_without_tips(path, None, (0, 0, 1)))
+    assert proposal.lines[1] == "  - No fingertips are stated. Links at the ends: t1, t2. To use them:"
+    hand = eval(proposal.usage_lines[1], {"ng": ng})  # noqa: S307
+    assert [overhang(tip, link, hand.robot) < 4e-4 for link, tip in hand.tips] == [True, True]
+    message = (
+        "URDFHand.fingertips['t1']: got a fingertip that reaches 10.0 mm beyond the shapes of its link, expected None, "
+        "to fit it to them, or another radius or tip; tip_overhang=0.01 allows it"
     )
+    with pytest.raises(ng.InputError, match=f"^{re.escape(message)}$"):
+        ng.URDFHand.load(path, FLOATING)
+    hand = ng.URDFHand.load(path, FLOATING, tip_overhang=0.01)  # asked for: no warning
+    grave = [finding.text for finding in inspect(hand).findings if finding.grave]
+    assert grave[0].startswith("Fingertip 0 (t1) reaches up to 10 mm beyond the shapes of its link")
+
+
+def test_the_overhang_that_the_error_names_is_accepted(tmp_path):
+    path = two_fingers(tmp_path)
+    tips = {"t1": 0.0123, "t2": None}
+    with pytest.raises(ng.InputError, match=r"reaches 12\.3 mm .* tip_overhang=0\.013 allows it$"):
+        ng.URDFHand.load(path, tips)
+    ng.URDFHand.load(path, tips, tip_overhang=0.013)
+    message = r"\['t1'\]: a fingertip that reaches 2\.0 mm .*: the finger itself does not touch there; expected None"
+    with pytest.warns(UserWarning, match=message):
+        ng.URDFHand.load(path, {"t1": 0.002, "t2": None})
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings(FLOATS, THICKER)
 def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
     path = two_fingers(tmp_path)
     _, solution = solve_grasp(path, FLOATING)

@@ -58,7 +58,7 @@ def test_unknown_links_list_those_there_are():
         ng.URDFHand.load(FOUR, {"thumb_tips": 0.01})
 
 
-@pytest.mark.parametrize("tips", [{}, {"index_tip": []}, ["palm"], []])
+@pytest.mark.parametrize("tips", [{}, {"index_tip": []}, ["palm", None], []])
 def test_no_fingertips(tips):
     with pytest.raises(ng.InputError, match=r"URDFHand\.fingertips"):
         ng.URDFHand.load(FOUR, tips)

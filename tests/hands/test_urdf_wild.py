@@ -10,9 +10,9 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.hands.urdf_reader import read_urdf
 from nlpgrasp.verify.chain_kinematics import links_in_urdf, read_root_element
-from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER
+from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER, PADS
 
-PAD = {"left_pad": 0.01}
+PAD = {"left_pad": PADS["left_pad"]}
 MIMIC = '<mimic joint="left_slide" multiplier="1" offset="0"/>'
 SPHERE = '<collision><origin xyz="0 0 0"/><geometry><sphere radius="0.009"/></geometry></collision>'
 MESH = '<collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>'

@@ -6,6 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.hands.tips import HullTip
 from nlpgrasp.verify.chain_kinematics import links_in_urdf, poses, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touch_constraints
@@ -171,15 +172,20 @@ def test_links_are_where_mujoco_puts_them(path, rng):
 EVERY_TIP = {
     "finger_1_tip": ng.SphereTip(0.01, [0.001, 0.0, 0.002]),
     "finger_2_tip": ng.EllipsoidTip([0.01, 0.011, 0.012], [0.0, 0.0, 0.001], [0.1, 0.2, 0.3], [0.0, 0.0, 1.0], 1.0),
-    "finger_3_tip": ng.FlatTip([0.01, 0.012], [0.0, 0.001, 0.0], [0.3, 0.1, 0.2]),
+    "finger_3_tip": [
+        ng.FlatTip([0.01, 0.012], [0.0, 0.001, 0.0], [0.3, 0.1, 0.2]),
+        HullTip(
+            [[0.008, 0.0, 0.0], [-0.004, 0.006, 0.0], [0.0, -0.007, 0.001], [0.0, 0.0, 0.009]], [0.0, 0.1, 1.0], 1.2
+        ),
+    ],
 }
 
 
 @pytest.mark.parametrize(("path", "tips"), [(THREE, EVERY_TIP), (GRIPPER, PADS)], ids=["every tip", "gripper"])
-@pytest.mark.filterwarnings("ignore:link .* is thicker than its fingertip")
+@pytest.mark.filterwarnings("ignore:link .* is thicker than its fingertip", "ignore:.* beyond the shapes of its link")
 def test_rows_of_a_posed_hand_are_those_of_the_program(path, tips, rng):
     """In a random posture fingertips touch nothing: the values are what they are, limits or not."""
-    hand, body = ng.URDFHand.load(path, tips), ng.Sphere(0.03)
+    hand, body = ng.URDFHand.load(path, tips, tip_overhang=0.02), ng.Sphere(0.03)
     drawn, _ = hand.draw(1, np.zeros((1, 3)), rng)
     values = {name: v[0] for name, v in drawn.items()}
     points = rng.standard_normal((hand.count, 3))
