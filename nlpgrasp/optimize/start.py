@@ -180,12 +180,8 @@ def _result_of_candidate(
         state = refined.state()
         result = StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust)
         clock.mark("link depth")
-        results.append(result)
-        if result.record.has_grasp and result.depth is not None and result.depth.depth > DEEP * result.depth.tolerance:
-            freed = _free_links(compiled, result, deadline)
-            if freed.solved and freed.record.mu.lower >= WORTH_FREEING * result.record.mu.lower:
-                results[-1] = freed
-            clock.mark("refine")
+        results.append(_free_links(compiled, result, deadline))
+        clock.mark("refine")
     return _best_of_results(results)
 
 
@@ -193,23 +189,30 @@ def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadl
     """Return a grasp whose links touch refined again, the nearest sphere of the deepest link farther off, in turn.
 
     The spheres need not cover a link, so that its shape may penetrate where they do not. It ends where this no longer
-    makes the penetration smaller.
+    makes the penetration smaller. Without a solved grasp of nearly the same quality the grasp is returned unchanged, as
+    it is where the worst displacement is maximised, which the refinement does not know.
     """
-    increase, result = np.zeros(len(compiled.rows.named)), touching
+    increase, result, effort = np.zeros(len(compiled.rows.named)), touching, touching.total_effort
     for _ in range(MOST_CLEARANCES):
         if result.depth is None or result.depth.depth <= DEEP * result.depth.tolerance or deadline.should_stop():
             break
+        if not result.record.has_grasp or compiled.options.maximise_robust:
+            break
         slack = compiled.rows.link_slack(result.on_body.values, str(result.depth.link))
         nearest = int(np.argmin(slack))
+        if not np.isfinite(slack[nearest]):  # no sphere of this link is left beside its fingertip
+            break
         increase[nearest] = slack[nearest] + result.depth.depth + ADDED_CLEARANCE
         on_body, refined = refine_on_triangles(compiled, result.refined_candidate, deadline, increase)
         bounds = _certify_grasp(compiled, on_body, refined, deadline)
         record, state = result.record, refined.state()
         freed = StartGrasp.of(compiled, record.index, on_body, bounds, state, record.message, origin=record.origin)
+        effort += freed.total_effort
         if not freed.record.has_grasp or freed.depth is None or freed.depth.depth >= result.depth.depth:
             break
         result = freed
-    return result
+    is_better = result.solved and result.record.mu.lower >= WORTH_FREEING * touching.record.mu.lower
+    return replace(result if is_better else touching, total_effort=effort)
 
 
 def _certify_grasp(
