@@ -7,17 +7,15 @@ targets are for the last.
 """
 
 import time
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
-import pytest
 import trimesh
 
 import nlpgrasp as ng
-from benchmarks.outside import MESHES, MISSING
+from benchmarks.outside import MESHES, hands_and_bodies
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED
 from nlpgrasp.simulation.hand_protocol import AXES, DRAWS, OFF
 from tests.hands.robotiq import robotiq_2f85
@@ -84,20 +82,8 @@ def run(hands=None, bodies=None):
     print(f"{'':22}{columns}  squeezes by mu, N  control  moved by the squeeze  seconds")
     counts = {name: Count() for name in (*TARGETS, *(f"squeeze of {force:g} N" for force in SQUEEZES))}
     moved = []
-    for name in HANDS if hands is None else hands.split(","):
-        make, locate = HANDS[name]
-        try:
-            path = locate()
-        except pytest.skip.Exception as reason:
-            print(f"{name}: {reason}")
-            continue
-        for body in BODIES if bodies is None else bodies.split(","):
-            if body == MESH and not MESHES.is_dir():
-                print(f"{name} {body}: {MISSING}")
-                continue
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # tests check what is said of these files
-                _row(f"{name} {body}", path, make(path), BODIES[body](), counts, moved)
+    for label, path, make, body in hands_and_bodies(HANDS, BODIES, hands, bodies, MESH):
+        _row(label, path, make(path), body, counts, moved)
     for name, count in counts.items():
         aim = f" (aim {TARGETS[name]:.0%} of closings)" if name in TARGETS else ""
         print(f"{name:20} {count}{aim}")

@@ -6,7 +6,6 @@ the folder named by NLPGRASP_TEST_DATA; missing ones are named.
 """
 
 import time
-import warnings
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -16,7 +15,7 @@ import pytest
 
 import nlpgrasp as ng
 from benchmarks.outside import HANDS as OUTSIDE
-from benchmarks.outside import MESHES, MISSING
+from benchmarks.outside import MESHES, MISSING, hands_and_bodies
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import leaf_links
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED
@@ -70,24 +69,12 @@ HANDS = {
 def run(hands=None, bodies=None):
     print(f"{'':24}tips     seconds  status   mu       deepest link, mm  tips off, mm  held of {PUSHES}")
     counts = np.zeros(5, dtype=int)
-    for name in HANDS if hands is None else hands.split(","):
-        make, locate = HANDS[name]
+    for label, path, make, body in hands_and_bodies(HANDS, BODIES, hands, bodies, "strawberry"):
         try:
-            path = locate()
-        except pytest.skip.Exception as reason:
-            print(f"{name}: {reason}")
-            continue
-        for body in BODIES if bodies is None else bodies.split(","):
-            if body == "strawberry" and not MESHES.is_dir():
-                print(f"{name} {body}: {MISSING}")
-                continue
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # tests check what is said of these files
-                try:
-                    counts += _row(f"{name} {body}", path, make(path), BODIES[body]())
-                except ng.InputError as error:
-                    counts += [1, 0, 0, 0, 0]
-                    print(f"{name} {body}: {error}", flush=True)
+            counts += _row(label, path, make(path), body)
+        except ng.InputError as error:
+            counts += [1, 0, 0, 0, 0]
+            print(f"{label}: {error}", flush=True)
     tried, solved, free, touching, held = counts
     print(
         f"solved {solved} of {tried}; of these {free} with links less than 1 mm deep, {touching} with all tips within"
@@ -131,7 +118,3 @@ def link_distances(solution, path, hand):
             distances[group] = min(least, distances.get(group, REACH))
     tips = [distances.get(hand.robot.rigid_groups[link], np.nan) for link, _ in hand.tips]
     return max(0.0, -min(distances.values())), float(np.max(np.abs(tips)))
-
-
-if __name__ == "__main__":
-    run()

@@ -177,7 +177,6 @@ def parse_fingertips(
         On links that are not there or stand twice, radii that are none, and links without a shape and a radius.
     """
     from nlpgrasp.common.validation import number
-    from nlpgrasp.hands.fitted_tips import group_shapes
     from nlpgrasp.hands.robot_file import read_robot
 
     robot = read_robot(source, palm)
@@ -190,7 +189,7 @@ def parse_fingertips(
         if separator:
             tips[link] = number(f"--fingertip {link}", _parse_number(link, radius), above=0.0)
             continue
-        if not group_shapes(robot, link):
+        if not robot.group_shapes(link):
             problem = f"{link}, which has no collision shape"
             raise InputError("--fingertip", problem, f"its radius: {link}=0.01 (metres)")
         tips[link] = None

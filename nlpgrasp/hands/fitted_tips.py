@@ -10,7 +10,6 @@ from scipy.spatial import ConvexHull
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Joint, Robot, joint_motion
 from nlpgrasp.hands.tips import HullTip, dome
 
@@ -62,7 +61,7 @@ class _LinkEnd:
         frame = np.eye(4)
         if chain and (transform := robot.fixed_transform(chain[-1].child, link)) is not None:
             frame = transform
-        self.shapes = group_shapes(robot, link)
+        self.shapes = robot.group_shapes(link)
         if not self.shapes:
             problem = "a link without a collision shape"
             raise InputError(f"URDFHand.fingertips[{link!r}]", problem, "a radius or a tip, such as ng.SphereTip(0.01)")
@@ -123,12 +122,16 @@ class _LinkEnd:
                     break
                 unusable = np.concatenate([unusable, patch[is_off]])
         angle = max(angle, NARROWEST)
-        while angle > NARROWEST:
-            patch = HullTip(corners, facing, angle, ROUNDING).surface(SIDES).vertices
-            if np.max(self._gaps(patch)) <= BRIDGED:
-                break
+        while (
+            angle > NARROWEST
+            and np.max(self._gaps(tip.points_with_normals(dome(facing, angle, SIDES).vertices))) > BRIDGED
+        ):
             angle *= SHRINKING
         return HullTip(corners, facing, angle, ROUNDING)
+
+    def _deepest_hollow(self, tip: HullTip, facing: FloatArray, angle: float) -> float:
+        """Return the largest distance outside the link's shapes of a hull's points within an angle, metres."""
+        return float(np.max(self._gaps(tip.points_with_normals(dome(facing, angle, SIDES).vertices))))
 
     def _gaps(self, points: FloatArray) -> FloatArray:
         """Return the distances of points (m, 3), link frame, outside the link's shapes, (m,), metres, at least zero."""
@@ -180,16 +183,6 @@ def _widest_cone(
         clear = np.where((pad > clear) & (pad <= clear + NEXT_TO), pad, clear)
     best = int(np.argmax(_merits(clear, cosines[:, 0], cosines[:, 1], slides)))
     return normals[best], float(clear[best])
-
-
-def group_shapes(robot: Robot, link: str) -> list[tuple[CollisionShape, FloatArray]]:
-    """Return the shapes of a link's rigid group, each with the transform (4, 4) to the link's frame."""
-    groups, result = robot.rigid_groups, list[tuple[CollisionShape, FloatArray]]()
-    for other, shapes in robot.shapes.items():
-        transform = robot.fixed_transform(other, link) if groups[other] == groups[link] else None
-        if transform is not None:
-            result += [(shape, transform) for shape in shapes]
-    return result
 
 
 def _cut(corners: FloatArray, direction: FloatArray, length: float) -> FloatArray:

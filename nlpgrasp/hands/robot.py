@@ -151,6 +151,15 @@ class Robot:
             return None
         return np.asarray(np.linalg.inv(self._in_group(other)) @ self._in_group(link))
 
+    def group_shapes(self, link: str) -> list[tuple[CollisionShape, FloatArray]]:
+        """Return the shapes of a link's rigid group, each with the transform (4, 4) to the link's frame."""
+        result = list[tuple[CollisionShape, FloatArray]]()
+        for other, shapes in self.shapes.items():
+            transform = self.fixed_transform(other, link)
+            if transform is not None:
+                result += [(shape, transform) for shape in shapes]
+        return result
+
     def _in_group(self, link: str) -> FloatArray:
         """Return the pose (4, 4) of a link in the topmost link of its rigid group."""
         pose, top = np.eye(4), self.rigid_groups[link]

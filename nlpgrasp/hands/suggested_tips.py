@@ -9,7 +9,6 @@ import numpy as np
 
 from nlpgrasp.common.formatting import format_number
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.fitted_tips import group_shapes
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
 
@@ -39,7 +38,7 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     a rigid group do not move against each other, so the result holds in every posture.
     """
     surface = tip.surface().vertices
-    outside = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in group_shapes(robot, link)]
+    outside = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
     return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
 
 
@@ -86,6 +85,6 @@ def suggest_tip(robot: Robot, link: str) -> SuggestedTip:
     if isinstance(tip, SphereTip) and not np.any(tip.centre):
         radius = format_number(tip.radius, DIGITS)
         return SuggestedTip(link, f"{link}={radius}", radius)
-    if tip is not None or group_shapes(robot, link):
+    if tip is not None or robot.group_shapes(link):
         return SuggestedTip(link, link, "None")
     return SuggestedTip(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)

@@ -488,8 +488,7 @@ class HullTip(Tip):
     @cached_property
     def _ball(self) -> FloatArray:
         """Centre and radius of the ball whose support function is nearest over the patch's normals, (4,)."""
-        normals = dome(np.asarray(self.facing), self.angle, FINE).vertices
-        support = np.max(normals @ np.asarray(self.points).T, axis=1)
+        normals, support = self._tangent_planes(self.angle, FINE)
         return np.asarray(np.linalg.lstsq(np.column_stack([normals, np.ones(len(normals))]), support, rcond=None)[0])
 
     @property
@@ -518,20 +517,23 @@ class HullTip(Tip):
 
     def beyond(self, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, 3) outside the hull's tangent planes, (m,), metres, negative inside."""
-        normals = dome(np.asarray(self.facing), np.pi, 2 * FINE).vertices
-        support = np.max(normals @ np.asarray(self.points).T, axis=1)
+        normals, support = self._tangent_planes(np.pi, 2 * FINE)
         return np.asarray(np.max(points @ normals.T - support, axis=1))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the radii about points (m, 3) that stay behind all tangent planes of the patch, (m,), metres."""
-        normals = dome(np.asarray(self.facing), self.angle, FINE).vertices
-        support = np.max(normals @ np.asarray(self.points).T, axis=1)
+        normals, support = self._tangent_planes(self.angle, FINE)
         return np.asarray(np.min(support - centres @ normals.T, axis=1) - SLACK)
 
     def surface(self, sides: int = FINE) -> Triangles:
         """Return the patch as triangles, sampled by outward normals."""
         patch = dome(np.asarray(self.facing), self.angle, sides)
         return Triangles(self.points_with_normals(patch.vertices), patch.faces)
+
+    def _tangent_planes(self, angle: float, sides: int) -> tuple[FloatArray, FloatArray]:
+        """Return sampled normals (m, 3) within an angle of the middle, and the heights of the corners along them."""
+        normals = dome(np.asarray(self.facing), angle, sides).vertices
+        return normals, np.max(normals @ np.asarray(self.points).T, axis=1)
 
     def points_with_normals(self, normals: FloatArray) -> FloatArray:
         """Return the points of the rounded hull with unit outward normals (m, 3), (m, 3), metres, link frame."""

@@ -149,15 +149,12 @@ class PenetrationModel:
         points : (k, 3) array
             Contacts, metres, body frame.
         """
-        robot, poses = self.hand.robot, self.hand.tree.body_poses(values)
-        groups = robot.rigid_groups
+        poses = self.hand.tree.body_poses(values)
         result: list[float | None] = []
-        for (tip_link, _), point in zip(self.hand.tips, points, strict=True):
-            gaps = []
-            for link, shapes in robot.shapes.items():
-                if groups[link] == groups[tip_link]:
-                    local = (point - poses[link][:3, 3]) @ poses[link][:3, :3]
-                    gaps += [-float(shape.depth(local[None])[0]) for shape in shapes]
+        for (link, _), point in zip(self.hand.tips, points, strict=True):
+            local = (point - poses[link][:3, 3]) @ poses[link][:3, :3]
+            shapes = self.hand.robot.group_shapes(link)
+            gaps = [-float(shape.depth(((local - T[:3, 3]) @ T[:3, :3])[None])[0]) for shape, T in shapes]
             result.append(max(0.0, min(gaps)) if gaps else None)
         return result
 
