@@ -55,6 +55,16 @@ def test_a_task_comes_back_as_it_was(library):
     assert len(library) == 2
 
 
+def test_an_entry_whose_file_was_renamed_is_not_overwritten(library):
+    peg, plug = ng.TaskEllipsoid(*PAPER_PEG), ng.TaskEllipsoid(2.0 * np.array(PAPER_PEG[0]))
+    library.add("peg", peg)
+    (library.path / "peg.json").rename(library.path / "plug.json")
+    with pytest.raises(ng.InputError, match=r"a name whose file is free: plug\.json has another entry"):
+        library.add("plug", plug)
+    assert list(library) == ["peg"]
+    assert library["peg"] == peg
+
+
 def test_a_problem_takes_a_task_of_the_library():
     library = ng.TaskLibrary()
     problem = ng.GraspProblem(ng.Cylinder(0.01, 0.08), [ng.SoftContact(0.8, 0.004)] * 3, library["peg in hole"])

@@ -150,7 +150,10 @@ class TaskLibrary:
         with self._folder.lock():
             if self._folder.find(title) is not None:
                 raise InputError("name", repr(title), f"a new name: {self._folder.words} has this entry; or update it")
-            self._folder.write_entry(entry)
+            file = self._folder.file(title)
+            if file.exists():  # an entry under another name, whose file was renamed
+                raise InputError("name", repr(title), f"a name whose file is free: {file.name} has another entry")
+            write_entry(entry, file)
         if not isinstance(what, TaskEntry):
             _warn_if_flat(entry)
         return entry
@@ -179,7 +182,7 @@ class TaskLibrary:
             entry = replace(
                 previous, learnt=previous.learnt.updated(rows), provenance=append_provenance(previous, origin)
             )
-            self._folder.write_entry(entry, file)
+            write_entry(entry, file)
         _warn_if_flat(entry)
         return entry
 
@@ -203,7 +206,7 @@ class TaskLibrary:
             origin = provenance_now("merged", addition.name, addition.wrenches)
             learnt = previous.learnt.merged(addition.learnt)
             entry = replace(previous, learnt=learnt, provenance=(*previous.provenance, *addition.provenance, origin))
-            self._folder.write_entry(entry, file)
+            write_entry(entry, file)
         return entry
 
     def forget(self, name: str, share: float) -> FloatArray:
@@ -220,9 +223,7 @@ class TaskLibrary:
             file, previous = self._folder.get(name)
             learnt, outliers = previous.learnt.without_outliers(share)
             origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(outliers))
-            self._folder.write_entry(
-                replace(previous, learnt=learnt, provenance=append_provenance(previous, origin)), file
-            )
+            write_entry(replace(previous, learnt=learnt, provenance=append_provenance(previous, origin)), file)
         return outliers
 
     def remove(self, name: str) -> None:
@@ -486,10 +487,6 @@ class LibraryFolder:
             )
             raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {suggestions}")
         return match
-
-    def write_entry(self, entry: TaskEntry, file: Path | None = None) -> None:
-        """Write an entry to its default or a given file."""
-        write_entry(entry, self.file(entry.name) if file is None else file)
 
     def file(self, name: str) -> Path:
         """Return the default file of an entry's name."""
