@@ -86,7 +86,7 @@ def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit)
 def edge_price(
     compiled: CompiledProblem, candidate: GraspCandidate, lagrangian: Callable[[GraspCandidate], float]
 ) -> ShadowPrice | None:
-    """Return the shadow price of the margin from sharp edges; None where no contact of a smooth face is at it.
+    """Return the shadow price of the margin from sharp edges; None unless a contact on a smooth face is at it.
 
     It is the change of mu per millimetre. A margin larger by h moves each contact that stands at it away from its edges
     by h. By the envelope theorem mu changes as the Lagrangian does with the contacts so moved, everything else left as
@@ -230,7 +230,7 @@ def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> 
 
 @dataclass(frozen=True)
 class Number(Generic[Item]):
-    """Adjustable number of a constraint or a hand.
+    """Number of a constraint or a hand that can be changed, with its setter.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def _hundredth(value: float) -> tuple[float, str]:
 def _constraint_change(
     problem: GraspProblem, i: int, new: Callable[[float], PlacementConstraint]
 ) -> Callable[[float], GraspProblem]:
-    """Return a function of an increment to the problem with a changed constraint."""
+    """Return the function that maps an increment of a constraint's number to the changed problem."""
 
     def changed(h: float) -> GraspProblem:
         constraints = list(problem.constraints)

@@ -169,7 +169,7 @@ class Body(DisplayedBody):
 
     @property
     def cramped(self) -> bool:
-        """Whether a round fingertip in contact may penetrate the body elsewhere, judged by ``distance``."""
+        """Whether a round fingertip in contact at one point may penetrate the body at another: false if convex."""
         return False
 
     @property

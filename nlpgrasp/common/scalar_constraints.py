@@ -62,7 +62,7 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """Copy of the label's four fields, without the constraint that inherits them."""
+        """Label alone: kind, contacts, link and part of the constraint, without its expression and limits."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 

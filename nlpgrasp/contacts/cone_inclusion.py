@@ -1,4 +1,4 @@
-"""Inclusion of contact force domains."""
+"""Inclusion of contact force domains: whether one contact model can exert every force of another."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class FrictionConeSum:
         return np.asarray(result.T.reshape(z.shape))
 
     def projection_methods(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return the methods (m,) that project ``z`` (m, n): ``SLIPS``, ``INSIDE``, ..., or the index of a map."""
+        """Return how each z (m, n) is projected, (m,): a constant such as ``SLIPS``, or the index of a linear map."""
         return self._project_polar(self._normalised(_unit_columns(z)[0])[0]).methods
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
@@ -222,7 +222,7 @@ def _unit_columns(z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class StickingProjection:
-    """Projection maps for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction.
+    """Linear projections onto a sum of friction cones, one for each pattern of sticking and slipping points.
 
     Where a point sticks the body turns about it, so the slip directions of all others follow from the sign of that
     turn (docs/paper/02_contacts.md):

@@ -191,7 +191,7 @@ def check_seeds(seeds: object) -> tuple[int, ...]:
 
 
 def _return_case(case: Case) -> Case:
-    """Return the case itself; bound to a case, a function that a worker can receive."""
+    """Return the given case; with ``partial`` a picklable function that makes the case in a worker."""
     return case
 
 

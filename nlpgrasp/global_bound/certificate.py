@@ -96,7 +96,7 @@ class _Motions:
         self.data: list[Json] = []
 
     def number(self, forward: int, back: int) -> int:
-        """Return the number of the motion forward by one symmetry and back by another."""
+        """Return the number of a composed motion: one symmetry, then the inverse of another."""
         if (forward, back) not in self._number_of_pair:
             self._number_of_pair[forward, back] = self._find(forward, back)
         return self._number_of_pair[forward, back]

@@ -21,7 +21,7 @@ NONE = -1  # number that stands for no cell, slot or symmetry
 
 
 class BundleLevel(IntEnum):
-    """Union of root cells: none, one per face, or one of all."""
+    """Degree to which root cells are merged: not at all, into one union per face, or all into one."""
 
     NONE = 0
     FACES = 1

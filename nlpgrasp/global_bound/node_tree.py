@@ -63,7 +63,7 @@ class NodeArrays:
 
 @dataclass(frozen=True)
 class FractionalPlacement:
-    """Fractional placement dual to a node's bound: each contact spread over rows of its cell.
+    """Relaxed placement that attains a node's bound: each contact a convex combination of its cell's contacts.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class FractionalPlacement:
 
 @dataclass(frozen=True)
 class SymmetricCopy:
-    """Symmetry between a node and one bounded before.
+    """Symmetry that maps a node to one bounded before, so that it needs no bound of its own.
 
     Parameters
     ----------

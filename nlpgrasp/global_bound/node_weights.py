@@ -136,7 +136,7 @@ class NodeWeightStrategy(BoundingStrategy):
         return loosest
 
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
-        """Return bounds recomputed from recorded dual weights; of a single direction by the grasp's exact support."""
+        """Return bounds recomputed from recorded dual weights; with weight on one direction, by the exact support."""
         results, rule = [np.zeros(0)], self.scope.rule
         for i in range(0, len(nodes), BATCH):
             numbers, weights = self._dense(nodes.dual_index[i : i + BATCH])

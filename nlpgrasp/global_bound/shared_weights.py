@@ -253,7 +253,7 @@ class ClusterMaxima:
         self._dual_weights.append(dual)
 
     def maxima_over_clusters(self, dual: DualWeights) -> FloatArray:
-        """Return the maxima of g over every cluster, group by group, in double precision."""
+        """Return the largest weighted support of a contact on each cluster, group by group, in double precision."""
         return np.concatenate([self._over_clusters(self._weighted_powers(corners, dual)) for corners in self._double])
 
     def largest_rows(self, node: IntArray, dual: DualWeights) -> tuple[IntArray, float]:

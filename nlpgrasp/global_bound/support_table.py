@@ -36,7 +36,7 @@ ROUNDING_MARGIN = 1e-9  # relative margin for rounding in a bound
 
 
 class SupportTable:
-    """Supports of several nodes, to the rule's power, by slot, row of its cell, and direction.
+    """Powers of the contacts' supports by node, contact slot, representative contact and direction.
 
     Parameters
     ----------

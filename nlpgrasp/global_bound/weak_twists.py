@@ -1,4 +1,4 @@
-"""Directions of wrench space in which fractional placements are weakest.
+"""Directions of wrench space in which relaxed placements (contacts spread over their cells) are weakest.
 
 ``NumberedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
 placements dual to the bounds (``FractionalContacts``), by inverse iteration.

@@ -190,7 +190,7 @@ class SphereTip(Tip):
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii of spheres about points (m, 3) inside a cone of 20 degrees around the tip, (m,), metres."""
+        """Return the largest radii of spheres about points (m, 3) inside a cone behind the tip, (m,), metres."""
         return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:

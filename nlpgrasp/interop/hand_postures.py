@@ -1,4 +1,4 @@
-"""Import of grasps as a hand in a given posture."""
+"""Import of grasps stated as hand postures: contacts where the fingertips meet the body."""
 
 from __future__ import annotations
 

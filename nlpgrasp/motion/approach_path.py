@@ -280,7 +280,7 @@ def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPost
 
 
 def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
-    """Return the straight path of the free joints to their goal; the palm moves too, but only while all are free."""
+    """Return the straight path of joints that may move to their goal; the palm moves only while all may."""
     targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
     targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]
 

@@ -26,6 +26,7 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 
 MAX_TURN = np.radians(10.0)  # largest turn of the normal over a chord
+SAME_POINT = 1e-9  # share of the body's size within which two stations are at one point
 LEVELS = 8  # largest number of halvings of a chord
 MIDDLE_SHARE = 0.25  # share of the tolerance allowed at a chord's middle
 NEWTON_STEPS = 20  # largest number of Newton steps to the point of an edge
@@ -103,6 +104,8 @@ class ContactPath:
         Path length per radian of the normal, metres: the fingertip's radius plus its lift.
     tolerance : float
         Metres.
+    most_turn : float
+        Largest turn of the normal over a chord, radians.
 
     Attributes
     ----------
@@ -113,8 +116,16 @@ class ContactPath:
         Arc length on the surface alone.
     """
 
-    def __init__(self, body: Body, stations: Sequence[PathStation], arm: float, tolerance: float) -> None:
-        refined = _refine_stations(body, _add_edge_stations(body, stations), MIDDLE_SHARE * tolerance)
+    def __init__(
+        self,
+        body: Body,
+        stations: Sequence[PathStation],
+        arm: float,
+        tolerance: float,
+        most_turn: float = MAX_TURN,
+    ) -> None:
+        refined = _refine_stations(body, _add_edge_stations(body, stations), MIDDLE_SHARE * tolerance, most_turn)
+        self.body, self.stations = body, refined
         self.points = np.array([s.point for s in refined])
         self.normals = np.array([s.normal for s in refined])
         chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
@@ -132,6 +143,26 @@ class ContactPath:
         """Path lengths, metres, at which the contact arrives at an edge, and at which it has rolled over it."""
         rolls = np.concatenate([[False], (np.diff(self.lengths) == 0.0) & (np.diff(self.steps) > 0.0), [False]])
         return np.asarray(self.steps[rolls[1:] != rolls[:-1]])
+
+    def deviations(self) -> FloatArray:
+        """Return the surface's deviations from the chords, (m - 1, 2): of points, metres, and of unit normals.
+
+        They are twice the deviations of the chord's middle from the surface there, and infinite where a chord leads
+        from one face to another.
+        """
+        pairs = list(itertools.pairwise(self.stations))
+        middles = _middle_stations(self.body, pairs)
+        means = np.array([a.normal + b.normal for a, b in pairs])
+        means /= np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1e-12)
+        off_point = np.linalg.norm(
+            np.array([m.point for m in middles]) - (self.points[1:] + self.points[:-1]) / 2, axis=1
+        )
+        off_normal = np.linalg.norm(np.array([m.normal for m in middles]) - means, axis=1)
+        result = 2.0 * np.column_stack([off_point, off_normal])
+        rolls = np.linalg.norm(np.diff(self.points, axis=0), axis=1) <= SAME_POINT * self.body.size
+        result[rolls] = 0.0
+        result[~rolls & np.array([a.face != b.face for a, b in pairs])] = np.inf
+        return result
 
     def at(self, path_length: float) -> tuple[FloatArray, FloatArray, float]:
         """Return point, inward unit normal and arc length on the surface at a path length."""
@@ -233,7 +264,7 @@ def _face_distances(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[Fl
     return np.array(distances), np.array([normal[0] for _, _, normal, _ in evaluations])
 
 
-def _refine_stations(body: Body, stations: list[PathStation], tolerance: float) -> list[PathStation]:
+def _refine_stations(body: Body, stations: list[PathStation], tolerance: float, most_turn: float) -> list[PathStation]:
     """Return the stations refined until chords are near the surface and normals turn little."""
     is_fine = [False] * (len(stations) - 1)
     for _ in range(LEVELS):
@@ -248,7 +279,7 @@ def _refine_stations(body: Body, stations: list[PathStation], tolerance: float) 
                 middle = middles[coarse.index(i)]
                 offset = float(np.linalg.norm(middle.point - (a.point + b.point) / 2.0))
                 turn = float(np.arccos(np.clip(a.normal @ b.normal, -1.0, 1.0)))
-                fine = offset <= tolerance and turn <= MAX_TURN
+                fine = offset <= tolerance and turn <= most_turn
                 if not fine:
                     refined.append(middle)
                     flags.append(False)
@@ -265,7 +296,7 @@ def _middle_stations(body: Body, pairs: Sequence[tuple[PathStation, PathStation]
     normals = np.array([a.normal + b.normal for a, b in pairs])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
     faces = [a.face for a, _ in pairs]
-    on_one_face = np.array([a.face == b.face for a, b in pairs]) & (lengths > 1e-9 * body.size)
+    on_one_face = np.array([a.face == b.face for a, b in pairs]) & (lengths > SAME_POINT * body.size)
     for face in set(faces):
         indices = np.flatnonzero(on_one_face & np.array([f == face for f in faces]))
         if len(indices):

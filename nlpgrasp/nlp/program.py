@@ -274,7 +274,7 @@ class Program:
 
     @property
     def g(self) -> ca.SX:
-        """All SX constraints in one column: after slots, before clearance and surface constraints."""
+        """SX constraints in one column; the program has them between its repeated and its spline constraints."""
         return ca.vertcat(*self._g) if self._g else ca.SX(0, 1)
 
     @property

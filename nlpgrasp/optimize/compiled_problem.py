@@ -126,7 +126,7 @@ class CompiledProblem:
         return result
 
     def with_faces(self, problem: GraspProblem) -> CompiledProblem:
-        """Return the compiled problem of a body that describes the same surface by other faces.
+        """Return the compiled problem with the body's surface divided into other faces, such as triangles.
 
         Its program is compiled once: the geometry of a face is among the parameters.
         """
@@ -183,7 +183,7 @@ class CompiledProblem:
 
     @property
     def closure_budget(self) -> ForceBudget:
-        """Budget for force closure: the L2 budget where the problem's own depends on the posture."""
+        """Force budget of the force-closure test: the problem's, or L2 where that would depend on the posture."""
         return closure_budget(self.problem)
 
     @property

@@ -83,7 +83,7 @@ def exact_minimisers(
 def missed_directions(
     compiled: CompiledProblem, candidate: GraspCandidate, value: float
 ) -> tuple[WeakestDirections | None, ResumableCertificate | None]:
-    """Return the directions of less than the known value that descents missed, and the certificate; each may be None.
+    """Return directions below the known least value that descents missed, and the certificate; each may be None.
 
     Descents miss narrow minima far from their initial directions; a certificate's polytope does not. Budgets other than
     the L2 budget have no such certificate here: descents are repeated, and the second value is None.

@@ -161,7 +161,7 @@ def new_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> Branch
 
 
 def node_limit(problem: GraspProblem, starts: int) -> int:
-    """Return the largest number of nodes of the short branch and bound for a number of starts."""
+    """Return the node limit of the short branch and bound of a solve; it grows with the number of starts."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
     share = _limit_share(problem, starts)
     if follows_contacts(problem):

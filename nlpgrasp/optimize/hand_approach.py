@@ -43,7 +43,7 @@ IntArray = NDArray[np.intp]
 def choose_free_approach(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> tuple[StartGrasp, ...]:
-    """Return the best start with a free approach, else the best; then the blocked starts; each with its hand record.
+    """Return the best start with a free approach (if none, the best), then those found blocked, with hand records.
 
     The best start comes first if its approach is collision-free, else the next by decreasing mu whose approach is.
 

@@ -59,7 +59,7 @@ class RefinementPoint:
 
     @property
     def cuts(self) -> FloatArray:
-        """All directions, (m + m', d)."""
+        """Cuts: weakest directions of this candidate, and those kept from earlier ones, (m + m', d)."""
         return np.concatenate([self.minimisers, self.nearby_cuts])
 
 

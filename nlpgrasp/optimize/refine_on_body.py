@@ -119,7 +119,7 @@ def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatA
 
 
 def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
-    """Return a candidate after a few rounds of refinement on the body; a hand's on the smooth surface of a mesh."""
+    """Return a candidate after a few rounds of refinement; with a hand on a mesh, on its smoothed surface."""
     body = compiled.problem.body
     if not isinstance(body, Mesh):
         return advance(compiled, compiled.projected_onto_faces(candidate), deadline, ROUNDS)

@@ -214,7 +214,7 @@ class Linearisation:
 def program_step(
     compiled: CompiledProblem, candidate: GraspCandidate, value: float, cuts: FloatArray, radius: float
 ) -> TrustRegionStep:
-    """Return IPOPT's step from a candidate of some value, in a trust region relative to the body's size."""
+    """Return IPOPT's trust-region step from a candidate with a known quality; the radius is relative to the body."""
     functions, faces = compiled.cutting_planes.functions, candidate.faces
     program = functions.program
     z = pack_variables(compiled, program, candidate)

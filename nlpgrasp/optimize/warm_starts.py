@@ -114,7 +114,7 @@ def run_warm_start(
 
 
 def certify_as_is(compiled: CompiledProblem, warm: WarmStart, index: int) -> StartGrasp | None:
-    """Return a warm start certified unchanged, with a mu of at least its floor.
+    """Return a warm start certified unchanged; its lower bound is at least the one already proved for it.
 
     None where a contact is on a forbidden face, a constraint is violated, or the grasp does not exert the task.
     """

@@ -127,7 +127,7 @@ def prefer_robust_start(
 def restrict_to_pressing(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start that can press, and the starts eligible for the answer.
+    """Return the best start whose contacts can all press in balance, and all such starts; all where none can.
 
     A grasp can press where its contacts can press against each other: other grasps of a hand with joints exert the
     task only while it pushes into the fingers. Eligible are the pressing starts with at least half of the best mu;

@@ -132,7 +132,7 @@ class Multistart:
 
     @property
     def best(self) -> StartGrasp | None:
-        """The best start so far, among those certified for at least the floor where there are any."""
+        """Best start so far; where warm starts proved a lower bound, only among starts certified to reach it."""
         best = best_of(self.results)
         if best is None or best.record.mu.lower >= self.floor:
             return best

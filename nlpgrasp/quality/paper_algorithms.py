@@ -83,7 +83,7 @@ class InscribedPolytope:
 
     @property
     def delta(self) -> float:
-        """Least distance, newtons: between ``share`` times delta and delta; 0 without faces."""
+        """Distance of the closest face, newtons: at most delta, at least ``share`` times delta; 0 without faces."""
         return 0.0 if self.closest is None else float(self.distances[self.closest])
 
 

@@ -78,7 +78,7 @@ def describe_patch(tip: Tip) -> str:
 
 
 def opposition_table(opposition: Opposition | None) -> str:
-    """Return the least distance of each pair of fingertips face to face, as buttons that set the posture."""
+    """Return the table of fingertip pairs with their least distance; its buttons show the posture."""
     if opposition is None or not opposition.pairs:
         return ""
     count = max(i for pair in opposition.pairs for i in pair.fingers) + 1

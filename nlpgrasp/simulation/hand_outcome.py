@@ -47,7 +47,7 @@ class HandTrial:
 
     @property
     def whole(self) -> Motion:
-        """Largest motion of the object by the squeeze and after it; after it alone for a displaced object, metres."""
+        """Largest motion of the object over the trial, metres; of a displaced one, after the squeeze."""
         return self.motion if self.placed_off else self.squeezed + self.motion
 
     @property

@@ -313,7 +313,7 @@ def _add_palm(world: Element, posed: PosedRobot) -> Element:
 
 
 def _surfaces_by_link(posed: PosedRobot, surfaces: list[dict[str, str]]) -> dict[str, dict[str, str]]:
-    """Return the geom attributes of the links with fingertips, and of links fixed to those that tips are off."""
+    """Return contact attributes by link: of fingertips' links, and of links fixed to one whose tip is off it."""
     groups = posed.robot.rigid_groups
     result = {str(tip["link"]): surface for tip, surface in zip(posed.tips, surfaces, strict=True)}
     for i in posed.floating:

@@ -174,7 +174,7 @@ def nullable(schema: Json) -> Json:
 
 
 def _field_schema(field: Field[Any], kind: Any) -> Json:
-    """Return the JSON Schema of a field's entry: None as a default that is not written is no null."""
+    """Return the JSON Schema of a field's entry; null is not allowed where a default of None is not written."""
     if "null" in field.metadata:
         return nullable(_schema(kind))
     return _schema(get_args(kind)[0] if "left_out" in field.metadata and NoneType in get_args(kind) else kind)

@@ -386,7 +386,7 @@ class GraspSolution(InNotebook):
 
     @property
     def told(self) -> str:
-        """Status as text, with a closed gap and warnings about the grasp."""
+        """Status as text, with the gap if it was closed, and warnings about the grasp."""
         return format_status(self.status, self.message, self.gap, self.caveats)
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from heapq import heappop, heappush
@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.common.formatting import format_lower
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel, PointContact
@@ -26,17 +25,15 @@ from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.sliding_contact import SurfacePath, least_mu_along
 from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import TaskEllipsoid
 
-EVEN_STATIONS = 9  # evenly spaced initial stations
-MOST_STATIONS = 40  # most stations of a search
-LEAST_IMPROVEMENT = 0.02  # least relative improvement that an interval has to promise
-STEEPER = 2.0  # assumed slope in an interval over the steepest one beside it
 SLIDE_STATIONS = 6  # evenly spaced stations for estimating a slide
 HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
+MOST_TURN = np.radians(2.0)  # largest turn of the normal over a chord of a certified path
 S = TypeVar("S")
 LIFTED, SLIDES = False, True  # ways of a move: whether the finger slides
 UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
@@ -61,9 +58,9 @@ def fine_manipulation(
 
     Fingers move one after another along shortest paths over the body, in the order that maximises the quality of the
     weakest intermediate grasp. A finger is lifted where the other fingers hold the body alone: their certificate is
-    valid along the whole path. Otherwise, or where the hand cannot lift it, the finger slides. A slide is certified at
-    stations along the path; between them only the quality of the other fingers alone is certified. Fingers with equal
-    contact models may swap contacts, unless the hand has a pose.
+    valid along the whole path. Otherwise, or where the hand cannot lift it, the finger slides without friction, and the
+    least quality of all fingers is certified between the stations of its path as well. Fingers with equal contact
+    models may swap contacts, unless the hand has a pose.
 
     Parameters
     ----------
@@ -131,13 +128,8 @@ class FineManipulation:
 
     @property
     def success(self) -> bool:
-        """Whether both grasps exist, every move is feasible, and each is certified on its whole path."""
-        return self.held_at_stations and all(m.certified for m in self.moves)
-
-    @property
-    def held_at_stations(self) -> bool:
-        """Whether moves are feasible and hold the body at examined stations; between them slides may be uncertified."""
-        return bool(self.moves) and self.feasible and all(m.held.lower > 0.0 for m in self.moves)
+        """Whether both grasps exist, every move is feasible, and the body is held on the whole path of each."""
+        return bool(self.moves) and self.feasible and all(m.certified for m in self.moves)
 
     @property
     def feasible(self) -> bool:
@@ -151,13 +143,13 @@ class FineManipulation:
             return "no moves: one of the two grasps was not found"
         if not self.feasible:
             return "the hand cannot make all of these moves"
-        if not self.held_at_stations:
-            return "the body is not held during every move"
         if self.success:
             return "the body is held during every move, certified along the whole path"
-        *others, last = [str(m.finger) for m in self.moves if not m.certified]
-        slides = f"fingers {', '.join(others)} and {last} slide" if others else f"finger {last} slides"
-        return f"the body is held at all stations examined, but it is not certified between the stations where {slides}"
+        dropped = [str(m.finger) for m in self.moves if m.held.upper <= 0.0]
+        if dropped:
+            return f"the body is not held while {_format_fingers(dropped)}"
+        uncertain = [str(m.finger) for m in self.moves if not m.certified]
+        return f"it is not certified that the body is held while {_format_fingers(uncertain)}"
 
     def __str__(self) -> str:
         lines = [f"pick up: {self.pick.mu}", f"in the hand: {self.goal.mu}"]
@@ -182,16 +174,12 @@ class FingerMove:
     slides : bool
         Whether the finger slides under pressure (without friction), or is lifted.
     held : Bounds
-        Quality for the holding task meanwhile. For a lifted finger: certified quality of the other fingers, constant
-        along the path. For a sliding finger: the least certified quality of all fingers at ``stations`` points of its
-        path; the least along the path may be smaller, as nothing is certified between them.
+        Least quality for the holding task on the whole path. For a lifted finger it is that of the other fingers, for a
+        sliding one that of all fingers, wherever it is.
     motion : FingerPath or None
         The hand's motion, or its obstruction; None without a hand of known limits.
     stations : int
         Number of certified grasps: 1 for a lifted finger.
-    others : Bounds or None
-        Certified quality of the other fingers alone, a lower bound on the whole path, as a sliding finger may exert no
-        force. None means ``held`` for a lifted finger, and zero for a slide.
     """
 
     finger: int
@@ -200,7 +188,6 @@ class FingerMove:
     held: Bounds
     motion: FingerPath | None = None
     stations: int = 1
-    others: Bounds | None = None
 
     @property
     def length(self) -> float:
@@ -214,10 +201,8 @@ class FingerMove:
 
     @property
     def least(self) -> float:
-        """Certified quality on the whole path: the lower bound of the other fingers alone."""
-        if not self.slides:
-            return self.held.lower
-        return 0.0 if self.others is None else self.others.lower
+        """Certified quality on the whole path."""
+        return self.held.lower
 
     @property
     def certified(self) -> bool:
@@ -226,15 +211,12 @@ class FingerMove:
 
     @property
     def held_text(self) -> str:
-        """Quality during the move as text, with its certified part."""
-        if not self.slides:
-            return f"held with {self.held}" if self.certified else "not held by the other fingers"
+        """Quality during the move as text."""
         if self.held.upper <= 0.0:
-            return "not held at one of its stations"
-        stations = f"held with {self.held} at {self.stations} station{'' if self.stations == 1 else 's'}"
-        if self.certified:
-            return f"{stations}, and with at least {format_lower(self.least)} between them, by the other fingers alone"
-        return f"{stations}, not certified between them"
+            return "not held everywhere on its path" if self.slides else "not held by the other fingers"
+        if not self.certified:
+            return f"held with {self.held} at {self.stations} stations, not certified between them"
+        return f"held with {self.held}" + (" everywhere on its path" if self.slides else "")
 
     def to_dict(self) -> Json:
         """Return the move as JSON data."""
@@ -346,7 +328,7 @@ def _widest_path(holding: HoldingQuality, motions: Motions[S] | None) -> _Search
 
 
 def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
-    """Return width, finger and ways of a move: where the others hold the body lifted, else sliding; else sliding."""
+    """Return a move's rank, finger and ways: lifted, else sliding, where the others hold the body; else sliding."""
     others = holding.others(moved, finger).lower
     if others > 0.0:
         return (0, -others), finger, (LIFTED, SLIDES)
@@ -382,6 +364,12 @@ def _execute_moves(
                 motion = unexamined_move(f"not looked at, as finger {blocked} does not get to its place")
         result.append((finger, slides, motion))
     return _SearchNode(sequence=tuple(result), posture=posture)
+
+
+def _format_fingers(fingers: Sequence[str]) -> str:
+    """Return fingers that move, as text."""
+    *others, last = fingers
+    return f"fingers {', '.join(others)} and {last} move" if others else f"finger {last} moves"
 
 
 def unexamined_move(reason: str) -> FingerPath:
@@ -441,7 +429,7 @@ class HoldingQuality:
         self.pick, self.goal, self.order, self.paths = pick, goal, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size
-        self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
+        self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size, MOST_TURN) for path in paths]
         self.others, self.sliding = cache(self._others), cache(self._sliding)
 
     def _others(self, moved: frozenset[int], finger: int) -> Bounds:
@@ -455,21 +443,13 @@ class HoldingQuality:
         return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
-        """Return the move of a finger, certified for the other fingers alone and at stations of a slide."""
-        path = np.array([station.point for station in self.paths[finger]])
-        others = self.others(moved, finger)
+        """Return the move of a finger, certified on its whole path."""
+        curve, others = self._curves[finger], self.others(moved, finger)
         if not slides:
-            return FingerMove(finger, path, slides, others)
-        curve, certificates = self._curves[finger], dict[float, Bounds]()
-
-        def quality(station: float) -> float:
-            certificates[station] = self._certified(self._grasp(moved, finger, station))
-            return certificates[station].upper
-
-        refine_stations(quality, first_stations(curve.total, curve.edges))
-        lower, upper = min(b.lower for b in certificates.values()), min(b.upper for b in certificates.values())
-        bounds = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
-        return FingerMove(finger, path, slides, bounds, stations=len(certificates), others=others)
+            return FingerMove(finger, curve.points, slides, others)
+        path = SurfacePath(curve.points, curve.normals, curve.deviations())
+        along = least_mu_along(path, self._grasp(moved, finger), self.hold, self.budget, others.lower)
+        return FingerMove(finger, curve.points, slides, along.bounds, stations=along.stations)
 
     def _estimate(self, grasp: Grasp) -> float:
         return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
@@ -493,41 +473,6 @@ class HoldingQuality:
         return Grasp(points, normals, models, self.problem.origin)
 
 
-def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int = EVEN_STATIONS) -> FloatArray:
+def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int) -> FloatArray:
     """Return a path's corners and ``count`` evenly spaced stations, in order."""
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
-
-
-def refine_stations(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
-    """Return the stations of a path with others added where the least value may lie, (n,), in order.
-
-    The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
-    nothing about values between stations.
-
-    Parameters
-    ----------
-    value : callable
-        Function of the path length, at least zero; the search ends at a zero.
-    stations : (m,) array
-        Initial stations, in order.
-    """
-    positions = [float(station) for station in stations]
-    values = [value(station) for station in positions]
-    while 1 < len(positions) < MOST_STATIONS and min(values) > 0.0:
-        estimates = _lower_estimate(np.array(positions), np.array(values))
-        i = int(np.argmin(estimates))
-        middle = (positions[i] + positions[i + 1]) / 2.0
-        if estimates[i] >= (1.0 - LEAST_IMPROVEMENT) * min(values) or not positions[i] < middle < positions[i + 1]:
-            break
-        positions.insert(i + 1, middle)
-        values.insert(i + 1, value(middle))
-    return np.array(positions)
-
-
-def _lower_estimate(positions: FloatArray, values: FloatArray) -> FloatArray:
-    """Return a lower estimate of the least value in each interval, (n - 1,), by the slopes beside it."""
-    lengths = np.diff(positions)
-    slopes = np.pad(np.abs(np.diff(values)) / lengths, 1)
-    steepest = STEEPER * np.max([slopes[:-2], slopes[1:-1], slopes[2:]], axis=0)
-    estimates: FloatArray = (values[:-1] + values[1:] - steepest * lengths) / 2.0
-    return estimates

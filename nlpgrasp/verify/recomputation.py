@@ -302,7 +302,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that a constraint may own; any for another package's."""
+    """Return a test whether a stated scalar constraint can stem from a constraint; true for other packages' types."""
     kind = str(data["type"])
     if kind == "obstacle":
         return _named_with_prefix((f"{data['name']}, ",), contacts)
@@ -313,7 +313,7 @@ def constraint_owner(data: Json, contacts: int) -> Owner:
 
 
 def hand_owner(data: Json, contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that a hand may own; any for another package's."""
+    """Return a test whether a stated scalar constraint can stem from a hand; true for other packages' hands."""
     kind = str(data["type"])
     return _named_with_prefix(HAND_PREFIXES[kind], contacts) if kind in HAND_PREFIXES else owns_any
 

@@ -191,7 +191,7 @@ class NumericBody(Protocol):
 
     @property
     def rough(self) -> float:
-        """Largest excess of the solver's obstacle distance over this one, metres; 0 where both are equal."""
+        """Tolerance as an obstacle, metres: how much the solver's distance may exceed this one; 0 if both are exact."""
 
 
 @dataclass(frozen=True)

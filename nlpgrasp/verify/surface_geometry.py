@@ -93,7 +93,7 @@ def triangle_distances(point: FloatArray, corners: FloatArray) -> FloatArray:
 
 
 def from_corners(v: FloatArray, i: int) -> Distance:
-    """Return the distance function from the sharp ends, by more than 30 degrees, of edge i of a polygon (n, 2)."""
+    """Return the distance function from those ends of a polygon's edge where it turns by more than 30 degrees."""
     previous, start, end, following = (v[(i + j) % len(v)] for j in (-1, 0, 1, 2))
     sharp_ends = [
         corner

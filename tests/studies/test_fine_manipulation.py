@@ -81,8 +81,7 @@ def test_fingers_below_a_body_carry_it(space):
     options = ng.SolveOptions(rtol=0.05, final_rtol=0.05, rounds=5, **nothing_else)
     pick, goal = (carried_from_below(space, half_width) for half_width in (0.5, 0.8))
     plan = ng.fine_manipulation(pick, goal, starts=1, options=options)
-    assert plan.held_at_stations
-    assert plan.success == (space == 2)
+    assert plan.success
     assert any(m.slides for m in plan.moves) == (space == 3)
     assert len(plan.moves) == 4
     for move in plan.moves:

@@ -38,7 +38,7 @@ def test_a_body_that_is_dropped_at_a_corner_is_seen():
     assert min(ends) > 0.25
     assert move.held.upper == 0.0
     assert not move.certified
-    assert move.held_text == "not held at one of its stations"
+    assert move.held_text == "not held everywhere on its path"
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
     assert quality.others(NOBODY, 0).lower == 0.0
     first, *_ = ordered_moves(quality)
     assert first.slides
-    assert not first.certified
+    assert first.certified  # faces are flat: between the stations nothing is worse than at them
     assert first.held.lower > 1.6
 
 
@@ -71,8 +71,6 @@ def test_the_least_along_a_slide_is_met_and_what_the_others_hold_alone_is_below_
     least = min(b.upper for b in dense)
     assert move.held.lower <= least * (1.0 + 1e-9)
     assert move.held.upper <= 1.02 * least + 1e-9
-    assert move.others == alone.held
-    assert move.least == alone.held.lower <= move.held.lower
-    assert move.certified == alone.certified == (alone.held.lower > 0.0)
-    assert move.stations <= 40
+    assert move.held.gap <= 0.025
+    assert alone.held.lower <= move.held.lower
     assert alone.stations == 1

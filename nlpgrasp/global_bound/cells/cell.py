@@ -24,7 +24,7 @@ class CurvedSurface(Protocol):
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return coefficients of two bounds on the deviation of a contact's work inside each part, (n, 2, 3).
+        """Return coefficients of two bounds on a contact's work inside parts over its interpolation, (n, 2, 3).
 
         The first bounds the deviation of z from a linear interpolation between the corners, the second that from any
         corner. Coefficients are of ``|v|``, ``|tau|`` and, for a contact with a moment about its normal, of ``|tau|``
@@ -65,7 +65,7 @@ class CurvedParts:
 
 @dataclass(frozen=True)
 class RepresentativeContacts:
-    """Representative contacts of a cell (its rows): bounds on all of them bound the cell.
+    """Finitely many contacts (rows) that stand for a cell: a bound that holds at each holds on the whole cell.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class SurfaceCell(ABC):
         """Return ``kind`` and the numbers that determine the rows."""
 
     def unsplit_data(self) -> Json:
-        """Return the data of a cell that is never split."""
+        """Return the shorter JSON data that suffice for a cell which is not split."""
         return self.to_dict()
 
 

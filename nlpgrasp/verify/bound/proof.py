@@ -201,7 +201,7 @@ class Proof:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """The leaves' claimed bounds, stated or raised to half of the largest, and the recomputed ones."""
+        """Claimed bounds of the leaves, at least half of the largest stated one, and the recomputed bounds."""
         return self.leaves.bounds()
 
     def _check_leaves(self) -> tuple[str, str]:

@@ -197,7 +197,7 @@ class RotationTest:
 def error_of_reduction(
     groups: Sequence[Json], rotation_test: RotationTest, faces: Faces, regions: Sequence[StatedRegion]
 ) -> str:
-    """Return the error in the stated reductions, not allowed or not covering their line, as text; empty without one.
+    """Return why stated reductions by symmetry are not allowed or do not cover their line, as text; empty if right.
 
     Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
     any half-plane through the axis. On a sphere, one contact at a pole and one on a meridian through it.
