@@ -11,6 +11,7 @@ import typer
 
 from nlpgrasp.cli.console import writable
 from nlpgrasp.common.display import open_page
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.validation import NEAREST, format_known_names, similar_names
 from nlpgrasp.errors import InputError
 
@@ -56,6 +57,10 @@ def hand_command(
             help="Direction in which the palm faces, in the palm's frame (default: 0,0,1).",
         ),
     ] = None,
+    scale: Annotated[
+        float, typer.Option("--scale", metavar="S", help="Factor on the meshes of a URDF: 0.001 for millimetres.")
+    ] = 1.0,
+    degrees: Annotated[bool, typer.Option("--degrees", help="Limits of the URDF's joints are degrees.")] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -72,7 +77,7 @@ def hand_command(
     writable(target, source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the findings say what they say
-        hand = _load_hand(source, preset, palm, fingertip or [], approach)
+        hand = _load_hand(source, preset, palm, fingertip or [], approach, UrdfUnits(scale, degrees))
     from nlpgrasp.hands.inspection import inspect
     from nlpgrasp.report import write_hand
 
@@ -85,7 +90,12 @@ def hand_command(
 
 
 def _load_hand(
-    source: Path, preset: str | None, palm: str | None, fingertip: list[str], approach: str | None
+    source: Path,
+    preset: str | None,
+    palm: str | None,
+    fingertip: list[str],
+    approach: str | None,
+    units: UrdfUnits,
 ) -> Hand | InspectedHand:
     """Return the hand of a file or a preset."""
     name, path = resolve_preset(source, preset)
@@ -93,22 +103,31 @@ def _load_hand(
         for option, value in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
             if value:
                 raise InputError(option, value, f"none with the preset {name}, which has its own")
-        from nlpgrasp.hands.presets import load_preset
+        from nlpgrasp.hands.presets import Options, load_preset
 
-        if palm is None:
-            return load_preset(name, path, tip_overhang=ANY_OVERHANG)
-        own_palm = palm if path is None else check_link(path, palm, "--palm")
-        return load_preset(name, path, palm=own_palm, tip_overhang=ANY_OVERHANG)
+        options = Options(tip_overhang=ANY_OVERHANG, scale=units.scale, degrees=units.degrees)
+
+        if palm is not None:
+            options["palm"] = palm if path is None else check_link(path, palm, "--palm")
+        return load_preset(name, path, **options)
     palm_link = None if palm is None else check_link(source, palm, "--palm")
     direction = parse_palm_direction(approach)
     if not fingertip:
         from nlpgrasp.hands.inspection import inspect_without_tips
 
-        return inspect_without_tips(source, palm_link, direction)
+        return inspect_without_tips(source, palm_link, direction, units)
     from nlpgrasp import URDFHand
 
     tips = parse_fingertips(source, palm_link, fingertip)
-    return URDFHand.load(source, tips, palm=palm_link, approach=direction, tip_overhang=ANY_OVERHANG)
+    return URDFHand.load(
+        source,
+        tips,
+        palm=palm_link,
+        approach=direction,
+        tip_overhang=ANY_OVERHANG,
+        scale=units.scale,
+        degrees=units.degrees,
+    )
 
 
 def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path | None]:

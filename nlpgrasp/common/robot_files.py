@@ -1,13 +1,78 @@
-"""Files of robot descriptions: expansion of xacro, location of meshes."""
+"""Files of robot descriptions: expansion of xacro, location of meshes, units."""
 
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+
 from nlpgrasp.errors import InputError
+
+RADIANS_PER_DEGREE = float(np.pi / 180.0)
+
+
+@dataclass(frozen=True)
+class UrdfUnits:
+    """Units of a URDF's numbers, where they are not metres and radians.
+
+    Parameters
+    ----------
+    scale : float
+        Factor on the coordinates of its mesh files, beside the ``scale`` of each ``<mesh>``: metres per unit.
+    degrees : bool
+        Whether limits and mimic offsets of revolute joints are degrees.
+    """
+
+    scale: float = 1.0
+    degrees: bool = False
+
+    def to_dict(self) -> dict[str, float | bool]:
+        """Return what differs from the format's units, as JSON data."""
+        return ({} if self.scale == 1.0 else {"scale": self.scale}) | ({"degrees": True} if self.degrees else {})
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, object]) -> UrdfUnits:
+        """Return the units in a hand's JSON data; the format's where they state none."""
+        scale = data.get("scale", 1.0)
+        return cls(float(scale) if isinstance(scale, int | float) else 1.0, data.get("degrees") is True)
+
+    def convert(self, root: ET.Element) -> ET.Element:
+        """Return a URDF's root element with all numbers in metres and radians, changed in place."""
+        if self.scale != 1.0:
+            for mesh in root.iter("mesh"):
+                mesh.set("scale", _times(mesh.get("scale", "1 1 1"), self.scale))
+        if self.degrees:
+            joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+            turns = {name: joint.get("type") in ("revolute", "continuous") for name, joint in joints.items()}
+            units = {name: RADIANS_PER_DEGREE if turns[name] else 1.0 for name in joints}
+            for name, joint in joints.items():
+                for limit in joint.findall("limit"):
+                    _scale_attributes(limit, {"lower": units[name], "upper": units[name]})
+                for mimic in joint.findall("mimic"):
+                    ratio = units[name] / units.get(mimic.get("joint", ""), 1.0)
+                    _scale_attributes(mimic, {"offset": units[name], "multiplier": ratio})
+        return root
+
+
+def _scale_attributes(element: ET.Element, factors: Mapping[str, float]) -> None:
+    """Multiply the numbers of an element's attributes by factors, in place; other attributes stay as they are."""
+    for key, factor in factors.items():
+        if (text := element.get(key)) is not None:
+            element.set(key, _times(text, factor))
+
+
+def _times(text: str, factor: float) -> str:
+    """Return the numbers in a text times a factor, as text; text that is no number is left to its reader."""
+    try:
+        return " ".join(repr(factor * float(value)) for value in text.split())
+    except ValueError:
+        return text
 
 
 def expand_xacro(source: Path) -> bytes:

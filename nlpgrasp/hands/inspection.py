@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.formatting import format_number
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.file_units import check_units, unit_questions
 from nlpgrasp.hands.finger_chains import format_as_list, format_direction, suggested_approach
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit, fit_hand, links_thicker_than_tips
@@ -25,7 +27,8 @@ from nlpgrasp.hands.presets import matching_preset
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, overhang, suggest_tip
-from nlpgrasp.hands.urdf_hand import modelling_warnings, resolve_torque_limits, unit_approach
+from nlpgrasp.hands.urdf_hand import missing_mesh_warning, modelling_warnings, resolve_torque_limits, unit_approach
+from nlpgrasp.hands.urdf_reader import SI
 
 SPHERES = 6  # per link, the default of URDFHand.load
 EVEN_RANGE = 0.1  # share of a joint's range: with its middle this near zero the joint rests at zero
@@ -147,7 +150,9 @@ def inspection_data(hand: Hand) -> InspectedHand:
     return InspectedHand(hand.tree, fits, hand.torque_limits)
 
 
-def inspect_without_tips(path: str | Path, palm: str | None, approach: ArrayLike) -> InspectedHand:
+def inspect_without_tips(
+    path: str | Path, palm: str | None, approach: ArrayLike, units: UrdfUnits = SI
+) -> InspectedHand:
     """Return the inspection data of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
 
     Raises
@@ -155,7 +160,7 @@ def inspect_without_tips(path: str | Path, palm: str | None, approach: ArrayLike
     InputError
         As ``ng.URDFHand.load``.
     """
-    robot = read_robot(path, palm)
+    robot = read_robot(path, palm, check_units(units.scale, units.degrees))
     tree = LinkTree(robot, (), unit_approach(approach))
     torque_limits, preset = resolve_torque_limits(robot, None), matching_preset(path) if palm is None else None
     return InspectedHand(tree, fit_hand(robot, SPHERES), torque_limits, str(path), palm, preset)
@@ -254,7 +259,9 @@ def _palm_warning(hand: InspectedHand) -> list[FileWarning]:
 def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
     """Return warnings about missing collision shapes, and links thicker than their fingertips."""
     robot = hand.tree.robot
-    result = [FileWarning(f"Left out: {name}.", grave=True) for name in robot.missing]
+    result = [FileWarning(f"{_sentence(text)}.", grave=True) for text in unit_questions(robot)]
+    if robot.missing:
+        result.append(FileWarning(f"{_sentence(missing_mesh_warning(robot))}.", grave=True))
     if robot.shapeless:
         names = ", ".join(robot.shapeless)
         text = f"Links {names} are visible but have no collision shape: they may pass through the body."
@@ -270,6 +277,11 @@ def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
         text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {reach} mm into the body."
         result.append(FileWarning(text))
     return result
+
+
+def _sentence(text: str) -> str:
+    """Return text with a capital letter at its beginning."""
+    return text[:1].upper() + text[1:]
 
 
 def _overhangs(hand: InspectedHand) -> list[FileWarning]:
@@ -292,7 +304,7 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
     robot = hand.tree.robot
     if not robot.free_joints:
         return [FileWarning(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
-    result = [FileWarning(f"{text[0].upper()}{text[1:]}.") for text in modelling_warnings(robot)]
+    result = [FileWarning(f"{_sentence(text)}.") for text in modelling_warnings(robot)]
     unlimited = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
     if unlimited:
         subject = f"No effort limit at {_format_some(unlimited, 'joint')}"
@@ -347,10 +359,16 @@ def _pair_warning(hand: InspectedHand, pair: TipMeeting) -> FileWarning:
 def format_usage(hand: InspectedHand) -> tuple[str, str]:
     """Return the command and the line of Python with the hand's preset, or with its leaf links as fingertips."""
     path = json.dumps(hand.file, ensure_ascii=False)
+    units = hand.tree.robot.units.to_dict()
+    options = [
+        part for name, value in units.items() for part in (f"--{name}", *([] if value is True else [str(value)]))
+    ]
+    arguments = "".join(f", {name}={value}" for name, value in units.items())
     if hand.preset is not None:
-        return shlex.join(["nlpgrasp", "hand", hand.file, "--preset", hand.preset]), f"ng.hands.{hand.preset}({path})"
+        command = ["nlpgrasp", "hand", hand.file, "--preset", hand.preset, *options]
+        return shlex.join(command), f"ng.hands.{hand.preset}({path}{arguments})"
     tips, approach = suggested_tips(hand), hand.tree.approach.tolist()
-    command, arguments = ["nlpgrasp", "hand", hand.file], ""
+    command = ["nlpgrasp", "hand", hand.file, *options]
     if hand.palm is not None:
         command += ["--palm", hand.palm]
         arguments += f", palm={json.dumps(hand.palm, ensure_ascii=False)}"

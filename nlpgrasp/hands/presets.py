@@ -136,6 +136,8 @@ class Options(TypedDict, total=False):
     spheres_per_link: int
     self_collision: bool
     tip_overhang: float
+    scale: float
+    degrees: bool
 
 
 def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:

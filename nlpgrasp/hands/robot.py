@@ -11,6 +11,7 @@ from typing import NoReturn
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import CollisionShape
@@ -104,6 +105,8 @@ class Robot:
         Mimic joints whose limits were taken with the other sign (``urdf_reader.orient_mimics``).
     unmodelled_couplings : tuple of str
         Couplings of joints in the file that are left out, a phrase each.
+    units : UrdfUnits
+        Units of the file's numbers; all values here are metres and radians.
     """
 
     name: str
@@ -117,6 +120,7 @@ class Robot:
     shapeless: tuple[str, ...] = ()
     negated_limits: tuple[str, ...] = ()
     unmodelled_couplings: tuple[str, ...] = ()
+    units: UrdfUnits = field(default_factory=UrdfUnits)
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

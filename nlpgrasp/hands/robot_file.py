@@ -6,12 +6,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 
+from nlpgrasp.common.robot_files import UrdfUnits
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands.mjcf_reader import mjcf_inertials, mjcf_links, read_mjcf
 from nlpgrasp.hands.robot import Inertial, Robot, raise_invalid
-from nlpgrasp.hands.urdf_reader import link_names, read_urdf, urdf_inertials
+from nlpgrasp.hands.urdf_reader import SI, link_names, read_urdf, urdf_inertials
 
 
-def read_robot(path: str | Path, palm: str | None = None) -> Robot:
+def read_robot(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) -> Robot:
     """Return the links below the palm, their joints and collision shapes.
 
     Parameters
@@ -20,6 +22,8 @@ def read_robot(path: str | Path, palm: str | None = None) -> Robot:
         A URDF, xacro or MJCF file; its root element says which.
     palm : str, optional
         The link that everything else hangs from; the topmost when left out.
+    units : UrdfUnits
+        Of a URDF's numbers; an MJCF states its own.
 
     Raises
     ------
@@ -28,7 +32,13 @@ def read_robot(path: str | Path, palm: str | None = None) -> Robot:
     MissingExtraError
         When a mesh, or MJCF, needs a package that is not installed.
     """
-    return read_mjcf(Path(path), palm) if _is_mjcf(path) else read_urdf(path, palm)
+    if not _is_mjcf(path):
+        return read_urdf(path, palm, units)
+    if units.scale != SI.scale:
+        raise InputError("URDFHand.scale", units.scale, "none for an MJCF, which states it: <mesh scale=...>")
+    if units.degrees:
+        raise InputError("URDFHand.degrees", True, 'False for an MJCF, which states it: <compiler angle="degree"/>')
+    return read_mjcf(Path(path), palm)
 
 
 def robot_links(path: str | Path) -> tuple[str, ...]:

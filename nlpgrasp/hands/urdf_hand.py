@@ -28,6 +28,7 @@ from nlpgrasp.common.validation import (
 )
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import HandVariable, Values
+from nlpgrasp.hands.file_units import check_units, refuse_implausible_lengths, unit_questions
 from nlpgrasp.hands.fitted_tips import fit_hull_tips
 from nlpgrasp.hands.kinematics import LinkTree, require_kinematics
 from nlpgrasp.hands.link_spheres import SphereFit, fit_around_tips, fit_hand
@@ -111,6 +112,8 @@ class URDFHand(LinkedHand):
         spheres_per_link: int = 6,
         self_collision: bool = True,
         tip_overhang: float | None = None,
+        scale: float = 1.0,
+        degrees: bool = False,
     ) -> URDFHand:
         """Return the hand of a robot file.
 
@@ -141,12 +144,17 @@ class URDFHand(LinkedHand):
         tip_overhang : float, optional
             Largest distance of a fingertip beyond the collision shapes of its link, metres: there the finger itself
             does not touch. 5 mm if not given, with a warning from 1 mm on.
+        scale : float
+            Factor on the coordinates of a URDF's mesh files, beside the ``scale`` of each ``<mesh>``: 0.001 where they
+            are millimetres without saying so.
+        degrees : bool
+            Whether a URDF's limits (and mimic offsets) of revolute joints are degrees, against the format.
 
         Raises
         ------
         InputError
-            On fingertips off their links, and on files, links, joints or limits that cannot be used; unknown link names
-            list those there are.
+            On fingertips off their links, on files, links, joints or limits that cannot be used, and on meshes or
+            joint offsets beyond 10 m; unknown link names list those there are.
         MissingExtraError
             Without adam-robotics, which solves need; on MJCF without MuJoCo, and on meshes in COLLADA without their
             reader.
@@ -157,14 +165,17 @@ class URDFHand(LinkedHand):
             On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
             links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
             limits lack the sign: they are taken with it. On tendons and closed loops of an MJCF that couple joints and
-            are not modelled. On an MJCF whose joints hardly turn: its limits may be radians without stating so.
+            are not modelled. On an MJCF whose joints hardly turn: its limits may be radians without stating so. On
+            meshes far longer than the joints are apart, or far shorter, and on limits beyond a full turn: their units
+            may be others.
         """
-        robot = read_robot(path, palm)
+        robot = read_robot(path, palm, check_units(scale, degrees))
+        refuse_implausible_lengths(robot)
+        for text in file_warnings(robot):
+            warn(f"{robot.source}: {text}")
         tips = resolve_tips(robot, fingertips)
         require_kinematics()
         check_overhangs(robot, tips, tip_overhang)
-        for text in file_warnings(robot):
-            warn(f"{robot.source}: {text}")
         return cls(
             LinkTree(robot, tips, unit_approach(approach)),
             resolve_torque_limits(robot, torque_limits),
@@ -269,6 +280,7 @@ class URDFHand(LinkedHand):
             "source": self.robot.source,
             "sha256": self.robot.sha256,
             "meshes": self.robot.mesh_files,
+            **self.robot.units.to_dict(),
             "palm": self.robot.root,
             "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
             "clearance": self.clearance,
@@ -381,10 +393,21 @@ def file_warnings(robot: Robot) -> list[str]:
     """Return the warnings about a file that is accepted, a sentence each."""
     result = []
     if robot.missing:
-        result.append(f"left out {'; '.join(robot.missing)}")
+        result.append(missing_mesh_warning(robot))
     if robot.shapeless:
         result.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.shapeless)}")
-    return result + modelling_warnings(robot)
+    return result + unit_questions(robot) + modelling_warnings(robot)
+
+
+def missing_mesh_warning(robot: Robot) -> str:
+    """Return the warning about mesh files that are missing, and about links that have no other shape."""
+    text = f"left out {'; '.join(robot.missing)}"
+    lost = [link for link in robot.links if any(f" (link {link}{end}" in m for m in robot.missing for end in "):")]
+    bare = [link for link in lost if link not in robot.shapes]
+    if not bare:
+        return text
+    subject = f"links {', '.join(bare)} have" if len(bare) > 1 else f"link {bare[0]} has"
+    return f"{text}; {subject} no other shape: collisions with {'them' if len(bare) > 1 else 'it'} are not checked"
 
 
 def modelling_warnings(robot: Robot) -> list[str]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.robot_files import expand_xacro, find_mesh
+from nlpgrasp.common.robot_files import UrdfUnits, expand_xacro, find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
@@ -20,11 +20,12 @@ from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_m
 
 # namespaces of elements that are macros
 XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
+SI = UrdfUnits()
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
 
 
-def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
+def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) -> Robot:
     """Return the links below the palm, their joints and collision shapes.
 
     Parameters
@@ -33,6 +34,8 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     palm : str, optional
         The link that everything else hangs from; the URDF's root when left out. What is above it (an arm) and
         beside it is left out, and may hold joints of any type.
+    units : UrdfUnits
+        Of the file's numbers.
 
     Raises
     ------
@@ -43,6 +46,7 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
         When a collision mesh needs a package that is not installed.
     """
     source, root, links = _read_links(path)
+    units.convert(root)
     edges = [_read_edge(source, e, links) for e in root.findall("joint")]
     _check_duplicates(source, "joint", [e.name for e in edges])
     base = _root_link(source, links, edges)
@@ -59,7 +63,7 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     shapeless = tuple(name for name in visible if elements[name].find("collision") is None)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     name = root.get("name", source.stem)
-    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, shapeless, negated)
+    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, shapeless, negated, units=units)
     check_ranges(source, robot)
     return robot
 
@@ -125,6 +129,10 @@ def urdf_root(source: Path) -> ET.Element:
         root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs; a URDF is the user's own file)
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
+    if root.tag == "sdf":
+        plain = source.with_suffix(".xml").name
+        cure = f"a URDF or MJCF: sdf2mjcf {source.name} {plain}, of the package sdformat-mjcf, makes an MJCF"
+        raise_invalid(source, "an SDF file", cure)
     if root.tag != "robot":
         raise_invalid(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
     if any(element.tag.startswith(XACRO) for element in root.iter()):
@@ -316,7 +324,11 @@ def read_shapes(
         if link_shapes:
             shapes[name] = tuple(link_shapes)
     if missing and not shapes:
-        raise InputError(f"URDFHand.path: {source.name}", "missing " + "; ".join(missing), "mesh files that exist")
+        raise InputError(
+            f"URDFHand.path: {source.name}",
+            f"no link with a collision shape: {'; '.join(missing)} cannot be read",
+            "mesh files beside it, or below ROS_PACKAGE_PATH where it says package://",
+        )
     return shapes, tuple(missing)
 
 

@@ -18,7 +18,7 @@ from nlpgrasp.common.validation import FloatArray, check_body_size
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand, URDFHand
+from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
 from nlpgrasp.problem.candidate_constraints import symbolic_candidate
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import component_ranges, parts_of
@@ -27,7 +27,9 @@ MOST_FRICTION = 2.0  # friction coefficient above which a typing error is likely
 SAMPLES = 300  # sample points per face, for the constraints on contacts
 WIDE_MARGIN = 0.1  # of the body's size: violation at all samples that cannot be due to sampling
 TABLE_DEPTH = 0.02  # of the body's size: depth below a table above which a mistake is likely
-SPAN_SHARE = 2.0  # times the fingertips' reach from the palm: upper bound of the hand's opening
+# longest side and shortest side of a body that are asked about
+SPAN_LIMITS = 0.01, 2.0  # times the fingertips' reach from the palm, half of an upper bound of the hand's opening
+JAW_LIMITS = 0.02, 10.0  # times the opening of jaws, which hold rims of larger bodies
 FAR_ORIGIN = 0.1  # of the body's size: distance of the frame's origin from the centroid
 LONG, LONGEST = 100.0, 2.0  # moment arm that is implausible: times the body's size, and metres
 LARGE_LENGTH = 20.0  # times the body's size: implausible torsional friction, fingertip radius or clearance
@@ -290,18 +292,34 @@ def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint],
     constraints : sequence of PlacementConstraint
     hand : Hand or None
     """
-    (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
+    low, high = body.bounds[:, -1]
     for i, table in enumerate(constraints):
         if isinstance(table, Table) and body.tight and TABLE_DEPTH * body.size < table.height - low < high - low:
             message = f"the body reaches {format_number(1e3 * (table.height - low))} mm below the table"
             location = f"height {format_number(table.height)} m, lowest point {format_number(low, least=1e-9)} m"
             warn_once(f"constraints[{i}]: {message} ({location}); a table that it stands on is ng.Table.under(body)")
-    shortest = float(np.min(extents))
-    if isinstance(hand, URDFHand) and shortest > SPAN_SHARE * hand.tree.span:
-        description = f"a body whose shortest side is {format_number(shortest)} m, for a hand whose fingertips reach"
+    _warn_of_sizes(body, hand)
+
+
+def _warn_of_sizes(body: Body, hand: Hand | None) -> None:
+    """Warn, once, of a body that does not fit into the hand on any side, or that is far smaller than the hand."""
+    sides = body.bounds[1] - body.bounds[0]
+    shortest, longest = float(np.min(sides)), float(np.max(sides))
+    if isinstance(hand, URDFHand):
+        least, most = np.multiply(SPAN_LIMITS, hand.tree.span)
+        text = f"a hand whose fingertips reach {format_number(hand.tree.span)} m from its palm"
+    elif isinstance(hand, ParallelJaw):
+        least, most = np.multiply(JAW_LIMITS, hand.opening)
+        text = f"jaws that open to {format_number(hand.opening)} m"
+    else:
+        return
+    if longest < least or shortest > most:
+        side = f"shortest side is {format_number(shortest)}"
+        if longest < least:
+            side = f"longest side is {format_number(longest)}"
         warn_once(
-            f"GraspProblem.body: {description} {format_number(hand.tree.span)} m from its palm; are both in metres? A "
-            'mesh in millimetres takes unit="mm"'
+            f"GraspProblem.body: a body whose {side} m, for {text}; are both in metres? A mesh in millimetres takes "
+            'unit="mm"'
         )
 
 

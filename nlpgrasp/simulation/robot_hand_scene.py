@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
@@ -91,7 +92,8 @@ def mjcf_with_hand(
     solution.require_grasp()
     hand = _require_posture(solution)
     squeeze = solution.require_squeeze()
-    grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
+    grasp = solution.require_grasp()
+    robot = _robot(urdf, solution.palm, hand["joint_positions"], UrdfUnits.from_dict(solution.problem["hand"]))
     drawing = solution.require_drawing()
     require_pressing(grasp)
     mass = solid_mass(drawing.body, DENSITY).scaled(object_mass(solution, settings.mass).kilograms)
@@ -185,11 +187,11 @@ class HandSceneOptions:
             object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0))
 
 
-def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
+def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float], units: UrdfUnits) -> Robot:
     """Read the hand's file; raise if it is not the solution's hand."""
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
-    robot = read_robot(urdf, palm)
+    robot = read_robot(urdf, palm, units)
     missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
     if missing:
         raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco
-from nlpgrasp.common.robot_files import expand_xacro
+from nlpgrasp.common.robot_files import UrdfUnits, expand_xacro
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.verify.check import NotCheckedError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mujoco import MjModel
 
 
+SI = UrdfUnits()
 HALF_TURN = np.pi  # radians: range of a continuous joint to either side
 
 
@@ -82,7 +83,7 @@ class Link:
         return np.asarray(self.origin @ move)
 
 
-def links_in(path: Path, palm: str) -> tuple[Link, ...]:
+def links_in(path: Path, palm: str, units: UrdfUnits = SI) -> tuple[Link, ...]:
     """Return the links below the palm, parents first; raise ``NotCheckedError`` where a needed tool is missing.
 
     Parameters
@@ -90,13 +91,15 @@ def links_in(path: Path, palm: str) -> tuple[Link, ...]:
     path : Path
         The hand's file, with the recorded sha256.
     palm : str
+    units : UrdfUnits
+        Of a URDF's numbers.
     """
-    root = read_root_element(path)
+    root = read_root_element(path, units)
     return links_in_mjcf(path, palm) if root.tag == "mujoco" else links_in_urdf(root, palm)
 
 
-def read_root_element(path: Path) -> ET.Element:
-    """Return the root element of a URDF, of an expanded xacro file, or of an MJCF.
+def read_root_element(path: Path, units: UrdfUnits = SI) -> ET.Element:
+    """Return the root element of a URDF or an expanded xacro file, in metres and radians, or of an MJCF.
 
     Raises
     ------
@@ -104,10 +107,12 @@ def read_root_element(path: Path) -> ET.Element:
         Where xacro is missing or cannot expand the file.
     """
     root = ET.fromstring(path.read_bytes())  # noqa: S314  (expat refuses entity bombs)
-    if root.tag == "mujoco" or not any("/xacro}" in element.tag for element in root.iter()):
+    if root.tag == "mujoco":
         return root
+    if not any("/xacro}" in element.tag for element in root.iter()):
+        return units.convert(root)
     try:
-        return ET.fromstring(expand_xacro(path))  # noqa: S314
+        return units.convert(ET.fromstring(expand_xacro(path)))  # noqa: S314
     except InputError as error:
         raise NotCheckedError(str(error)) from None
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.robot_files import find_mesh
+from nlpgrasp.common.robot_files import UrdfUnits, find_mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_root_element
+from nlpgrasp.verify.chain_kinematics import SI, compile_mjcf, pose_matrix, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
 from nlpgrasp.verify.sources import SourceFolders
@@ -85,7 +85,11 @@ class _MeshFiles:
 
 
 def link_shapes(
-    path: Path, links: Container[str], digests: Mapping[str, str] | None, sources: SourceFolders
+    path: Path,
+    links: Container[str],
+    digests: Mapping[str, str] | None,
+    sources: SourceFolders,
+    units: UrdfUnits = SI,
 ) -> dict[str, list[LinkShape]]:
     """Return the collision shapes of given links, by link.
 
@@ -98,6 +102,8 @@ def link_shapes(
         The recorded sha256 of each mesh file; None if none are recorded.
     sources : SourceFolders
         Where the mesh files are searched.
+    units : UrdfUnits
+        Of a URDF's numbers.
 
     Raises
     ------
@@ -105,7 +111,7 @@ def link_shapes(
         Where a mesh file is missing or another one, or its reader is missing.
     """
     files = _MeshFiles(digests, sources)
-    root = read_root_element(path)
+    root = read_root_element(path, units)
     if root.tag == "mujoco":
         return _mjcf_shapes(path, links, files)
     elements = [link for link in root.findall("link") if link.get("name", "") in links]

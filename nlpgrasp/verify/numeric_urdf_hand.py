@@ -20,6 +20,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.scalar_constraints import TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
@@ -125,13 +126,14 @@ class NumericLinkedHand:
         path = self.sources.find(self.data.get("source"))
         if hashlib.sha256(path.read_bytes()).hexdigest() != self.data["sha256"]:
             raise NotCheckedError(f"{path.name} has another sha256 than the file records")
-        return links_in(path, str(self.data["palm"]))
+        return links_in(path, str(self.data["palm"]), UrdfUnits.from_dict(self.data))
 
     @cached_property
     def shapes(self) -> dict[str, list[LinkShape]]:
         """The collision shapes of the links below the palm, by link."""
         names = {str(self.data["palm"]), *(link.name for link in self.links)}
-        return link_shapes(self.sources.find(self.data.get("source")), names, self.data.get("meshes"), self.sources)
+        path, units = self.sources.find(self.data.get("source")), UrdfUnits.from_dict(self.data)
+        return link_shapes(path, names, self.data.get("meshes"), self.sources, units)
 
     def with_posture(self, posture: Json) -> NumericLinkedHand:
         """Return the hand in another posture: ``joint_positions`` and ``palm_pose``."""

@@ -40,7 +40,7 @@ def test_folder_in_place_of_a_file(tmp_path):
     [
         ("", "broken XML"),
         ("<robot><link name='a'></robot>", "broken XML"),
-        ("<sdf/>", "<sdf> at the top, expected <robot>"),
+        ("<svg/>", "<svg> at the top, expected <robot>"),
         ("<robot name='r'/>", "no <link>"),
         ("<robot name='r'><link/></robot>", "a <link> without name"),
         ("<robot name='r'><link name='index_tip'/></robot>", "no movable joints"),
@@ -143,7 +143,9 @@ def test_no_shapes_but_missing_meshes(tmp_path):
     text = "<robot name='r'><link name='a'>{}</link><link name='index_tip'/><joint name='j' type='continuous'>".format(
         MESH.format("a.stl")
     )
-    with pytest.raises(ng.InputError, match=r"missing a.stl \(link a\)"):
+    with pytest.raises(
+        ng.InputError, match=r"got no link with a collision shape: a.stl \(link a\) cannot be read, expected mesh files"
+    ):
         load(tmp_path, text + "<parent link='a'/><child link='index_tip'/></joint></robot>")
 
 

@@ -1,4 +1,6 @@
-"""Warnings of tables through the body and bodies too large for the hand."""
+"""Warnings of tables through the body, and of bodies too large or too small for the hand."""
+
+import warnings
 
 import pytest
 
@@ -63,3 +65,28 @@ def test_a_long_body_has_a_side_that_fits():
 def test_a_fingertip_in_millimetres_is_refused():
     with pytest.raises(ng.InputError, match=r"finger_1_tip'\]: got 10 m, expected metres, at most 1: 10 mm are 0.01"):
         ng.URDFHand.load(THREE, {**TIPS, "finger_1_tip": 10})
+
+
+SPAN = "a hand whose fingertips reach 0.148 m from its palm"
+
+
+@pytest.mark.parametrize(
+    ("size", "hand", "text"),
+    [
+        (1.0, None, "shortest side is 1 m, for jaws that open to 0.08 m"),
+        (0.0012, None, "longest side is 0.0012 m, for jaws that open to 0.08 m"),
+        (0.4, THREE, f"shortest side is 0.4 m, for {SPAN}"),
+        (0.0012, THREE, f"longest side is 0.0012 m, for {SPAN}"),
+        (0.06, None, None),
+        (0.006, THREE, None),
+    ],
+)
+def test_sizes_of_body_and_hand_are_compared(size, hand, text):
+    robot = ng.ParallelJaw(0.08) if hand is None else ng.URDFHand.load(THREE, TIPS)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[0.1 * size] * 3])
+        ng.GraspProblem(ng.Box([size] * 3), [ng.FrictionContact(0.6)] * robot.count, task, hand=robot, edge_margin=0.0)
+    messages = [str(warning.message) for warning in caught if "in metres?" in str(warning.message)]
+    expected = f'GraspProblem.body: a body whose {text}; are both in metres? A mesh in millimetres takes unit="mm"'
+    assert messages == ([] if text is None else [expected])

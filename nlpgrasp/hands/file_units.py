@@ -1,0 +1,115 @@
+"""Questions about the units of a robot file: meshes in millimetres, limits in degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from nlpgrasp.common.robot_files import UrdfUnits
+from nlpgrasp.common.validation import LONGEST_BODY, TURN, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.robot import Robot
+
+LONG_MESH, LONG_SHARE = 1.0, 10.0  # m, and times the distance of the joints: a mesh longer than both is asked about
+SHORT_SHARE = 0.01  # of the distance of the joints: a hand whose meshes are all shorter is asked about
+SHORT_REACH = 0.01  # m, least reach that lengths are compared with
+UNIT_FACTORS = {1e-3: "millimetres", 1e-2: "centimetres"}  # by their length, m
+MOST_DEGREES = 360.0  # a limit beyond it means no limit
+MOST_NAMES = 3  # names in a sentence
+
+
+def check_units(scale: object, degrees: object) -> UrdfUnits:
+    """Return the units of a URDF's numbers, as ``URDFHand.load`` takes them.
+
+    Raises
+    ------
+    InputError
+        On a scale that is not above zero, and on ``degrees`` other than True or False.
+    """
+    if not isinstance(degrees, bool):
+        raise InputError("URDFHand.degrees", degrees, "True or False")
+    return UrdfUnits(number("URDFHand.scale", scale, above=0.0), degrees)
+
+
+def unit_questions(robot: Robot) -> list[str]:
+    """Return questions about the units of a robot file's meshes, offsets and joint limits, a sentence each."""
+    return [f"{question.given}: {question.cure}" for question in _questions(robot)]
+
+
+def refuse_implausible_lengths(robot: Robot) -> None:
+    """Raise for meshes longer than 10 m, and for joints as far from the palm, if the other lengths are not.
+
+    Raises
+    ------
+    InputError
+        With the likely unit and its cure.
+    """
+    for question in _questions(robot):
+        if question.longest > LONGEST_BODY:
+            raise InputError(f"URDFHand.path: {robot.source}", question.given, f"metres: {question.cure}")
+
+
+def joint_reach(robot: Robot) -> float:
+    """Return the largest sum of joint offsets from the palm to a link, metres."""
+    reach = {robot.root: 0.0}
+    for joint in robot.joints:
+        reach[joint.child] = reach[joint.parent] + float(np.linalg.norm(joint.xyz))
+    return max(reach.values())
+
+
+class UnitQuestion(NamedTuple):
+    """Values that suggest another unit, the cure, and the longest length among them, metres."""
+
+    given: str
+    cure: str
+    longest: float = 0.0
+
+
+def _questions(robot: Robot) -> Iterator[UnitQuestion]:
+    """Yield the questions about a robot file's units."""
+    reach = joint_reach(robot)
+    if reach > LONGEST_BODY:
+        cure = f"if these are millimetres, divide all lengths of {robot.source} by 1000"
+        yield UnitQuestion(f"joints up to {reach:.3g} m from {robot.root}", cure, reach)
+    else:
+        yield from _mesh_questions(robot, reach)
+    yield from _limit_questions(robot)
+
+
+def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
+    """Yield the question about meshes much longer, or shorter, than the reach of the joints, metres."""
+    lengths = {
+        link: max(lengths)
+        for link, shapes in robot.shapes.items()
+        if (lengths := [float(np.max(np.ptp(s.mesh.vertices, axis=0))) for s in shapes if s.kind == "mesh"])
+    }
+    longest, limit = max(lengths.values(), default=0.0), max(LONG_MESH, LONG_SHARE * reach)
+    context = f"at joints that reach {reach:.3g} m"
+    if longest > limit:
+        large = [link for link, length in lengths.items() if length > limit]
+        factor = min(UNIT_FACTORS, key=lambda f: abs(np.log(f * longest / max(reach, SHORT_REACH))))
+        stated = f'scale="{factor:g} {factor:g} {factor:g}" in their <mesh>'
+        cure = f"scale={factor:g}" if len(large) == len(lengths) else stated
+        given = f"meshes up to {longest:.3g} m long ({_some('link', large)}) {context}"
+        yield UnitQuestion(given, f"if they are {UNIT_FACTORS[factor]}, {cure} says so", longest)
+    elif 0.0 < longest < SHORT_SHARE * reach:
+        given = f"meshes at most {1e3 * longest:.2g} mm long {context}"
+        yield UnitQuestion(given, "if their scale in the file is too small, scale=1000 makes up for it")
+
+
+def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
+    """Yield the question about limits of a URDF that look like degrees."""
+    limits = {j.name: max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.kind == "revolute"}
+    beyond = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
+    if beyond and not robot.source.endswith(".xml"):
+        widest = max(limits[name] for name in beyond)
+        given = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', beyond)})"
+        yield UnitQuestion(given, "if they are degrees, degrees=True says so")
+
+
+def _some(noun: str, names: Sequence[str]) -> str:
+    """Return a noun with some names, and how many there are more."""
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return f"{noun}{'' if len(names) == 1 else 's'} {', '.join(names[:MOST_NAMES])}{more}"
