@@ -78,6 +78,8 @@ def check_body_size(field: str, quantity: str, longest: float, mistake: str, has
     if not SHORTEST_BODY <= longest <= LONGEST_BODY:
         message, large = mistake.format("smaller" if longest > 1.0 else "larger"), has_unit and longest > 1.0
         cure = ': unit="mm" says that they are millimetres' if large else ""
+        if longest < SHORTEST_BODY:
+            cure = ", or the body is too small for fingertips"
         allowed = f"{SHORTEST_BODY:g} m to {LONGEST_BODY:g} m: {message}{cure}"
         raise InputError(field, f"{quantity} of {longest:.3g} m", allowed)
 

@@ -291,8 +291,8 @@ def object_file(solution: GraspSolution, file: str | None) -> str:
 
 
 def object_scale(solution: GraspSolution, file: str | None) -> float:
-    """Return metres per unit of the file's coordinates: the unit of the body's own mesh file, else 1."""
+    """Return metres per unit of the file's coordinates: unit and scale of the body's own mesh file, else 1."""
     mesh_file, unit = solution.body.get("source"), solution.body.get("unit")
     if unit not in UNITS or (file is not None and Path(file).name != mesh_file):
         return 1.0
-    return UNITS[unit]
+    return UNITS[unit] * float(solution.body.get("scale", 1.0))

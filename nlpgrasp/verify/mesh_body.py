@@ -11,7 +11,7 @@ import numpy as np
 
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import UNITS, FloatArray
+from nlpgrasp.common.validation import UNITS, FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
@@ -159,11 +159,11 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
         Where the source is missing, is not a mesh, or (``OtherMeshError``) has another fingerprint.
     """
     path = sources.find(data.get("source"))
-    recorded_unit = data.get("unit")
+    recorded_unit, scale = data.get("unit"), number("problem.body.scale", data.get("scale", 1.0), above=0.0)
     readings: list[MeshSurface] = []
     readers: set[str] = {"trimesh"}
     for unit in UNITS if recorded_unit is None else (str(recorded_unit), *(u for u in UNITS if u != recorded_unit)):
-        reading = _read_source_mesh(path, unit)
+        reading = _read_source_mesh(path, unit, scale)
         if reading is not None:
             surface, digest, repairs = reading
             if digest == data.get("sha256"):
@@ -179,10 +179,10 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
     raise OtherMeshError(f"{path.name} has another sha256 than the file records", readings, sorted(readers))
 
 
-def _read_source_mesh(path: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
-    """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit."""
+def _read_source_mesh(path: Path, unit: str, scale: float) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
+    """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit and scale."""
     try:
-        source_mesh, repairs = repaired_mesh(read_mesh(path, unit))
+        source_mesh, repairs = repaired_mesh(read_mesh(path, unit, scale))
     except InputError:
         return None
     vertices = np.asarray(source_mesh.vertices, dtype=float)

@@ -63,6 +63,8 @@ class Mesh(Body):
         Where the mesh comes from, for the record.
     unit : {"m", "dm", "cm", "mm", "in", "ft"}
         Of the vertices given; the body's own are metres.
+    scale : float
+        Further factor on the vertices, such as that of an object in a data set of normalised meshes.
 
     Attributes
     ----------
@@ -72,6 +74,8 @@ class Mesh(Body):
         Repairs made, and warnings on remaining defects, one sentence each.
     unit : str or None
         Of the file's coordinates, where ``load`` read one.
+    scale : float
+        Further factor on the file's coordinates, where ``load`` read one.
     smoothing : float
         As given, or chosen.
     resolution : int
@@ -94,6 +98,7 @@ class Mesh(Body):
         source: str | None = None,
         *,
         unit: str = "m",
+        scale: float = 1.0,
     ) -> None:
         if smoothing is not None:
             smoothing = number("Mesh.smoothing", smoothing, at_least=0.0)
@@ -101,7 +106,8 @@ class Mesh(Body):
             resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=FINEST)
         self.source = None if source is None else str(source)
         self.unit: str | None = None
-        scaled = scale_mesh(mesh, metres_per("Mesh.unit", unit))
+        self.scale = 1.0
+        scaled = scale_mesh(mesh, number("Mesh.scale", scale, above=0.0) * metres_per("Mesh.unit", unit))
         self.mesh, repairs = repaired_mesh(scaled)
         if repairs:
             refuse_guessed_surface(scaled)
@@ -118,7 +124,13 @@ class Mesh(Body):
 
     @classmethod
     def load(
-        cls, path: str | Path, unit: str = "m", smoothing: float | None = None, resolution: int | None = None
+        cls,
+        path: str | Path,
+        unit: str = "m",
+        smoothing: float | None = None,
+        resolution: int | None = None,
+        *,
+        scale: float = 1.0,
     ) -> Mesh:
         """Load a body from a mesh file.
 
@@ -128,11 +140,12 @@ class Mesh(Body):
             STL, OBJ, PLY, OFF or whatever else ``trimesh`` reads.
         unit : {"m", "dm", "cm", "mm", "in", "ft"}
             The unit of the file's coordinates. A long body in metres gives a warning.
-        smoothing, resolution
+        smoothing, resolution, scale
             See the class.
         """
-        body = cls(read_mesh(path, unit), smoothing, resolution, source=Path(path).name)
-        body.unit = unit
+        factor = number("Mesh.scale", scale, above=0.0)
+        body = cls(read_mesh(path, unit, factor), smoothing, resolution, source=Path(path).name)
+        body.unit, body.scale = unit, factor
         return body
 
     def __repr__(self) -> str:
@@ -300,11 +313,12 @@ class Mesh(Body):
         return np.asarray(points), np.asarray(self.mesh.face_normals)[triangles]
 
     def to_dict(self) -> Json:
-        """Return source, unit, SHA-256 and settings as JSON data, without the triangles."""
+        """Return source, unit and scale, SHA-256 and settings as JSON data, without the triangles."""
         return {
             "type": self.kind,
             "source": self.source,
             "unit": self.unit,
+            **({} if self.scale == 1.0 else {"scale": self.scale}),
             "sha256": mesh_digest(self.mesh),
             "triangles": len(self.mesh.faces),
             "smoothing": self.smoothing,

@@ -68,8 +68,8 @@ def _is_decimal(coordinates: FloatArray) -> bool:
     return bool(np.all(np.abs(coordinates * scale - np.round(coordinates * scale)) <= DOUBLE * scale * largest))
 
 
-def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
-    """Read a mesh file, scaled to metres.
+def read_mesh(path: str | Path, unit: str, scale: float = 1.0) -> trimesh.Trimesh:
+    """Read a mesh file, scaled to metres: its coordinates, in a unit, times ``scale``.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     import trimesh
 
     file = Path(path)
-    factor = metres_per("Mesh.unit", unit)
+    factor = scale * metres_per("Mesh.unit", unit)
     if not file.is_file():
         raise InputError("Mesh.path", str(path), "a mesh file that exists")
     try:
@@ -95,7 +95,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
         raise InputError("Mesh.path", reason, "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)") from None
     if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
         raise InputError("Mesh.path", f"{path} without triangles", "a triangle mesh")
-    longest = _longest_side(loaded)
+    longest = factor * _longest_side(loaded)
     if unit == "m" and LARGE < longest <= LONGEST_BODY:
         warn_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
     return scale_mesh(loaded, factor)
@@ -161,7 +161,7 @@ def _repair_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trim
         result = trimesh.Trimesh(vertices, faces, process=False)
     volume, box = _signed_volume(result), float(np.prod(np.ptp(result.vertices, axis=0)))
     if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
-        raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
+        raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume: a sheet has two sides")
     notes.extend(surface_notes)
     if not is_plain(result) and (count := count_open_edges(result)):
         notes.append(f"not watertight ({count} open edges); the winding number decides what is inside")
