@@ -50,10 +50,12 @@ def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: 
     for factor in compiled.task_samples.factors:
         parameters = [initial_parameters(compiled, rng, factor), face_parameters(compiled.problem, proposed.faces)]
         result = compiled.initial_nlp.solve(start, np.concatenate(parameters))
-        candidate = _on_body(compiled, candidate_of(compiled, program, proposed.faces, result.z))
-        grasps.append(
-            ScoredCandidate(candidate, _score(compiled, candidate, rng), result.status, SolverEffort.of(result))
-        )
+        effort, candidate = SolverEffort.of(result), candidate_of(compiled, program, proposed.faces, result.z)
+        if not np.all(np.isfinite(candidate.points)):  # a spline of a sheet may leave IPOPT without a number
+            grasps.append(replace(grasps[0], message=result.status, effort=effort))
+            continue
+        candidate = _on_body(compiled, candidate)
+        grasps.append(ScoredCandidate(candidate, _score(compiled, candidate, rng), result.status, effort))
         if grasps[-1].score > 0.0:
             break
     effort = sum((grasp.effort for grasp in grasps), SolverEffort())

@@ -51,3 +51,15 @@ def test_where_the_choice_is_the_best_known_a_finer_grid_is_named(monkeypatch):
 
 def test_other_bodies_have_no_smooth_surface():
     assert warning_texts(ng.Sphere(0.03)) == []
+
+
+@pytest.mark.slow
+def test_a_sheet_of_a_tenth_of_a_millimetre_is_solved_with_a_warning():
+    """Where the program of a sheet ends without a number, the answer is a sentence all the same."""
+    sheet = ng.Mesh(trimesh.creation.box([0.1, 0.1, 1e-4]))
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[0.0035] * 3])
+    problem = ng.GraspProblem(sheet, [ng.SoftContact(0.6, 0.0005)] * 2, task)
+    options = ng.SolveOptions(workers=1, global_bound=False, rounds=1)
+    with pytest.warns(UserWarning, match=r"much beside walls 0\.1 mm thick: ng\.Mesh takes smoothing="):
+        solution = ng.solve(problem, starts=1, options=options)
+    assert solution.success or solution.why_not

@@ -46,3 +46,15 @@ def test_a_point_that_is_stated_is_taken(foot):
         made(ng.Box([0.04, 0.05, 0.1]), ng.disturbance(1.0, 0.02))
     torque = np.eye(6)[3:]
     np.testing.assert_allclose(problem.task.support(torque)[0], 0.02, rtol=1e-9)
+
+
+def test_arms_are_those_about_the_body(foot):
+    """A part 1 km off, with a task about its centroid, has no long arm; a point left in millimetres has one."""
+    far = ng.Mesh(AWAY.copy().apply_translation([1000.0, 0.0, 0.0]), resolution=8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made(far, ng.disturbance(1.0, 0.02, far.centroid))
+    with pytest.warns(
+        UserWarning, match=r"an arm of [67][0-9.]+ m on a body of .*: moments are newton-metres, and points"
+    ):
+        made(foot, ng.disturbance(1.0, 0.02, [0.0, 0.0, 70.0]))
