@@ -115,17 +115,21 @@ class FrictionConeSum:
         return self._project_polar(self._normalised(_unit_columns(z)[0])[0]).methods
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...)."""
+        """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...).
+
+        It depends on the direction of z alone. Inside the cone it is the identity, in the polar cone zero, where
+        contacts stick a fixed linear map, where they slip that of Newton's method, else that of the general one.
+        """
         flat, _ = _unit_columns(z)
         unit, _ = self._normalised(flat)
-        projections, n = self._project_polar(unit), len(flat)
+        projections, n = self._project_polar(unit), len(flat)  # methods: a sticking map's index, or a code < 0
         matrix = np.zeros((n, n, flat.shape[1]))
         matrix[..., projections.methods == INSIDE] = np.eye(n)[..., None]
         sticks = projections.methods >= 0
         matrix[..., sticks] = self._sticking.maps[projections.methods[sticks]].transpose(1, 2, 0)
         slips, rest = np.flatnonzero(projections.methods == SLIPS), np.flatnonzero(projections.methods == OTHER)
         if slips.size:
-            padded = np.zeros((6, slips.size))
+            padded = np.zeros((6, slips.size))  # in a plane, only some of the axes of space
             padded[list(self.axes)] = projections.q[:, slips]
             full = self._newton.derivative(padded, projections.weights[:, slips])
             matrix[..., slips] = full[np.ix_(self.axes, self.axes)]

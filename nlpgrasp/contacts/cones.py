@@ -100,7 +100,10 @@ class RangeContact(ContactModel):
         return np.where(is_positive, value, 0.0), result * is_positive[..., None]
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return ``x_n >= 0`` and ``(c_j x_n, x_j)`` for every block; two half-spaces for a single component."""
+        """Return matrices that map x into second-order cones ``first >= |rest|``: ``x_n`` and each ``(c_j x_n, x_j)``.
+
+        A block x_j of a single component has two half-spaces instead, ``c_j x_n - x_j`` and ``c_j x_n + x_j``.
+        """
         n = self.components(space)
         unit = np.eye(n)
         result = [unit[:1]]
@@ -228,11 +231,15 @@ def _normal_force_of_ellipse(z: FloatArray, r: FloatArray, s: FloatArray, mu: fl
 def _tangential_part(
     z: FloatArray, r: FloatArray, s: FloatArray, pressing: FloatArray, mu: float, mu_t: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return tangential force and torsion of the projection onto the elliptic cone, given its normal force."""
+    """Return tangential force and torsion of the projection of (z, r, s) onto the elliptic cone.
+
+    The cone is ``(r / mu)^2 + (s / mu_t)^2 <= z^2``. With the multiplier t of that constraint, the projection is
+    ``z / (1 - t)``, which is given as ``pressing``, ``r mu^2 / (mu^2 + t)`` and ``s mu_t^2 / (mu_t^2 + t)``.
+    """
     safe = np.where(pressing > 0.0, pressing, 1.0)
     t = np.where(pressing > 0.0, 1.0 - z / safe, np.inf)
     t = np.maximum(t, 0.0)
     tangential, torsion = r * mu**2 / (mu**2 + t), s * mu_t**2 / (mu_t**2 + t)
     ratio = np.sqrt((tangential / mu) ** 2 + (torsion / mu_t) ** 2)
-    scale = np.where(ratio > pressing, pressing / np.where(ratio > 0.0, ratio, 1.0), 1.0)  # last-digit safety
+    scale = np.where(ratio > pressing, pressing / np.where(ratio > 0.0, ratio, 1.0), 1.0)  # not outside by rounding
     return tangential * scale, torsion * scale

@@ -108,12 +108,14 @@ class PositionLimits:
 
     def excludes(self, cell: SurfaceCell) -> bool:
         """Return whether a cell provably contains no allowed point."""
-        centre, radius = cell.ball()
+        centre, radius = cell.ball()  # rows of A are unit vectors; regions have a radius by which they are uncertain
         for half_spaces in self.half_spaces:
             if np.any(half_spaces.A @ centre - half_spaces.b > radius + half_spaces.radius):
                 return True
+        # wholly inside an excluded polytope
         if any(np.all(half_spaces.A @ centre - half_spaces.b < -radius) for half_spaces in self.excluded):
             return True
+        # wholly nearer than a least distance
         farthest = [(d.distance(centre[None])[0] + radius + d.radius, d.least) for d in self.distances]
         return any(distance < least for distance, least in farthest)
 

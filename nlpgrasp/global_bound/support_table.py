@@ -278,13 +278,17 @@ class _SupportInterval:
         self._lower, self._upper = lower, lower.copy()
 
     def refine(self, surface: CurvedSurface, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
-        """Bound parts (n, c, q) of cells, and subdivide those that may contain the maximum."""
+        """Bound the maxima over cells by those over their parts (n, c, q), subdividing parts that may contain one.
+
+        ``owner`` are the parts' cells, ``upper`` their upper bounds; subdivision raises the cells' lower bounds.
+        """
         for _ in range(ROUNDS):
             is_open = upper > (1.0 + self._tolerance[owner]) * self._lower[owner]
             np.maximum.at(self._upper, owner[~is_open], upper[~is_open])
             if not np.any(is_open):
                 return
-            blocks = np.array_split(np.flatnonzero(is_open), -(-np.count_nonzero(is_open) // BLOCK))
+            count = -(-np.count_nonzero(is_open) // BLOCK)  # rounded up
+            blocks = np.array_split(np.flatnonzero(is_open), count)
             results = [self._subdivide(surface, parts[block], owner[block]) for block in blocks]
             parts, owner, upper = (np.concatenate([result[i] for result in results]) for i in range(3))
         np.maximum.at(self._upper, owner, upper)

@@ -299,7 +299,7 @@ def _kinematic_urdf(robot: Robot) -> str:
             element = _joint_element(root, joint)
         ET.SubElement(element, "axis", xyz=_format_numbers(joint.axis))
         if joint.kind in ("revolute", "prismatic"):
-            ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")
+            ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")  # required, unused
     return ET.tostring(root, encoding="unicode")
 
 

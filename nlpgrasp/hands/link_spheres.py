@@ -214,7 +214,7 @@ def _refine_cover(distances: FloatArray, depth: FloatArray, chosen: list[int]) -
 
 
 def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
-    """Return the best regular arrangement of spheres in the shapes' bounding box."""
+    """Return the regular arrangement of spheres in the shapes' box that covers them with the least radius."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
     best: SphereFit | None = None
@@ -222,6 +222,7 @@ def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
         for inset in INSETS:
             half = (high - low) / 2.0
             half_cell = half / np.array(counts)
+            # of the outer centres from the box's sides; a single one is in the middle
             margins = np.minimum(half, np.where(np.array(counts) > 1, inset * half_cell, half))
             axes = [np.linspace(low[a] + margins[a], high[a] - margins[a], counts[a]) for a in range(3)]
             centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -230,11 +231,11 @@ def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
             if best is None or radius < float(np.max(best.radii)):
                 owner = np.argmin(distances, axis=0)
                 radii = np.array([np.max(distances[i][owner == i], initial=0.0) for i in range(len(centres))])
-                best = SphereFit(centres[radii > 0.0], radii[radii > 0.0], 0.0)
+                best = SphereFit(centres[radii > 0.0], radii[radii > 0.0], 0.0)  # error: below
     if best is None:
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)
     depth = np.max([s.depth(best.centres) for s in shapes], axis=0)
-    return replace(best, error=float(np.max(best.radii - depth)))
+    return replace(best, error=float(np.max(best.radii - depth)))  # how far a sphere sticks out of the shapes
 
 
 def _arrangements(most: int) -> list[tuple[int, int, int]]:

@@ -165,8 +165,8 @@ def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[s
     """Return a grasp with a subset of the problem's contacts as a warm start, the missing contacts added.
 
     The missing contacts have the feasible positions with the highest sampled quality out of random ones. None where a
-    contact's cone is not contained, or where no random position is feasible. For problems whose hand, if any, follows
-    from the contacts.
+    contact's cone is not contained in that of a contact of the problem, or where no random position is feasible.
+    For problems whose hand, if any, follows from the contacts.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[s
     points[:, indices], chosen_faces[:, indices] = grasp.points, list(faces)
     normals = np.zeros_like(points)
     normals[:, indices] = grasp.normals
-    for i in (i for i in range(k) if i not in indices):
+    for i in sorted(set(range(k)) - set(indices)):
         cloud = compiled.surface.cloud(i)
         samples = rng.integers(len(cloud.points), size=count)
         points[:, i], normals[:, i], chosen_faces[:, i] = (
@@ -197,7 +197,7 @@ def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[s
     candidate = best_feasible(compiled, points, normals, chosen_faces)
     if candidate is None:
         return None
-    known_normals = np.full((k, space), np.nan)
+    known_normals = np.full((k, space), np.nan)  # of the added contacts: unknown
     known_normals[indices] = grasp.normals
     return WarmStart(candidate, known_normals)
 

@@ -76,7 +76,7 @@ def build_candidate_constraints(
     normals: Sequence[Expression],
     variables: dict[str, Expression],
 ) -> CandidateConstraints:
-    """Return the scalar constraints of all constraints, the hand, and the links' clearance from the body.
+    """Return scalar constraints: of the given constraints and the hand, and the links' clearance from the body.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ def build_candidate_constraints(
         The hand's variables by name, in the hand's units.
     """
     placement = symbolic_candidate(hand, positions, normals, variables, body.size)
-    return collect_constraints(
-        symbolic_constraints(body, constraints, hand, placement, variables), bool(placement.spheres)
-    )
+    symbolic = symbolic_constraints(body, constraints, hand, placement, variables)
+    has_clearance = bool(placement.spheres)  # spheres cover the hand's links
+    return collect_constraints(symbolic, has_clearance)
 
 
 def symbolic_constraints(

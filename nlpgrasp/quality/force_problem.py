@@ -135,16 +135,21 @@ def _units(grasp: Grasp) -> FloatArray:
 
 
 def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return forces, residuals and separating directions for unit (or zero) wrenches."""
+    """Return forces, residuals and separating directions for unit (or zero) wrenches.
+
+    A direction counts only where the residual exceeds ``PRODUCED``. Whether forces exist is decided with the least
+    ones in the L2 norm; other force sets then have their own least forces.
+    """
     basis, values, _ = np.linalg.svd(wrench_set.G)
     basis = basis[:, : numerical_rank(values)]  # range of G, without the contacts' cones
     reduced = wrench_set.transformed(basis.T)
     local = w @ basis
     y, x = dual_newton(reduced, local)
-    directions = w - local @ basis.T
+    directions = w - local @ basis.T  # out of the range of G
     is_out_of_range = np.linalg.norm(directions, axis=1) > PRODUCED
     residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     unsettled = np.flatnonzero(~is_out_of_range & (residual > PRODUCED))
+    # the dual solution may prove that cones cannot produce it
     proven = _is_separating(reduced, y[unsettled], local[unsettled])
     directions[unsettled[proven]] = y[unsettled[proven]] @ basis.T
     unsettled = unsettled[~proven]
@@ -152,13 +157,14 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
         l2_set = replace(reduced, force_set=L2Set(reduced.contacts, reduced.space))
         forces = solve_least_forces(l2_set, local[unsettled])[0]
         forces = _project_into_cones(reduced, forces, local[unsettled])
-        residuals = np.linalg.norm(forces @ reduced.G.T - local[unsettled], axis=1)
-        is_produced = residuals <= PRODUCED  # false for NaN
-        x[unsettled[is_produced]], residual[unsettled[is_produced]] = forces[is_produced], residuals[is_produced]
+        conic_residual = np.linalg.norm(forces @ reduced.G.T - local[unsettled], axis=1)
+        is_produced = conic_residual <= PRODUCED  # false for NaN
+        x[unsettled[is_produced]] = forces[is_produced]
+        residual[unsettled[is_produced]] = conic_residual[is_produced]
         for i in unsettled[~is_produced]:
             direction = separate_wrench(reduced, local[i])
             directions[i] = basis @ (y[i] if direction is None else direction)
-    if not isinstance(wrench_set.force_set, L2Set):
+    if not isinstance(wrench_set.force_set, L2Set):  # least forces in that set's measure
         feasible = np.flatnonzero(residual <= PRODUCED)
         forces = solve_least_forces(reduced, local[feasible])[0]
         failed = feasible[~np.all(np.isfinite(forces), axis=1) & np.any(local[feasible] != 0.0, axis=1)]

@@ -181,12 +181,16 @@ class _FrictionProgram:
         return self._solve(self._cones(share), self._limits(least_normal), None, self.lift.T @ self.lift)
 
     def least_share(self, least_normal: FloatArray) -> tuple[FloatArray, float]:
-        """Return forces of least friction and their share, by Dinkelbach's method from forces of least normal force."""
+        """Return forces of least friction and their share, by Dinkelbach's method from forces of least normal force.
+
+        The share is the largest ratio of a friction force to the most that the normal force permits. Each step
+        minimises the largest difference, friction less share times that most, over the most at the last forces.
+        """
         u, share, limits = least_normal, self.share(least_normal), self._limits(least_normal)
         for _ in range(STEPS):
             if share <= SHARE_TOLERANCE:
                 break
-            weights = [float(slope[0] @ u) for slope in self.slopes]
+            weights = [float(slope[0] @ u) for slope in self.slopes]  # the ratios' denominators
             trial = self._solve(self._cones(share, weights), limits)
             if trial is None:
                 break

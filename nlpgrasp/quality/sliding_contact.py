@@ -172,14 +172,15 @@ class _SlidingContact:
         """Return the largest distance of the contact's wrench between neighbouring stations from their segment.
 
         At a share a of the chord, with ``m = (1 - a) n_0 + a n_1``, the wrench of the chord times |m| is
-        ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``.
+        ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``. Its last term is largest and |m| least at
+        a = 1/2. To this the deviations of the path's points and normals from the chord's are added.
         """
         normals, scale = self.path.normals, self.torque_scale
         shortest = np.maximum(np.linalg.norm(normals[1:] + normals[:-1], axis=1) / 2.0, 1e-12)  # least |m|
-        twist = np.linalg.norm(_cross(np.diff(arms, axis=0), np.diff(normals, axis=0)), axis=1) / 4.0
-        arm = np.maximum(*(np.linalg.norm(side, axis=1) for side in (arms[1:], arms[:-1]))) / scale
+        twist = np.linalg.norm(_cross(np.diff(arms, axis=0), np.diff(normals, axis=0)), axis=1) / 4.0  # a = 1/2
+        longest_arm = np.maximum(*(np.linalg.norm(side, axis=1) for side in (arms[1:], arms[:-1]))) / scale
         off_point, off_normal = self.path.deviations.T
-        return np.asarray(twist / (shortest * scale) + off_point / scale + off_normal * np.sqrt(1.0 + arm**2))
+        return np.asarray(twist / (shortest * scale) + off_point / scale + off_normal * np.sqrt(1.0 + longest_arm**2))
 
     def _support_of_unit_force(self) -> float:
         """Return the support of a unit normal force of the sliding contact alone, in units of the force budget."""

@@ -325,8 +325,9 @@ def _radial_reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatAr
         newton = t[active] + (1.0 - np.where(is_finite, value, 1.0)) / slope
         middle = 0.5 * (low[active] + high[active])
         t[active] = np.where(is_finite, np.clip(newton, low[active], high[active]), middle)
-        active = active[~is_finite | (np.abs(value - 1.0) > GAUGE_CLOSE)]  # the error left is quadratic in that
-        # where the set ends at a side of the cone G K there is no gauge
+        # t is a Newton step past value: its error is quadratic in GAUGE_CLOSE
+        active = active[~is_finite | (np.abs(value - 1.0) > GAUGE_CLOSE)]
+        # at a side of the cone G K of all wrenches the gauge jumps from below 1 to infinity: bisection alone ends
         is_bracketed = high[active] - low[active] <= BRACKET
         t[active[is_bracketed]] = 0.5 * (low[active[is_bracketed]] + high[active[is_bracketed]])
         active = active[~is_bracketed]

@@ -446,9 +446,10 @@ def _body_link_poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
 
 def _fingertip_approach(data: Json, tips: Sequence[Any]) -> ApproachFrames:
     """Return the approach of free fingertips, along their contacts' normals."""
-    contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]
+    contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]  # "tip": the fingertip's radius
 
     def move_to(position: float) -> None:
+        """Place the fingertips: at 0 away from the body, at 1 in the grasp."""
         for contact, tip in zip(contacts, tips, strict=True):
             distance = contact["tip"] + (1.0 - position) * RETREAT * float(data["size"])
             tip.position = np.array(contact["at"]) - distance * np.array(contact["inward"])

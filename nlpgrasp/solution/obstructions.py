@@ -112,7 +112,8 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
     """
     message, penetration = "; and ".join(grasp_obstructions(hand)), grasp_penetration(hand)
     if message:
-        message = message if penetration is None or penetration.is_free else f"Touches: {message}"
+        is_touching = penetration is not None and not penetration.is_free
+        message = f"Touches: {message}" if is_touching else message  # the others, such as limits, say so themselves
         warn(f"{name}: {message}")
     return message
 

@@ -272,13 +272,14 @@ def _plan_moves(
 def _match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goal: Grasp) -> tuple[int, ...]:
     """Return the new contact of each finger, in the matching of least total path length."""
     k = len(pick)
-    is_fixed = problem.hand is not None and not problem.hand.follows_contacts
+    keeps_contacts = problem.hand is not None and not problem.hand.follows_contacts  # finger i has contact i
     cost = np.full((k, k), np.inf)
     for i in range(k):
         lengths = graph.distances(pick.points[i], goal.points)
         for j in range(k):
-            if i == j or (not is_fixed and problem.models[i] == problem.models[j]):
+            if i == j or (not keeps_contacts and problem.models[i] == problem.models[j]):
                 cost[i, j] = lengths[j]
+    # a cost that the matching avoids wherever it can
     largest = np.max(cost[np.isfinite(cost)])
     return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
 

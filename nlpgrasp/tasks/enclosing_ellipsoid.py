@@ -294,22 +294,23 @@ def _independent_points(q: FloatArray) -> NDArray[np.intp]:
 def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
     """Return the optimal dual weights of few points by a primal-dual interior-point method.
 
-    ``min -ln det sum u_i q_i q_i^T + n sum u_i`` over u >= 0 has the optimality conditions ``w_i(u) + s_i = n`` and
-    ``u_i s_i = 0`` with ``w_i = q_i^T M^-1 q_i``, whose derivative is ``-(q_i^T M^-1 q_j)^2``.
+    ``min -ln det M + n sum u_i`` with ``M = sum u_i q_i q_i^T`` over u >= 0 has the optimality conditions
+    ``w_i(u) + s_i = n`` and ``u_i s_i = 0`` with ``w_i = q_i^T M^-1 q_i``, whose derivative by u_j is
+    ``-(q_i^T M^-1 q_j)^2``.
     """
     m, n = q.shape
     u, slack = np.full(m, 1.0 / m), np.full(m, float(n))
     for _ in range(STEPS):
         cross = q @ _inverse(q, u) @ q.T
         w = np.diag(cross)
-        if np.max(w) * u.sum() <= n * (1.0 + tolerance):
+        if np.max(w) * u.sum() <= n * (1.0 + tolerance):  # the largest w_i of weights with sum one
             break
-        level = SHRINK * float(u @ slack) / m
+        level = SHRINK * float(u @ slack) / m  # the barrier's: u_i s_i = level
         system = cross**2 + np.diag(slack / u)
         step = np.linalg.solve(system, w - n + level / u)
-        dual = (level - slack * step) / u - slack
-        step_size = min(1.0, BACK_OFF / max(1e-300, float(np.max(-step / u)), float(np.max(-dual / slack))))
-        u, slack = u + step_size * step, slack + step_size * dual
+        slack_step = (level - slack * step) / u - slack
+        step_size = min(1.0, BACK_OFF / max(1e-300, float(np.max(-step / u)), float(np.max(-slack_step / slack))))
+        u, slack = u + step_size * step, slack + step_size * slack_step
     u = np.where(u > NEGLIGIBLE * u.max(), u, 0.0)
     return np.asarray(u / u.sum())
 

@@ -83,7 +83,7 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     unit, torque = _check_direction("axis", axis), number("torque", torque, above=0.0)
     if not isinstance(one_way, bool):
         raise InputError("one_way", one_way, "True or False")
-    share = 0.5 if one_way else 1.0
+    share = 0.5 if one_way else 1.0  # one way from 0 to the torque: half of it is both centre and semi-axis
     moment = np.concatenate([np.zeros(3), share * torque * unit])
     return _tool_ellipsoid(moment[None], moment if one_way else np.zeros(6))
 

@@ -203,9 +203,10 @@ def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: F
 
     If the file omits forces of some extreme wrenches, the largest ones may belong to those.
     """
-    size, share = np.linalg.norm(stated.forces, axis=1), solution.mu.lower
+    size, mu = np.linalg.norm(stated.forces, axis=1), solution.mu.lower
     scale = max(float(np.max(size)), 1e-300)
-    scaled_sizes = [np.linalg.norm(forces, axis=1) / share for _, forces in solution.forces] if share > 0.0 else []
+    # the solution's forces hold mu times the extreme wrenches
+    scaled_sizes = [np.linalg.norm(forces, axis=1) / mu for _, forces in solution.forces] if mu > 0.0 else []
     largest = np.max([size, *scaled_sizes], axis=0)
     pairs = {
         "normal forces": (stated.normal, np.sum(stated.forces * grasp.normals, axis=1)),
@@ -215,12 +216,13 @@ def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: F
         pairs["largest forces"] = (stated.largest, largest)
     elif np.any(stated.largest < largest * (1.0 - DERIVED_TOLERANCE)):
         yield "largest forces below those of the stated forces"
-    for name, (stated_values, derived) in pairs.items():
+    for name, (stated_values, derived) in pairs.items():  # not <=: also of NaN
         if not np.max(np.abs(stated_values - derived)) <= DERIVED_TOLERANCE * max(scale, float(np.max(largest))):
             yield f"{name} that are not those of the stated forces"
+    # the file's own summary, if it has one, and the one derived from its fingers
     if not np.allclose(stated.stated_summary or stated.summary, stated.summary, rtol=DERIVED_TOLERANCE, atol=0.0):
         yield "a largest force, its finger or a total that is not that of the fingers"
-    bounds = [1.0 / solution.mu.upper, 1.0 / share if share > 0.0 else np.inf]
+    bounds = [1.0 / solution.mu.upper, 1.0 / mu if mu > 0.0 else np.inf]
     if not np.allclose([stated.budget.lower, stated.budget.upper], bounds, rtol=DERIVED_TOLERANCE, atol=0.0):
         yield f"{stated.budget} of the budget, 1 / mu is in [{bounds[0]:.5g}, {bounds[1]:.5g}]"
     if stated.within != stated.is_within(solution.max_force):
@@ -373,19 +375,17 @@ def _share_errors(
 
 
 def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> Iterator[str]:
-    """Yield the errors in torques, Jacobians, limits and positions."""
+    """Yield errors in stated torques, Jacobians, the worst share of a torque limit and commanded positions."""
     linked_hand = require_links(hand, "Jacobians")
     hand_jacobians, torques = linked_hand.contact_jacobians(grasp.points), stated["torques"]
     if list(torques) != list(hand_jacobians):
         yield f"torques of {', '.join(torques)}, where {', '.join(hand_jacobians)} move the contacts"
         return
     forces = np.array([[*f["force"], *f.get("moment", [0.0] * 3)] for f in stated["fingers"]], dtype=float)
-    size, tolerance = (
-        float(np.max(np.linalg.norm(forces[:, :3], axis=1))),
-        JACOBIAN_TOLERANCE + linked_hand.direction_error,
-    )
+    size = float(np.max(np.linalg.norm(forces[:, :3], axis=1)))
+    tolerance = JACOBIAN_TOLERANCE + linked_hand.direction_error
     jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(hand_jacobians)))
-    for j, (joint, J) in enumerate(hand_jacobians.items()):
+    for j, (joint, J) in enumerate(hand_jacobians.items()):  # J (k, 6): velocities of the contacts
         arm = max(1.0, float(np.max(np.abs(J))))
         if not np.max(np.abs(jacobians[:, :, j] - J)) <= tolerance * arm:
             yield f"Jacobian of joint {joint} is not that of the hand in its posture"

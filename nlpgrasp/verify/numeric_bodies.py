@@ -92,6 +92,7 @@ def torus(data: Json, sources: SourceFolders) -> SmoothSurface:
         raise InputError("minor_radius", minor, f"less than the major radius, {major:g}")
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distances, and the vectors from the centre line: along the gradients, but of any length."""
         radius = np.linalg.norm(p[:, :2], axis=1)
         radial = radius - major
         radial_vectors = p[:, :2] * (radial / np.maximum(radius, SMALLEST))[:, None]

@@ -165,11 +165,13 @@ def _matched_distance(a: FoundGrasp, b: FoundGrasp) -> float:
     if p.shape != q.shape:
         return np.inf
     distances = np.linalg.norm(p[:, None] - q[None], axis=2)
-    models = a.grasp.contacts
-    distances[[[first != second for second in models] for first in models]] = np.inf
+    models = a.grasp.contacts  # those of b are the same
+    is_other_model = np.array([[first != second for second in models] for first in models], dtype=bool)
+    distances[is_other_model] = np.inf
     levels = np.unique(distances[np.isfinite(distances)])
 
-    def has_matching(level: int) -> bool:
-        return bool(np.all(maximum_bipartite_matching(csr_array(distances <= levels[level])) >= 0))
+    def has_matching(index: int) -> bool:
+        return bool(np.all(maximum_bipartite_matching(csr_array(distances <= levels[index])) >= 0))
 
+    # False ... False, True ... True: the least level with a matching
     return float(levels[bisect_left(range(len(levels)), True, key=has_matching)])

@@ -409,5 +409,6 @@ def _angle_to_cone(normals: FloatArray, normal: FloatArray, in_cone: bool) -> fl
     smallest = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(normals - normal, axis=1) / 2.0, 0.0, 1.0))))
     if not in_cone or len(normals) == 1:
         return smallest
+    # the distance of a unit vector from a cone is the sine of the angle, below 90 degrees; without weights it is 1
     weights, residual = nnls(np.unique(normals, axis=0).T, normal)
     return min(smallest, float(np.arcsin(min(residual, 1.0)))) if np.any(weights) else smallest

@@ -72,13 +72,13 @@ def choose_grid_resolution(
     resolution : int, optional
         Cells along the longest side.
     """
-    cells = DEVIATIONS * float(np.max(extents)) / wall  # along the longest side, for a Gaussian of one cell
+    per_cell = DEVIATIONS * float(np.max(extents)) / wall  # the resolution that fits the wall, per cell of smoothing
     if resolution is None:
-        least = max(LEAST_SMOOTHING, 0.0 if smoothing is None else smoothing)
+        least_smoothing = max(LEAST_SMOOTHING, 0.0 if smoothing is None else smoothing)
         default = automatic_resolution(extents)
-        resolution = max(default, _limit_grid(int(np.ceil(min(cells * least, FINEST))), extents, default))
+        resolution = max(default, _limit_grid(int(np.ceil(min(per_cell * least_smoothing, FINEST))), extents, default))
     if smoothing is None:
-        smoothing = min(SMOOTHING, np.floor(100.0 * resolution / cells) / 100.0)
+        smoothing = min(SMOOTHING, np.floor(100.0 * resolution / per_cell) / 100.0)  # two decimals, rounded down
     return GridResolution(float(smoothing), resolution)
 
 
@@ -318,7 +318,7 @@ class SmoothOffset:
 
 
 def smooth_offset(body: Body, start: FloatArray, cell: float, wall: float) -> SmoothOffset:
-    """Return the distances of sampled mesh points from the smoothed surface.
+    """Return a quantile and the largest of the distances of sampled mesh points from the smoothed surface.
 
     Newton steps of at most a grid cell lead from each point to the smoothed surface. Where they do not end on it, none
     is nearby, and the distance counts as at least half the wall thickness.
@@ -330,7 +330,7 @@ def smooth_offset(body: Body, start: FloatArray, cell: float, wall: float) -> Sm
     start : (m, 3) array
         Points of the mesh, uniform by area, metres.
     cell : float
-        Metres.
+        Side of the grid's cells, metres.
     wall : float
         Thickness of the mesh's walls, metres.
     """
