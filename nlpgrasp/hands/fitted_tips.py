@@ -8,18 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Joint, Robot, joint_motion
 from nlpgrasp.hands.tips import HullTip, dome
 
 LENGTH = 0.025  # metres: part of a link's end that its fingertip has
+ALONG = 0.5  # cosine of the largest angle of a box's longest side from the link's direction along which it is cut
+NEARBY = 0.05  # metres: part of a link's end whose shapes are kept behind the patch's tangent planes
 WIDEST = np.radians(50.0)  # angle of a patch, at most
 SEARCHED = np.radians(80.0)  # angle about the pad's edge within which a patch is looked for
 PROTRUSION = 5e-4  # metres: largest distance of other shapes of the link in front of the patch's tangent planes
 OFF_SHAPE = (3.5e-4, 9e-4)  # metres: largest distance of the patch from a concave shape, the next if too narrow
 NEXT_TO = np.radians(5.0)  # angle of the pad from a patch that is widened to it
-ALL_SHAPES = 0.2  # radians by which the patch of the hull of all shapes has to be better than the farthest shape's
+INSIDE = 1e-3  # radians by which a widened patch goes beyond the pad
+ALL_SHAPES = 0.2  # radians by which the patch of the hull of all shapes has to be better than one shape's
+MOST_SHAPES = 3  # shapes of a link's end of which each has a patch that is compared
 WIDE_ENOUGH, NARROWEST = np.radians(30.0), 0.1  # angle of a patch from which on it is not too narrow; at least
 FIT = 5e-5  # metres: largest distance of the hull's corners from the convex hull of the link's end
 ROUNDING = 1.5e-4  # metres, of the hulls
@@ -54,7 +60,7 @@ def fit_hull_tips(robot: Robot, links: Sequence[str], others: Sequence[str] = ()
 
 
 class _LinkEnd:
-    """End of a link away from its last moving joint, as convex hull of its farthest shape and of all its shapes."""
+    """End of a link away from its last moving joint, as convex hulls of single shapes and of all its shapes."""
 
     def __init__(self, robot: Robot, link: str) -> None:
         chain = [joint for joint in robot.chain(link) if joint.moves]
@@ -70,10 +76,9 @@ class _LinkEnd:
         direction = self.group.mean(axis=0) - frame[:3, 3]
         self.direction = direction / np.linalg.norm(direction)
         farthest = int(np.argmax([np.max(points @ self.direction) for points in vertices]))
-        self.solids = [self._cut_end(vertices[farthest])]
-        if len(vertices) > 1:
-            self.solids.append(self._cut_end(self.group))
-        self.centre = self.solids[0].mean(axis=0)
+        self.cut = _long_side(*self.shapes[farthest], self.direction)
+        self.centre = self._cut_end(vertices[farthest]).mean(axis=0)
+        self.near = self._nearby_parts(vertices)
         self.motion, self.closing, self.slides = np.zeros(3), 0.0, False
         if chain:
             self.slides = not chain[-1].is_revolute
@@ -87,26 +92,54 @@ class _LinkEnd:
         distance = max(float(np.linalg.norm(towards_others)), 1e-12)
         closes = self.motion @ towards_others / distance + self.closing >= 0.0
         motion = self.motion if closes else -self.motion
-        across = motion - (motion @ self.direction) * self.direction
+        across = motion if self.slides else motion - (motion @ self.direction) * self.direction
         length = float(np.linalg.norm(across))
         pad = across / length if length > 1e-6 else self.direction
         middle = pad if self.slides else pad + self.direction
         normals = np.vstack([dome(middle / np.linalg.norm(middle), SEARCHED, SIDES).vertices, pad])
-        tips = [self._widest_patch(solid, normals) for solid in self.solids]
-        angles, facing = np.array([tip.angle for tip in tips]), np.array([tip.facing for tip in tips])
-        merits = _merits(angles, facing @ normals[0], facing @ pad, self.slides)
-        return tips[int(np.argmax(merits - ALL_SHAPES * np.arange(len(tips))))]
+        shapes = [part for shape, T in self.shapes for part in (shape.content, T)]
+        inputs = [*shapes, self.cut, normals, str(self.slides).encode()]
+        arrays = cached_arrays("fingertips", inputs, lambda: self._best_patch(normals))
+        return HullTip(arrays["points"], arrays["facing"], float(arrays["angle"]), ROUNDING)
 
-    def _cut_end(self, vertices: FloatArray) -> FloatArray:
-        """Return the corners of the end of the convex hull of some vertices."""
-        sphere = dome(self.direction, np.pi, SIDES).vertices
-        return _cut(_supporting_points(vertices, sphere, len(sphere)), self.direction, LENGTH)
+    def _best_patch(self, normals: FloatArray) -> dict[str, FloatArray]:
+        """Return points, facing direction and angle of the best patch of the end's hulls."""
+        tips = [self._widest_patch(solid, normals) for solid in self._solids(normals)]
+        angles, facing = np.array([tip.angle for tip in tips]), np.array([tip.facing for tip in tips])
+        merits = _merits(angles, facing @ normals[0], facing @ normals[-1], self.slides)
+        if len(tips) > 1:
+            merits[-1] -= ALL_SHAPES
+        best = int(np.argmax(merits))
+        return {"points": np.asarray(tips[best].points), "facing": facing[best], "angle": angles[best]}
+
+    def _solids(self, normals: FloatArray) -> list[FloatArray]:
+        """Return the corners of the ends that may carry the patch: of the outermost shapes, and of all of them.
+
+        A shape that others cover along all of the normals (m, 3) carries none.
+        """
+        if len(self.near) == 1:
+            return [self._cut_end(self.near[0])]
+        support = np.array([np.max(normals @ points.T, axis=1) for points in self.near])
+        counts = np.sum(support >= np.max(support, axis=0) - PROTRUSION, axis=1)
+        outermost = [i for i in np.argsort(-counts, kind="stable")[:MOST_SHAPES] if counts[i] > 0]
+        return [self._cut_end(points) for points in (*(self.near[i] for i in outermost), self.group)]
+
+    def _cut_end(self, vertices: FloatArray, length: float = LENGTH) -> FloatArray:
+        """Return the corners of the end of the convex hull of some vertices, of a length in metres."""
+        sphere = dome(self.cut, np.pi, SIDES).vertices
+        return _cut(_supporting_points(vertices, sphere, len(sphere)), self.cut, length)
+
+    def _nearby_parts(self, vertices: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return the corners of the parts of each shape's convex hull that are near the link's farthest point."""
+        behind = np.max(self.group @ self.cut) - np.array([np.max(points @ self.cut) for points in vertices])
+        shapes = zip(vertices, behind, strict=True)
+        return [self._cut_end(points, NEARBY - distance) for points, distance in shapes if distance < NEARBY]
 
     def _widest_patch(self, solid: FloatArray, normals: FloatArray) -> HullTip:
         """Return the widest patch of a convex hull that is on the link's shapes, with no other shape in front of it."""
         corners = _supporting_points(solid, normals, MOST_POINTS)
         tip = HullTip(corners, normals[0], SEARCHED, ROUNDING)
-        protrusion = np.max(normals @ self.group.T, axis=1) - np.max(normals @ corners.T, axis=1)
+        protrusion = np.max(normals @ np.concatenate(self.near).T, axis=1) - np.max(normals @ corners.T, axis=1)
         gaps = self._gaps(tip.points_with_normals(normals))
         flat_points, flat_normals = _flat_parts(corners)
         flat_gaps = self._gaps(flat_points)
@@ -122,10 +155,7 @@ class _LinkEnd:
                     break
                 unusable = np.concatenate([unusable, patch[is_off]])
         angle = max(angle, NARROWEST)
-        while (
-            angle > NARROWEST
-            and np.max(self._gaps(tip.points_with_normals(dome(facing, angle, SIDES).vertices))) > BRIDGED
-        ):
+        while angle > NARROWEST and self._deepest_hollow(tip, facing, angle) > BRIDGED:
             angle *= SHRINKING
         return HullTip(corners, facing, angle, ROUNDING)
 
@@ -137,6 +167,15 @@ class _LinkEnd:
         """Return the distances of points (m, 3), link frame, outside the link's shapes, (m,), metres, at least zero."""
         depths = [shape.depth((points - T[:3, 3]) @ T[:3, :3]) for shape, T in self.shapes]
         return np.asarray(np.maximum(-np.max(depths, axis=0), 0.0))
+
+
+def _long_side(shape: CollisionShape, transform: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the direction of a box's longest side, link frame, unit, where it is near a link's; else the link's."""
+    if shape.kind != "box" or shape.pose is None:
+        return direction
+    axis = transform[:3, :3] @ shape.pose[:3, int(np.argmax(shape.size))]
+    along = float(axis @ direction)
+    return np.asarray(np.sign(along) * axis if abs(along) >= ALONG else direction)
 
 
 def _flat_parts(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -162,7 +201,7 @@ def _merits(angles: FloatArray, cosines: FloatArray, pad_cosines: FloatArray, sl
     A jaw that slides presses along its motion alone, a finger that turns with its end as well.
     """
     off, pad = np.arccos(np.clip(cosines, -1.0, 1.0)), np.arccos(np.clip(pad_cosines, -1.0, 1.0))
-    return np.asarray(np.minimum(angles, WIDEST) - 0.5 * off - np.where(slides & (pad > angles), 0.5, 0.0))
+    return np.asarray(np.minimum(angles, WIDEST) - 0.5 * off - np.where(slides & (pad >= angles), 0.5, 0.0))
 
 
 def _widest_cone(
@@ -180,7 +219,7 @@ def _widest_cone(
     cosines = np.clip(normals @ normals[[0, -1]].T, -1.0, 1.0)
     if slides and usable[-1]:
         pad = np.arccos(cosines[:, 1])
-        clear = np.where((pad > clear) & (pad <= clear + NEXT_TO), pad, clear)
+        clear = np.where((pad >= clear) & (pad <= clear + NEXT_TO), pad + INSIDE, clear)
     best = int(np.argmax(_merits(clear, cosines[:, 0], cosines[:, 1], slides)))
     return normals[best], float(clear[best])
 
@@ -213,19 +252,16 @@ def _supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> F
 
 def _directions_to_others(robot: Robot, centres: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return the mean direction from a point of each link to all points, link frame, metres, over random postures."""
-    ranges = robot.ranges
-    rng = np.random.default_rng(0)
-    names = [joint.name for joint in robot.free_joints]
-    low, high = (np.clip([ranges[name][side] for name in names], -np.pi, np.pi) for side in (0, 1))
-    result = {link: np.zeros(3) for link in centres}
-    for values in rng.uniform(low, high, (POSTURES, len(names))):
-        positions = dict(zip(names, values.tolist(), strict=True))
-        poses = {link: _link_pose(robot, link, positions) for link in centres}
-        places = {link: poses[link][:3, :3] @ centre + poses[link][:3, 3] for link, centre in centres.items()}
-        middle = np.mean(list(places.values()), axis=0)
-        for link in centres:
-            result[link] += (middle - places[link]) @ poses[link][:3, :3] / POSTURES
-    return result
+    ranges = [robot.ranges[joint.name] for joint in robot.free_joints]
+    low, high = (np.clip([ends[side] for ends in ranges], -np.pi, np.pi) for side in (0, 1))
+    joints = np.random.default_rng(0).uniform(low, high, (POSTURES, len(ranges)))
+    poses = {link: _link_poses(robot, link, joints) for link in centres}
+    places = {link: poses[link][:, :3, :3] @ centre + poses[link][:, :3, 3] for link, centre in centres.items()}
+    middle = np.mean(list(places.values()), axis=0)
+    return {
+        link: np.mean(np.einsum("bx,bxa->ba", middle - places[link], poses[link][:, :3, :3]), axis=0)
+        for link in centres
+    }
 
 
 def _range_balance(robot: Robot, joint: Joint) -> float:
@@ -237,12 +273,14 @@ def _range_balance(robot: Robot, joint: Joint) -> float:
     return float(np.clip((low + high) / (high - low), -1.0, 1.0) * np.sign(multiplier))
 
 
-def _link_pose(robot: Robot, link: str, positions: Mapping[str, float]) -> FloatArray:
-    """Return the pose (4, 4) of a link in the palm's frame at positions of the free joints."""
-    pose = np.eye(4)
+def _link_poses(robot: Robot, link: str, joints: FloatArray) -> FloatArray:
+    """Return the poses (b, 4, 4) of a link in the palm's frame at positions (b, m) of the free joints."""
+    index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
+    poses = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
     for joint in robot.chain(link):
-        pose = pose @ joint.frame
+        poses = poses @ joint.frame
         if joint.moves:
             driver, multiplier, offset = robot.driving_joint(joint)
-            pose = pose @ joint_motion(not joint.is_revolute, joint.axis, multiplier * positions[driver] + offset)
-    return pose
+            positions = multiplier * joints[:, index[driver]] + offset
+            poses = poses @ joint_motion(not joint.is_revolute, joint.axis, positions)
+    return poses

@@ -26,15 +26,27 @@ from nlpgrasp.hands.opposition import TOUCH, Opposition, TipMeeting, opposition
 from nlpgrasp.hands.presets import matching_preset
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
-from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, overhang, suggest_tip
-from nlpgrasp.hands.urdf_hand import missing_mesh_warning, modelling_warnings, resolve_torque_limits, unit_approach
+from nlpgrasp.hands.suggested_tips import (
+    GUESS,
+    MOST_OVERHANG,
+    SuggestedTip,
+    leaf_links,
+    noticeable_overhang,
+    overhang,
+    suggest_tip,
+)
+from nlpgrasp.hands.urdf_hand import (
+    SPHERES,
+    missing_mesh_warning,
+    modelling_warnings,
+    resolve_torque_limits,
+    unit_approach,
+)
 from nlpgrasp.hands.urdf_reader import SI
 
-SPHERES = 6  # per link, the default of URDFHand.load
 EVEN_RANGE = 0.1  # share of a joint's range: with its middle this near zero the joint rests at zero
 REST_SHARE = 0.35  # share of its range at which any other joint rests
 FULL_CIRCLE = 2.0 * np.pi - 0.02  # radians: width of a joint's range that counts as a full turn
-OVERHANG, GRAVE_OVERHANG = 1e-3, 5e-3  # metres that a fingertip reaches beyond its link: warned of, and grave
 PLACEHOLDER = 100.0  # newton-metres, above any finger motor's torque; forces of sliding joints are not checked
 MAX_LISTED = 12  # largest number of links that are named
 ALONG_Z = [0.0, 0.0, 1.0]  # default palm direction
@@ -289,11 +301,11 @@ def _overhangs(hand: InspectedHand) -> list[FileWarning]:
     result = []
     for i, (link, tip) in enumerate(hand.tree.tips):
         distance = overhang(tip, link, hand.tree.robot)
-        if distance is not None and distance > OVERHANG:
+        if distance is not None and distance > noticeable_overhang(tip):
             text = f"Fingertip {i} ({link}) reaches up to {millimetres(distance)} beyond the shapes of its link"
             result.append(
                 FileWarning(
-                    f"{text}: where it touches there, the finger itself does not.", grave=distance > GRAVE_OVERHANG
+                    f"{text}: where it touches there, the finger itself does not.", grave=distance > MOST_OVERHANG
                 )
             )
     return result

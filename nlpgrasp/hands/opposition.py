@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.kinematics import LinkTree
-from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.tips import HullTip, Tip, dome
 
-SIDES = 9  # sides of the triangulation of a patch that is not round
+SIDES, HULL_SIDES = 9, 12  # sides of the triangulation of a flat or ellipsoidal patch, and of a hull's
 FACING_COSINE = np.cos(np.radians(30.0))  # cosine of the largest angle at which patches count as facing each other
 MIN_LENGTH = 2e-3  # metres: the direction between nearer points is not used
 BATCH_PAIRS = 2_000_000  # pairs of points in a batch
@@ -238,6 +238,9 @@ def _patch_samples(tip: Tip) -> _PatchSamples:
     """Return the samples of a patch in its link's frame."""
     if tip.standoff > 0.0:
         return _PatchSamples(tip.backbone, tip.standoff, None)
+    if isinstance(tip, HullTip):  # the normals at its edges are its own, not those of the triangles beside them
+        normals = dome(np.asarray(tip.facing), tip.angle, HULL_SIDES).vertices[HULL_SIDES - 1 :]
+        return _PatchSamples(tip.points_with_normals(normals), 0.0, normals)
     shape = tip.surface(SIDES)
     corners = shape.vertices[shape.faces]
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -20,7 +20,7 @@ from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_links
 from nlpgrasp.hands.suggested_tips import tip_from_shapes
 from nlpgrasp.hands.tips import CapsuleTip, FlatTip, SphereTip, Tip
-from nlpgrasp.hands.urdf_hand import URDFHand
+from nlpgrasp.hands.urdf_hand import SPHERES, URDFHand
 
 CLEARANCE = 2e-3  # metres between links and body, for the positioning error of an arm
 QUARTER = np.pi / 2.0  # radians, a quarter turn
@@ -406,10 +406,16 @@ class _PresetReader:
         """Return the hand, with the preset's data where the options leave them open."""
         robot = read_robot(self.path, options["palm"]) if "palm" in options else self.robot_below_palm()
         self._check_tips([robot])
-        options["palm"] = robot.root
-        options.setdefault("torque_limits", effort_limits(robot, self.preset.limits))
-        options.setdefault("clearance", CLEARANCE)
-        return URDFHand.load(self.path, self._tips(robot), approach=self.preset.approach, **options)
+        return URDFHand.from_robot(
+            robot,
+            self._tips(robot),
+            options.get("torque_limits", effort_limits(robot, self.preset.limits)),
+            approach=self.preset.approach,
+            clearance=options.get("clearance", CLEARANCE),
+            spheres_per_link=options.get("spheres_per_link", SPHERES),
+            self_collision=options.get("self_collision", True),
+            tip_overhang=options.get("tip_overhang"),
+        )
 
     def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip] | None]:
         """Return the fingertips by link: the preset's, or the link's own capsule in place of a sphere."""

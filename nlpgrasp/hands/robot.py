@@ -233,13 +233,14 @@ class Inertial:
     inertia: FloatArray
 
 
-def joint_motion(slides: bool, axis: FloatArray, position: float) -> FloatArray:
-    """Return the (4, 4) motion of a joint along, or about, an axis (3,) through the origin."""
-    pose = np.eye(4)
+def joint_motion(slides: bool, axis: FloatArray, position: float | FloatArray) -> FloatArray:
+    """Return the motion (4, 4) of a joint along, or about, an axis (3,) through the origin; (b, 4, 4) for (b,)."""
+    offsets = np.multiply.outer(position, axis)
+    pose = np.zeros((*np.shape(position), 4, 4)) + np.eye(4)
     if slides:
-        pose[:3, 3] = position * axis
+        pose[..., :3, 3] = offsets
     else:
-        pose[:3, :3] = Rotation.from_rotvec(position * axis).as_matrix()
+        pose[..., :3, :3] = Rotation.from_rotvec(offsets).as_matrix()
     return pose
 
 

@@ -10,10 +10,12 @@ import numpy as np
 from nlpgrasp.common.formatting import format_number
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Robot
-from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
+from nlpgrasp.hands.tips import CapsuleTip, HullTip, SphereTip, Tip
 
 GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
 DIGITS = 4  # significant digits of a radius
+OVERHANG, MOST_OVERHANG = 1e-3, 5e-3  # metres that a fingertip reaches beyond its link: warned of, and refused
+BRIDGED_HOLLOW = 2e-3  # metres: depth of a hollow that a convex hull bridges which is warned of
 
 
 def tip_from_shapes(shapes: Sequence[CollisionShape]) -> Tip | None:
@@ -40,6 +42,11 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     surface = tip.surface().vertices
     outside = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
     return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
+
+
+def noticeable_overhang(tip: Tip) -> float:
+    """Return the overhang of a fingertip above which it is warned of, metres; a convex hull may bridge hollows."""
+    return BRIDGED_HOLLOW if isinstance(tip, HullTip) else OVERHANG
 
 
 @dataclass(frozen=True)

@@ -42,12 +42,18 @@ from nlpgrasp.hands.self_collision import (
     self_collision_constraints,
     tip_clearance_constraints,
 )
-from nlpgrasp.hands.suggested_tips import leaf_links, overhang, suggest_tip, tip_from_shapes
+from nlpgrasp.hands.suggested_tips import (
+    MOST_OVERHANG,
+    leaf_links,
+    noticeable_overhang,
+    overhang,
+    suggest_tip,
+    tip_from_shapes,
+)
 from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
 
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
-MOST_OVERHANG, WORTH_A_WARNING = 5e-3, 1e-3  # metres: fingertips beyond their links that are refused, and warned of
-BRIDGES = 2e-3  # metres: depth of a hollow that a convex hull bridges which is warned of
+SPHERES = 6  # of a link
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
@@ -84,7 +90,7 @@ class URDFHand(LinkedHand):
         torque_limits: Mapping[str, float] | None = None,
         *,
         clearance: float = 0.0,
-        spheres_per_link: int = 6,
+        spheres_per_link: int = SPHERES,
         self_collision: bool = True,
     ) -> None:
         self.tree, self.robot, self.tips = tree, tree.robot, tree.tips
@@ -109,7 +115,7 @@ class URDFHand(LinkedHand):
         palm: str | None = None,
         approach: ArrayLike = (0.0, 0.0, 1.0),
         clearance: float = 0.0,
-        spheres_per_link: int = 6,
+        spheres_per_link: int = SPHERES,
         self_collision: bool = True,
         tip_overhang: float | None = None,
         scale: float = 1.0,
@@ -169,7 +175,31 @@ class URDFHand(LinkedHand):
             meshes far longer than the joints are apart, or far shorter, and on limits beyond a full turn: their units
             may be others.
         """
-        robot = read_robot(path, palm, check_units(scale, degrees))
+        return cls.from_robot(
+            read_robot(path, palm, check_units(scale, degrees)),
+            fingertips,
+            torque_limits,
+            approach=approach,
+            clearance=clearance,
+            spheres_per_link=spheres_per_link,
+            self_collision=self_collision,
+            tip_overhang=tip_overhang,
+        )
+
+    @classmethod
+    def from_robot(
+        cls,
+        robot: Robot,
+        fingertips: Fingertips | None = None,
+        torque_limits: Mapping[str, float] | float | None = None,
+        *,
+        approach: ArrayLike = (0.0, 0.0, 1.0),
+        clearance: float = 0.0,
+        spheres_per_link: int = SPHERES,
+        self_collision: bool = True,
+        tip_overhang: float | None = None,
+    ) -> URDFHand:
+        """Return the hand of a robot that was read from a file; everything else is as for ``load``."""
         refuse_implausible_lengths(robot)
         for text in file_warnings(robot):
             warn(f"{robot.source}: {text}")
@@ -342,7 +372,7 @@ def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float |
         cure = f"{'' if isinstance(tip, HullTip) else 'None, to fit it to them, or '}another radius or tip"
         if distance > limit:
             raise InputError(field, text, f"{cure}; tip_overhang={np.ceil(1e3 * distance) / 1e3:g} allows it")
-        if most is None and distance > (BRIDGES if isinstance(tip, HullTip) else WORTH_A_WARNING):
+        if most is None and distance > noticeable_overhang(tip):
             warn(f"{field}: {text}: the finger itself does not touch there; expected {cure}")
 
 

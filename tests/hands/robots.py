@@ -53,3 +53,12 @@ def model(path):
     if not file.is_file():
         pytest.skip(f"{file} is not there; {MODELS_INSTALL}")
     return file
+
+
+def in_radians(name, folder):
+    """Write an MJCF that includes a gripper of robosuite: its angles are radians by the model that it is a part of."""
+    part = model(f"{GRIPPERS}/{name}")
+    path = folder / name
+    compiler = f'<compiler angle="radian" meshdir="{part.parent}"/>'
+    path.write_text(f'<mujoco>{compiler}<include file="{part}"/></mujoco>')
+    return path

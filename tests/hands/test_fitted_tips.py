@@ -11,12 +11,15 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.hands.fitted_tips import fit_hull_tips
+from nlpgrasp.hands.fitted_tips import _LinkEnd, fit_hull_tips
+from nlpgrasp.hands.inspection import inspect
+from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import overhang
 from nlpgrasp.hands.tips import SymbolicTouch, dome
 from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touch_constraints
 from tests.hands.described import FINGER, two_fingers
+from tests.hands.robots import in_radians
 
 VARIABLE = "NLPGRASP_TEST_DATA"
 FILES = {
@@ -189,6 +192,72 @@ def test_hollows_are_left_out_of_the_patch(tmp_path):
         normals = dome(np.asarray(tip.facing), tip.angle, 200).vertices
         outside = [-shape.depth(tip.points_with_normals(normals)) for shape in robot.shapes[link]]
         assert np.max(np.min(outside, axis=0)) < 5e-4
+
+
+def test_a_pad_in_front_of_a_wider_shape_carries_the_patch(tmp_path):
+    """A pad 1 mm in front of the finger's box, which is longer: the patch is on the pad and includes its normal."""
+    path = two_fingers(tmp_path, tip_frames=False)
+    pad = '<collision><origin xyz="0 0 0.0185"/><geometry><box size="0.014 0.002 0.035"/></geometry></collision></link>'
+    text = path.read_text()
+    for link in ("f1", "f2"):
+        head, tail = text.split(f'<link name="{link}">')
+        text = f'{head}<link name="{link}">' + tail.replace("</link>", pad, 1)
+    path.write_text(text)
+    robot = read_robot(path)
+    for (link, tip), side in zip(fit_hull_tips(robot, ["f1", "f2"]).items(), (1.0, -1.0), strict=True):
+        normal = np.array([0.0, side, 0.0])
+        assert normal @ np.asarray(tip.facing) >= np.cos(tip.angle)
+        assert tip.points_with_normals(normal[None])[0, 1] == pytest.approx(side * 0.001, abs=3e-4)  # the pad's face
+        assert overhang(tip, link, robot) < 1e-3
+
+
+def test_pads_of_robosuites_rethink_gripper_carry_the_patches(tmp_path):
+    """Two boxes a finger, one 0.2 mm in front of the other: the patches are wide and include the pads' normals."""
+    hand = ng.URDFHand.load(in_radians("rethink_gripper.xml", tmp_path), ["l_finger_tip", "r_finger_tip"])
+    for (_, tip), side in zip(hand.tips, (-1.0, 1.0), strict=True):
+        assert np.degrees(tip.angle) > 20.0
+        assert side * np.asarray(tip.facing)[1] >= np.cos(tip.angle)
+
+
+def test_fingers_of_robosuites_robotiq_140_face_each_other(tmp_path):
+    """Its pads tilt towards each other as they close: the patches have the pad's front edge, and the tips meet."""
+    hand = ng.URDFHand.load(
+        in_radians("robotiq_gripper_140.xml", tmp_path), ["left_inner_finger", "right_inner_finger"]
+    )
+    (pair,) = opposition(hand.tree, hand.tree.joint_limits.mean(axis=0)).pairs
+    assert pair.opposed < 0.015
+
+
+def test_equal_fingers_are_fitted_once(tmp_path, monkeypatch):
+    text = '<link name="palm"/>'
+    for i in range(3):
+        box = '<collision><origin xyz="0 0 0.02"/><geometry><box size="0.016 0.01 0.04"/></geometry></collision>'
+        text += (
+            f'<link name="f{i}">{box}</link><joint name="j{i}" type="revolute"><parent link="palm"/>'
+            f'<child link="f{i}"/><origin xyz="0 0 0.02" rpy="0 0 {2.0 * np.pi * i / 3}"/><axis xyz="1 0 0"/>'
+            '<limit lower="0" upper="1" effort="1" velocity="1"/></joint>'
+        )
+    path = tmp_path / "three.urdf"
+    path.write_text(f'<robot name="three">{text}</robot>')
+    monkeypatch.setenv("NLPGRASP_CACHE", str(tmp_path / "cache"))
+    fits, best_patch = [], _LinkEnd._best_patch
+    monkeypatch.setattr(_LinkEnd, "_best_patch", lambda end, normals: fits.append(end) or best_patch(end, normals))
+    tips = fit_hull_tips(read_robot(path), ["f0", "f1", "f2"])
+    assert tips["f0"] == tips["f1"] == tips["f2"]
+    assert len(fits) == 1
+    assert fit_hull_tips(read_robot(path), ["f1", "f2"])["f1"] == tips["f1"]
+
+
+def test_a_bridged_hollow_is_no_warning_where_the_hand_is_inspected(tmp_path):
+    """Load and inspection warn of the same overhangs: a hull from 2 mm on, any other fingertip from 1 mm on."""
+    path, corners = two_fingers(tmp_path), trimesh.creation.box(FINGER).vertices + np.array([0.0, -0.003, 0.02])
+    for extra, noticed in ((1.5e-3, False), (2.5e-3, True)):
+        hull = ng.HullTip(corners + np.array([0.0, extra, 0.0]), [0.0, 1.0, 0.0], 0.5)
+        with warnings.catch_warnings(record=True) as record:
+            warnings.simplefilter("always")
+            hand = ng.URDFHand.load(path, {"f1": hull, "f2": None})
+        assert any("beyond the shapes" in str(warning.message) for warning in record) == noticed
+        assert any("beyond the shapes" in finding.text for finding in inspect(hand).findings) == noticed
 
 
 def test_a_link_without_a_shape_is_refused(tmp_path):
