@@ -22,7 +22,7 @@ from nlpgrasp.simulation.hand_outcome import AS_SOLVED
 from nlpgrasp.simulation.hand_world import HandWorld
 from nlpgrasp.simulation.robot_hand_scene import PREFIX, mjcf_with_hand
 from tests.hands.robotiq import robotiq_2f85
-from tests.hands.robots import GRIPPERS, SHADOW, in_radians, model, robot
+from tests.hands.robots import GRIPPERS, SHADOW, ability_urdf, in_radians, model, robot
 
 STARTS, FRICTION, TORSION, PUSH, PUSHES = 2, 0.7, 5e-3, 1.0, 6
 DEEPEST, OFF_BODY = 1e-3, 3e-4  # metres: largest penetration of a link, and distance of a fingertip's links
@@ -58,7 +58,11 @@ HANDS = {
     "shadow": (ng.hands.shadow, lambda: model(SHADOW)),
     "robotiq_2f85": (ng.hands.robotiq_2f85, lambda: robotiq_2f85(Path(mkdtemp()) / "robotiq_2f85.urdf", meshes=True)),
     "panda": (ng.hands.panda, lambda: robot("panda_description/urdf/panda.urdf")),
-    "inspire": (leaf_hand, lambda: model(f"{GRIPPERS}/inspire_right_hand.xml")),
+    "ability": (
+        lambda path: ng.hands.ability(path, palm="Right_thumb_base"),
+        lambda: ability_urdf(Path(mkdtemp())),
+    ),
+    "inspire": (ng.hands.inspire, lambda: model(f"{GRIPPERS}/inspire_right_hand.xml")),
     "fourier": (leaf_hand, lambda: model(f"{GRIPPERS}/fourier_right_hand.xml")),
     "jaco": (leaf_hand, lambda: in_radians("jaco_three_finger_gripper.xml", Path(mkdtemp()))),
     "xarm7": (leaf_hand, lambda: model(f"{GRIPPERS}/xarm7_gripper.xml")),

@@ -3,7 +3,18 @@
 from nlpgrasp.hands.base import Hand, HandVariable, PosedHand
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
-from nlpgrasp.hands.presets import allegro, barrett, jaws, leap, panda, robotiq_2f85, robotiq_3f, shadow
+from nlpgrasp.hands.presets import (
+    ability,
+    allegro,
+    barrett,
+    inspire,
+    jaws,
+    leap,
+    panda,
+    robotiq_2f85,
+    robotiq_3f,
+    shadow,
+)
 from nlpgrasp.hands.registry import hand_from_dict, register
 from nlpgrasp.hands.tips import CapsuleTip, CylinderTip, EllipsoidTip, FlatTip, HullTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
@@ -22,9 +33,11 @@ __all__ = [
     "SphereTip",
     "Tip",
     "URDFHand",
+    "ability",
     "allegro",
     "barrett",
     "hand_from_dict",
+    "inspire",
     "jaws",
     "leap",
     "panda",

@@ -288,7 +288,7 @@ def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
         int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
     }
     phrases = [t.describe() for i, t in tendons.items() if i not in coupled and (i in constrained or t.couples(robot))]
-    return replace(robot, unmodelled_couplings=(*phrases, *_describe_loops(model, robot, active)))
+    return replace(robot, unmodelled_couplings=tuple(phrases), open_loops=tuple(_describe_loops(model, robot, active)))
 
 
 def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:

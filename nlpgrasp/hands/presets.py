@@ -46,6 +46,9 @@ class Preset:
         other joints have the file's efforts.
     description : str
         Module of ``robot_descriptions`` that holds its URDF, empty where there is none.
+    marks : tuple of str
+        Further links (with any prefix) without which a file is not of this hand, where those of the fingertips have
+        names that other hands have too.
     jaw : ParallelJaw or None
         A parallel gripper's opening, palm, axes and tool centre point, in the frame of its first palm.
     """
@@ -55,10 +58,17 @@ class Preset:
     approach: Direction
     limits: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
+    marks: tuple[str, ...] = ()
     jaw: ParallelJaw | None = None
 
 
 PRESETS = {
+    "ability": Preset(
+        palms=("thumb_base", "base"),
+        tips=dict.fromkeys([f"{finger}_L2" for finger in ("index", "middle", "thumb")]),
+        approach=(0.0, 1.0, 0.0),
+        marks=("ring_L2", "pinky_L2"),
+    ),
     "allegro": Preset(
         palms=("palm_link", "palm", "base_link"),
         tips={f"link_{number}.0_tip": SphereTip(0.012) for number in (3, 7, 11, 15)},
@@ -72,6 +82,20 @@ PRESETS = {
         approach=(0.0, 0.0, 1.0),
         limits={"prox_joint": 1.7, "med_joint": 1.7, "dist_joint": 0.77},
         description="barrett_hand_description",
+    ),
+    "inspire": Preset(
+        palms=("palm", "base"),
+        tips=dict.fromkeys([f"{finger}_distal" for finger in ("index", "middle", "thumb")]),
+        approach=(-1.0, 0.0, 0.0),
+        limits={
+            "proximal": 0.50,
+            "distal": 0.29,
+            "thumb_proximal_1": 1.27,
+            "thumb_proximal_2": 1.33,
+            "thumb_middle": 0.61,
+            "thumb_distal": 0.32,
+        },
+        marks=("thumb_proximal_2", "ring_distal", "pinky_distal"),
     ),
     "leap": Preset(
         palms=("palm_lower",),
@@ -140,6 +164,32 @@ class Options(TypedDict, total=False):
     degrees: bool
 
 
+def ability(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the Ability Hand (PSYONIC), right or left: five fingers, of which the thumb and two fingers touch.
+
+    Contacts, in this order: the ends of index, middle finger and thumb (links ``index_L2``, ``middle_L2``,
+    ``thumb_L2``, with any prefix), fitted to the collision shapes of the file (``HullTip``). The palm (``thumb_base``,
+    or ``base`` where the file has no such link) faces along its y axis. A finger has one motor: its outer joint follows
+    the inner one.
+
+    Torque limits: the URDF's efforts, which are the maker's: 6 N m, and 1.2 N m of the joint that opposes the thumb.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF. ``robot_descriptions`` has none.
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return load_preset("ability", urdf, **options)
+
+
 def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
     """Return the Allegro hand (Wonik Robotics), right or left: four fingers, 16 joints.
 
@@ -191,6 +241,35 @@ def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
         When there is no URDF, or it lacks one of these links.
     """
     return load_preset("barrett", urdf, **options)
+
+
+def inspire(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the RH56 hand (Inspire Robots), right or left: five fingers, of which the thumb and two fingers touch.
+
+    Contacts, in this order: the ends of index, middle finger and thumb (links ``index_distal``, ``middle_distal``,
+    ``thumb_distal``, with any prefix), fitted to the collision shapes of the file (``HullTip``). The names are those
+    of robosuite's model. The palm (``palm`` or ``base``) faces along its -x axis.
+
+    Torque limits: 6.5 N at the end of a finger and 12.9 N at that of the thumb, times the largest distances of the ends
+    from the joints' axes. These forces were measured with an RH56DFX at its highest setting (the weaker of index and
+    middle finger; X. Tan, W. Xie and N. Correll, correlllab/rh56_controller); the maker states 15 N for the thumb. One
+    motor drives the two joints of a finger, another the three that bend the thumb; robosuite's model lets them move on
+    their own, with placeholders of 20 N m.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF or MJCF. ``robot_descriptions`` has none with these links.
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
+        ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return load_preset("inspire", urdf, **options)
 
 
 def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -447,7 +526,7 @@ class _PresetReader:
                     errors.append(error)
                     continue
                 candidates.append(robot)
-                complete += [] if self._missing_tips(robot) else [robot]
+                complete += [] if self._missing_links(robot) else [robot]
             innermost = [r for r in complete if not any(o.root in r.links for o in complete if o is not r)]
             exact = [r for r in innermost if r.root == name]
             if len(innermost) > 1 and not exact:
@@ -464,22 +543,27 @@ class _PresetReader:
     def has_links(self, links: Sequence[str]) -> bool:
         """Return whether the palm and all fingertips are among some links."""
         palm = any(self._matching_links(links, name) for name in self.preset.palms)
-        return palm and all(self._matching_links(links, tip) for tip in self.preset.tips)
+        return palm and all(self._matching_links(links, name) for name in self._names)
 
     def _check_tips(self, robots: Sequence[Robot]) -> None:
         """Refuse a file in which no palm carries all fingertips; the message names what is missing."""
-        missing = {robot.root: self._missing_tips(robot) for robot in robots}
+        missing = {robot.root: self._missing_links(robot) for robot in robots}
         if not all(missing.values()):
             return
         links = robot_links(self.path)
-        absent = [tip for tip in self.preset.tips if not self._matching_links(links, tip)]
+        absent = [name for name in self._names if not self._matching_links(links, name)]
         if absent:
             self._refuse(f"without a link {absent[0]}")
         self._refuse("with " + "; ".join(f"{', '.join(tips)} not below {palm}" for palm, tips in missing.items()))
 
-    def _missing_tips(self, robot: Robot) -> list[str]:
-        """Return the fingertips that do not hang from a robot's root, by their names in the preset."""
-        return [tip for tip in self.preset.tips if not self._matching_links(robot.links, tip)]
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the fingertips and of the further links of this hand."""
+        return (*self.preset.tips, *self.preset.marks)
+
+    def _missing_links(self, robot: Robot) -> list[str]:
+        """Return the fingertips and further links that do not hang from a robot's root, by their names there."""
+        return [name for name in self._names if not self._matching_links(robot.links, name)]
 
     def _matching_links(self, links: Sequence[str], name: str) -> list[str]:
         """Return the links with a name, whatever their prefix."""
@@ -551,4 +635,4 @@ def effort_limits(robot: Robot, limits: Mapping[str, float]) -> dict[str, float]
     return result
 
 
-__all__ = ["allegro", "barrett", "jaws", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]
+__all__ = ["ability", "allegro", "barrett", "inspire", "jaws", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]

@@ -107,6 +107,8 @@ class Robot:
         Couplings of joints in the file that are left out, a phrase each.
     units : UrdfUnits
         Units of the file's numbers; all values here are metres and radians.
+    open_loops : tuple of str
+        What closes linkages in the file and is left out, a phrase each.
     """
 
     name: str
@@ -121,6 +123,7 @@ class Robot:
     negated_limits: tuple[str, ...] = ()
     unmodelled_couplings: tuple[str, ...] = ()
     units: UrdfUnits = field(default_factory=UrdfUnits)
+    open_loops: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

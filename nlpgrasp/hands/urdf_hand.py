@@ -170,10 +170,10 @@ class URDFHand(LinkedHand):
         UserWarning
             On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
             links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
-            limits lack the sign: they are taken with it. On tendons and closed loops of an MJCF that couple joints and
-            are not modelled. On an MJCF whose joints hardly turn: its limits may be radians without stating so. On
-            meshes far longer than the joints are apart, or far shorter, and on limits beyond a full turn: their units
-            may be others.
+            limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints, and on what closes
+            linkages in a file: they are not modelled. On an MJCF whose joints hardly turn: its limits may be radians
+            without stating so. On meshes far longer than the joints are apart, or far shorter, and on limits beyond a
+            full turn: their units may be others.
         """
         return cls.from_robot(
             read_robot(path, palm, check_units(scale, degrees)),
@@ -447,6 +447,9 @@ def modelling_warnings(robot: Robot) -> list[str]:
         result.append(f"taken with the other sign: {'; '.join(robot.negated_limits)}")
     if robot.unmodelled_couplings:
         result.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled_couplings)}")
+    if robot.open_loops:
+        text = "closed linkages are left open, so that their joints move on their own"
+        result.append(f"{text}: {'; '.join(robot.open_loops)} ignored")
     turning = [joint for joint in robot.free_joints if joint.kind == "revolute"]
     widest = max((max(abs(j.lower), abs(j.upper)) for j in turning), default=0.0)
     if robot.source.endswith(".xml") and 0.0 < widest < MEANT_AS_RADIANS:

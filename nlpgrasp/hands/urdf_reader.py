@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -63,7 +63,21 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
     shapeless = tuple(name for name in visible if elements[name].find("collision") is None)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     name = root.get("name", source.stem)
-    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, shapeless, negated, units=units)
+    loops = tuple(_closed_loops(root, order))
+    robot = Robot(
+        name,
+        start,
+        order,
+        joints,
+        shapes,
+        missing,
+        source.name,
+        digest,
+        shapeless,
+        negated,
+        units=units,
+        open_loops=loops,
+    )
     check_ranges(source, robot)
     return robot
 
@@ -203,6 +217,25 @@ def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     if len(_subtree(roots[0], joints)[0]) != len(links):
         raise_invalid(source, "a loop of links", "a tree of links")
     return roots[0]
+
+
+def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
+    """Yield a phrase for each extension of a URDF that closes a linkage between links of the hand, which is a tree.
+
+    These are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
+    """
+    nested = [
+        (f"{outer}//{tag}", tag) for outer, tag in (("gazebo", "joint"), ("mujoco", "connect"), ("mujoco", "weld"))
+    ]
+    for pattern, tag in (("loop_joint", "loop_joint"), *nested):
+        for element in root.findall(pattern):
+            ends = [element.get("body1"), element.get("body2")]
+            for end in element:
+                if end.tag in ("parent", "child", "link1", "link2"):
+                    ends.append(end.get("link") or (end.text or "").strip())
+            names = [name for name in ends if name]
+            if set(names) & set(links[1:]):
+                yield f"<{tag}> of links {' and '.join(names)}"
 
 
 def _subtree(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:

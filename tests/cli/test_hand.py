@@ -118,9 +118,9 @@ def test_the_way_the_palm_faces_and_a_presets_tips_exclude_each_other(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["gone.urdf"], "URDF: got gone.urdf, expected a URDF file that exists, or one of allegro, "),
+        (["gone.urdf"], "URDF: got gone.urdf, expected a URDF file that exists, or one of ability, "),
         (["robotiq_3f"], "hands.robotiq_3f.urdf: got nothing, expected the path of its URDF"),
-        ([FOUR, "--preset", "alegro"], "--preset: got alegro, expected one of allegro, barrett, leap, "),
+        ([FOUR, "--preset", "alegro"], "--preset: got alegro, expected one of ability, allegro, barrett, "),
         ([FOUR, "--preset", "allegro"], "hands.allegro.urdf: got four_finger_hand.urdf without a link "),
         ([FOUR, "--palm", "plam"], f"--palm: got plam, {LINK} palm"),
         ([FOUR, "--fingertip", "index_tp"], f"--fingertip: got index_tp, {LINK} index_tip"),

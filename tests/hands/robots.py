@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -61,4 +62,14 @@ def in_radians(name, folder):
     path = folder / name
     compiler = f'<compiler angle="radian" meshdir="{part.parent}"/>'
     path.write_text(f'<mujoco>{compiler}<include file="{part}"/></mujoco>')
+    return path
+
+
+def ability_urdf(folder):
+    """Write the URDF of a robot with two Ability Hands, whose followers now name the joints that they mean."""
+    source = robot("alex_description/urdf/alex_psyonic_hands.urdf")
+    text = source.read_text().replace("package://example-robot-data/robots", str(source.parents[2]))
+    joint = r'(<joint name="(Left|Right)_\w+_q2"(?:(?!</joint>).)*<mimic joint = ")'
+    path = folder / "alex.urdf"
+    path.write_text(re.sub(joint, r"\1\2_", text, flags=re.DOTALL))
     return path

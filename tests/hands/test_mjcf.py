@@ -11,6 +11,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.hands.mjcf_reader import euler_angles
 from nlpgrasp.hands.robot_file import read_robot
+from nlpgrasp.hands.urdf_hand import modelling_warnings
 from nlpgrasp.verify.chain_kinematics import links_in, poses
 from tests.hands.mjcf import frames, tree_of
 
@@ -132,7 +133,12 @@ def test_what_couples_joints_and_is_not_modelled_is_said(tmp_path):
         hand = ng.URDFHand.load(path, {"left_tip": 0.006, "right": 0.006})
     assert hand.torque_limits == {}
     loop = '<equality><connect body1="left_tip" body2="right" anchor="0 0 0"/></equality>'
-    assert read_robot(write_hand(tmp_path, loop)).unmodelled_couplings == ("<connect> of bodies left_tip and right",)
+    robot = read_robot(write_hand(tmp_path, loop))
+    assert (robot.unmodelled_couplings, robot.open_loops) == ((), ("<connect> of bodies left_tip and right",))
+    assert modelling_warnings(robot) == [
+        "closed linkages are left open, so that their joints move on their own: <connect> of bodies left_tip and right "
+        "ignored"
+    ]
     stiff = TENDON.replace('"cord"', '"cord" range="-1 1"')
     assert read_robot(write_hand(tmp_path, stiff)).unmodelled_couplings == ()  # the joints' ranges keep it
     short = TENDON.replace('"cord"', '"cord" range="-0.1 0.1"')

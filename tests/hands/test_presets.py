@@ -10,15 +10,26 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.hands.inspection import inspect, inspect_without_tips
+from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.hands.presets import PRESETS, matching_preset
+from nlpgrasp.hands.suggested_tips import overhang
 from tests.hands.robotiq import robotiq_2f85
-from tests.hands.robots import robot
+from tests.hands.robots import GRIPPERS, ability_urdf, model, robot
+from tests.hands.urdf import FOUR
 
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
 PANDA = "panda_description/urdf/panda.urdf"
 QUICK = ng.SolveOptions(workers=1)
-ENDING = {"robotiq_2f85": "finger_joint", "robotiq_3f": "joint_{}", "barrett": "med_joint"}
-LIMITS = {"allegro": 0.7, "leap": 0.93, "shadow": 2.0, "robotiq_2f85": 25.0, "barrett": 1.7}
+ENDING = {"inspire": "index_proximal", "robotiq_2f85": "finger_joint", "robotiq_3f": "joint_{}", "barrett": "med_joint"}
+LIMITS = {
+    "ability": 2.0,
+    "allegro": 0.7,
+    "inspire": 0.5,
+    "leap": 0.93,
+    "shadow": 2.0,
+    "robotiq_2f85": 25.0,
+    "barrett": 1.7,
+}
 
 
 def link(name, has_shape=True):
@@ -42,12 +53,16 @@ def write_star(path, name, prefix="", without=()):
                 f'<origin xyz="{0.05 * i} 0 0.1"/><axis xyz="0 {1 - 2 * (i % 2)} 0"/>'
                 '<limit lower="0" upper="0.04" effort="2"/></joint>'
             )
+    for mark in PRESETS[name].marks:
+        text += f'{link(prefix + mark, False)}<joint name="{mark} fixed" type="fixed">'
+        text += f'<parent link="{palm}"/><child link="{prefix + mark}"/></joint>'
     path.write_text(f"<robot name='r'>{link(palm)}{text}</robot>")
     return path
 
 
 def test_all_presets_are_public():
-    assert set(PRESETS) == {"allegro", "leap", "shadow", "barrett", "robotiq_2f85", "robotiq_3f", "panda"}
+    hands = {"ability", "allegro", "barrett", "inspire", "leap", "shadow"}
+    assert set(PRESETS) == hands | {"robotiq_2f85", "robotiq_3f", "panda"}
     assert set(PRESETS) <= set(ng.hands.__all__)
 
 
@@ -66,6 +81,14 @@ def test_a_file_of_a_preset_is_recognised(name, prefix, tmp_path):
 def test_a_hand_without_one_of_its_fingers_is_not_recognised(tmp_path):
     path = write_star(tmp_path / "hand.urdf", "leap", without=("fingertip_2",))
     assert matching_preset(path) is None
+
+
+def test_a_hand_with_the_links_that_another_names_too_is_not_recognised():
+    """Its fingertips' links, such as index_distal, have the names of those of the Inspire hand."""
+    assert matching_preset(FOUR) is None
+    message = "hands.inspire.urdf: got four_finger_hand.urdf without a link thumb_proximal_2, expected the URDF of this"
+    with pytest.raises(ng.InputError, match=re.escape(message)):
+        ng.hands.inspire(FOUR)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -126,6 +149,64 @@ def test_presets_hold_a_sphere(name, path, radius):
     solution = ng.solve(problem, starts=1, options=QUICK)
     assert solution.status is ng.Status.SOLVED
     assert solution.mu.lower > 0.3
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_ability_has_the_efforts_of_its_maker_and_closes_to_where_its_palm_faces(side, tmp_path):
+    hand = ng.hands.ability(ability_urdf(tmp_path), palm=f"{side}_thumb_base")
+    assert [link for link, _ in hand.tips] == [f"{side}_{finger}_L2" for finger in ("index", "middle", "thumb")]
+    fingers = ("index", "middle", "ring", "pinky", "thumb")
+    assert hand.torque_limits == dict.fromkeys([f"{side}_{finger}_q1" for finger in fingers], 6.0) | {
+        f"{side}_thumb_q1": 1.2,
+        f"{side}_thumb_q2": 6.0,
+    }
+    check_fitted_fingers(hand)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_inspire_has_the_forces_that_were_measured_and_closes_to_where_its_palm_faces(side):
+    hand = ng.hands.inspire(model(f"{GRIPPERS}/inspire_{side}_hand.xml"))
+    assert [link for link, _ in hand.tips] == [f"{side[0]}_{finger}_distal" for finger in ("index", "middle", "thumb")]
+    index = [joint for joint in hand.robot.chain(hand.tips[0][0]) if joint.moves]
+    lever = np.linalg.norm(hand.tree.palm_tips(np.zeros((1, 12)))[0, 0] - palm_frame(hand, index[0].child)[:3, 3])
+    assert hand.torque_limits[index[0].name] / lever == pytest.approx(6.5, rel=0.1)  # newtons, the finger straight
+    assert hand.torque_limits[f"joint_{side[0]}_thumb_proximal_2"] == 1.33
+    check_fitted_fingers(hand)
+
+
+def palm_frame(hand, link):
+    """Return a link's frame in the palm's, (4, 4), at position zero of all joints."""
+    index = hand.tree.used_links.index(link)
+    return hand.tree.link_function(np.zeros(len(hand.robot.free_joints))).full()[:, 4 * index : 4 * index + 4]
+
+
+def check_fitted_fingers(hand):
+    """Check that the patches are on the shapes and wide, that thumb and fingers meet, and where the fingers close."""
+    for link, tip in hand.tips:
+        assert tip.kind == "hull"
+        assert overhang(tip, link, hand.robot) < 1e-3
+        assert np.degrees(tip.angle) > 20.0
+    lower, upper = hand.tree.joint_limits
+    moved = hand.tree.palm_tips(np.stack([lower, 0.6 * lower + 0.4 * upper]))
+    assert np.all((moved[1] - moved[0])[:2] @ hand.tree.approach > 0.04)
+    pairs = opposition(hand.tree, lower).pairs
+    assert all(pair.opposed < 0.02 for pair in pairs if 2 in pair.fingers)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ability", "inspire"])
+def test_thumb_and_two_fingers_hold_a_cylinder(name, tmp_path):
+    if name == "ability":
+        hand = ng.hands.ability(ability_urdf(tmp_path), palm="Right_thumb_base")
+    else:
+        hand = ng.hands.inspire(model(f"{GRIPPERS}/inspire_right_hand.xml"))
+    body = ng.Cylinder(0.03, 0.12)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[body.size / 2.0] * 3])
+    problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand)
+    solution = ng.solve(problem, starts=1, options=QUICK)
+    assert solution.status is ng.Status.SOLVED
+    assert solution.mu.lower > 0.1
+    assert solution.link_depth.depth <= 1e-3
 
 
 def test_robotiq_pads_face_each_other_and_meet(tmp_path):

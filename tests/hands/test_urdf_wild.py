@@ -141,6 +141,27 @@ def test_meshes_of_packages_elsewhere(tmp_path, monkeypatch, variable, inside):
     assert not read_urdf(path).missing
 
 
+@pytest.mark.parametrize(
+    ("element", "named"),
+    [
+        ('<loop_joint name="l" type="spherical"><link1 link="A"/><link2 link="B"/></loop_joint>', "<loop_joint>"),
+        ('<gazebo><joint name="l" type="ball"><parent>A</parent><child>B</child></joint></gazebo>', "<joint>"),
+        ('<mujoco><equality><connect body1="A" body2="B" anchor="0 0 0"/></equality></mujoco>', "<connect>"),
+    ],
+)
+def test_what_closes_a_linkage_is_ignored_and_named(tmp_path, element, named):
+    loop = element.replace("A", "left_pad").replace("B", "right_pad")
+    path = write_hand(tmp_path, GRIPPER.read_text().replace("</robot>", f"{loop}</robot>"))
+    message = (
+        "hand.urdf: closed linkages are left open, so that their joints move on their own: "
+        f"{named} of links left_pad and right_pad ignored"
+    )
+    with pytest.warns(UserWarning, match=f"^{message}$"):
+        ng.URDFHand.load(path, PADS)
+    elsewhere = write_hand(tmp_path, GRIPPER.read_text().replace("</robot>", f"{element}</robot>"), "b.urdf")
+    assert read_urdf(elsewhere).open_loops == ()  # of links that are not the hand's
+
+
 def test_effort_of_zero_is_none(tmp_path):
     path = write_hand(tmp_path, FOUR.read_text().replace('effort="0.7"', 'effort="0"', 1))
     hand = ng.URDFHand.load(path, FOUR_TIPS)
