@@ -1,8 +1,8 @@
 """Grasps of public hands on three bodies: kinds of fingertips, seconds, mu, penetration by MuJoCo, pushes held.
 
 ``hand_zoo:leap,barrett:cylinder`` takes these hands and bodies alone. Hands with a preset are loaded by it; the others
-have their leaf links as fingertips, fitted to the links' shapes. Files are those of the tests (``make robots``) and of
-the folder named by NLPGRASP_TEST_DATA; missing ones are named.
+have the fingertips that ``nlpgrasp hand`` proposes. Files are those of the tests (``make robots``) and of the folder
+named by NLPGRASP_TEST_DATA; missing ones are named.
 """
 
 import time
@@ -16,8 +16,7 @@ import pytest
 import nlpgrasp as ng
 from benchmarks.outside import HANDS as OUTSIDE
 from benchmarks.outside import MESHES, MISSING, hands_and_bodies
-from nlpgrasp.hands.robot_file import read_robot
-from nlpgrasp.hands.suggested_tips import leaf_links
+from nlpgrasp.hands.inspection import inspect_without_tips
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED
 from nlpgrasp.simulation.hand_world import HandWorld
 from nlpgrasp.simulation.robot_hand_scene import PREFIX, mjcf_with_hand
@@ -43,8 +42,9 @@ def outside(path):
 
 
 def leaf_hand(path, palm=None):
-    """Return a hand whose leaf links are fingertips, fitted to their shapes."""
-    return ng.URDFHand.load(path, dict.fromkeys(leaf_links(read_robot(path, palm))), palm=palm)
+    """Return a hand with the fingertips that ``nlpgrasp hand`` proposes: leaf links, fitted to their shapes."""
+    proposal = inspect_without_tips(path, palm, [0.0, 0.0, 1.0]).proposal
+    return ng.URDFHand.load(path, [tip.link for tip in proposal.tips], palm=palm)
 
 
 HANDS = {

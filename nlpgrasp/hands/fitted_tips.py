@@ -127,7 +127,7 @@ class _LinkEnd:
     def _cut_end(self, vertices: FloatArray, length: float = LENGTH) -> FloatArray:
         """Return the corners of the end of the convex hull of some vertices, of a length in metres."""
         sphere = dome(self.cut, np.pi, SIDES).vertices
-        return _cut(_supporting_points(vertices, sphere, len(sphere)), self.cut, length)
+        return _cut(supporting_points(vertices, sphere, len(sphere)), self.cut, length)
 
     def _nearby_parts(self, vertices: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the corners of the parts of each shape's convex hull that are near the link's farthest point."""
@@ -137,7 +137,7 @@ class _LinkEnd:
 
     def _widest_patch(self, solid: FloatArray, normals: FloatArray) -> HullTip:
         """Return the widest patch of a convex hull that is on the link's shapes, with no other shape in front of it."""
-        corners = _supporting_points(solid, normals, MOST_POINTS)
+        corners = supporting_points(solid, normals, MOST_POINTS)
         tip = HullTip(corners, normals[0], SEARCHED, ROUNDING)
         protrusion = np.max(normals @ np.concatenate(self.near).T, axis=1) - np.max(normals @ corners.T, axis=1)
         gaps = self._gaps(tip.points_with_normals(normals))
@@ -235,7 +235,7 @@ def _cut(corners: FloatArray, direction: FloatArray, length: float) -> FloatArra
     return np.concatenate([corners[height >= 0.0], corners[a] + share[:, None] * (corners[b] - corners[a])])
 
 
-def _supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> FloatArray:
+def supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> FloatArray:
     """Return at most ``most`` corners with nearly the support function of all of them along the normals (m, 3)."""
     heights = normals @ corners.T
     support = heights.max(axis=1)

@@ -7,6 +7,7 @@ import shlex
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +30,11 @@ from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import (
     GUESS,
     MOST_OVERHANG,
-    SuggestedTip,
     leaf_links,
     noticeable_overhang,
     overhang,
-    suggest_tip,
 )
+from nlpgrasp.hands.tip_proposal import TipProposal, propose_tips
 from nlpgrasp.hands.urdf_hand import (
     SPHERES,
     missing_mesh_warning,
@@ -111,19 +111,17 @@ class Inspection:
         if self.hand.preset is not None:
             text = f"No fingertips are stated. The file has the links of the preset {self.hand.preset}. To use it:"
             return (FileWarning(text), *self.findings)
-        tips, unlisted = suggested_tips(self.hand), len(self.hand.leaf_links) - MAX_LISTED
+        proposal = self.hand.proposal
+        tips, unlisted = proposal.tips[:MAX_LISTED], len(proposal.tips) - MAX_LISTED
         names = ", ".join(tip.link for tip in tips) + (f" and {unlisted} more" if unlisted > 0 else "")
-        guess = ""
+        sentences = [f"No fingertips are stated. Links at the ends: {names}.", *proposal.sentences]
         if any(tip.guessed for tip in tips):
-            guess = f" A radius of {GUESS:g} m stands for a link without a collision shape."
-        return (
-            FileWarning(f"No fingertips are stated. Links at the ends: {names}.{guess} To use them:"),
-            *self.findings,
-        )
+            sentences.append(f"A radius of {GUESS:g} m stands for a link without a collision shape.")
+        return (FileWarning(f"{' '.join(sentences)} To use them:"), *self.findings)
 
     @property
     def usage_lines(self) -> tuple[str, ...]:
-        """Command and line of Python that state the suggested fingertips; empty where fingertips are stated."""
+        """Command and line of Python that state the proposed fingertips; empty where fingertips are stated."""
         return () if self.hand.tree.tips else format_usage(self.hand)
 
     @property
@@ -211,6 +209,11 @@ class InspectedHand:
         lower, upper = self.tree.joint_limits if self.tree.robot.free_joints else np.zeros((2, 0))
         is_symmetric = np.abs(lower + upper) <= EVEN_RANGE * (upper - lower)
         return np.where(is_symmetric, 0.0, lower + REST_SHARE * (upper - lower))
+
+    @cached_property
+    def proposal(self) -> TipProposal:
+        """Proposed fingertips, tried on bodies."""
+        return propose_tips(self.tree, self.fits, self.rest_posture)
 
     @property
     def leaf_links(self) -> tuple[str, ...]:
@@ -369,7 +372,7 @@ def _pair_warning(hand: InspectedHand, pair: TipMeeting) -> FileWarning:
 
 
 def format_usage(hand: InspectedHand) -> tuple[str, str]:
-    """Return the command and the line of Python with the hand's preset, or with its leaf links as fingertips."""
+    """Return the command and the line of Python with the hand's preset, or with its proposed fingertips."""
     path = json.dumps(hand.file, ensure_ascii=False)
     units = hand.tree.robot.units.to_dict()
     options = [
@@ -379,7 +382,7 @@ def format_usage(hand: InspectedHand) -> tuple[str, str]:
     if hand.preset is not None:
         command = ["nlpgrasp", "hand", hand.file, "--preset", hand.preset, *options]
         return shlex.join(command), f"ng.hands.{hand.preset}({path}{arguments})"
-    tips, approach = suggested_tips(hand), hand.tree.approach.tolist()
+    tips, approach = hand.proposal.tips[:MAX_LISTED], hand.tree.approach.tolist()
     command = ["nlpgrasp", "hand", hand.file, *options]
     if hand.palm is not None:
         command += ["--palm", hand.palm]
@@ -392,11 +395,6 @@ def format_usage(hand: InspectedHand) -> tuple[str, str]:
         command += ["--fingertip", tip.command]
     mapping = ", ".join(f"{json.dumps(tip.link, ensure_ascii=False)}: {tip.code}" for tip in tips)
     return shlex.join(command), f"ng.URDFHand.load({path}, {{{mapping}}}{arguments})"
-
-
-def suggested_tips(hand: InspectedHand) -> tuple[SuggestedTip, ...]:
-    """Return the first leaf links, with the fingertips that their shapes suggest."""
-    return tuple(suggest_tip(hand.tree.robot, link) for link in hand.leaf_links[:MAX_LISTED])
 
 
 def millimetres(distance: float) -> str:

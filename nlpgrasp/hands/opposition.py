@@ -6,7 +6,7 @@ are ignored, so other links may prevent a meeting.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,7 +17,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.tips import HullTip, Tip, dome
 
-SIDES, HULL_SIDES = 9, 12  # sides of the triangulation of a flat or ellipsoidal patch, and of a hull's
+SIDES, HULL_SIDES = 9, 16  # sides of the triangulation of a flat or ellipsoidal patch, and of a hull's
 FACING_COSINE = np.cos(np.radians(30.0))  # cosine of the largest angle at which patches count as facing each other
 MIN_LENGTH = 2e-3  # metres: the direction between nearer points is not used
 BATCH_PAIRS = 2_000_000  # pairs of points in a batch
@@ -26,6 +26,7 @@ MEETING_DISTANCE = 0.01  # metres between fingertips that meet in a set; twice t
 MAX_TIPS = 6  # largest number of fingertips of which all sets are checked
 SAMPLES, KEPT_SAMPLES = 1024, 24  # random postures, and the best of them that are refined
 ROUNDS, SHRINK = 16, 0.6  # rounds of refinement, and the factor of the step in each
+FACING_ROUNDS = 6  # of the search for a posture in which fingertips face each other, at any distance
 FIRST_WIDTH = 0.25  # share of the joint ranges: standard deviation about a posture in the first round
 
 
@@ -53,6 +54,30 @@ def opposition(tree: LinkTree, rest_posture: FloatArray) -> Opposition:
                 else:
                     separated.append(meeting)
     return Opposition(pairs, tuple(separated), meeting_distance)
+
+
+def opposed_tips(tree: LinkTree, rest_posture: FloatArray) -> tuple[int, ...]:
+    """Return the fingertips that face another one in some posture; arguments are those of ``opposition``."""
+    distances = TipDistances(tree)
+    lower, upper = tree.joint_limits
+    directions = mean_facing(tree, np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower))))
+    alignment = np.einsum("bix,bjx->ij", directions, directions)
+    opposed: set[int] = set()
+    for pair in sorted(combinations(range(len(tree.tips)), 2), key=lambda pair: float(alignment[pair])):
+        if not opposed.issuperset(pair) and _can_face(distances, pair, rest_posture):
+            opposed.update(pair)
+    return tuple(sorted(opposed))
+
+
+def mean_facing(tree: LinkTree, joints: FloatArray) -> FloatArray:
+    """Return the directions that the middles of the patches face, (b, k, 3), palm frame; zero for round ones."""
+    poses = np.asarray(tree.link_function.map(len(joints))(joints.T).full()).reshape(4, len(joints), -1, 4)[:3]
+    result = np.zeros((len(joints), len(tree.tips), 3))
+    for i, (link, tip) in enumerate(tree.tips):
+        facing = getattr(tip, "facing", None) if tip.normal is None else tip.normal
+        if facing is not None:
+            result[:, i] = np.einsum("xba,a->bx", poses[:, :, tree.used_links.index(link), :3], np.asarray(facing))
+    return result
 
 
 @dataclass(frozen=True)
@@ -130,15 +155,43 @@ def _least_distances(distances: TipDistances, fingers: tuple[int, ...], rest_pos
 def _closest_posture(
     distances: TipDistances, fingers: Sequence[int], rest_posture: FloatArray, *, facing: bool
 ) -> tuple[FloatArray, float]:
-    """Return the joints (m,) with the least distance, and the distance: random search, then refinement."""
+    """Return the joints (m,) with the least distance, and the distance."""
+
+    def objective(joints: FloatArray) -> FloatArray:
+        return distances.distances(fingers, joints, facing=facing)
+
+    joints, _ = _random_search(distances, fingers, rest_posture, objective, ROUNDS)
+    return joints, max(0.0, float(objective(joints[None])[0]))
+
+
+def _can_face(distances: TipDistances, fingers: Sequence[int], rest_posture: FloatArray) -> bool:
+    """Return whether fingertips face each other in some posture."""
+
+    def objective(joints: FloatArray) -> FloatArray:
+        return distances.largest_misalignment(fingers, joints)
+
+    return _random_search(distances, fingers, rest_posture, objective, FACING_ROUNDS)[1] <= 0.0
+
+
+def _random_search(
+    distances: TipDistances,
+    fingers: Sequence[int],
+    rest_posture: FloatArray,
+    objective: Callable[[FloatArray], FloatArray],
+    rounds: int,
+) -> tuple[FloatArray, float]:
+    """Return the joints (m,) with the least objective, and the objective: random postures, then smaller steps.
+
+    It ends at an objective of zero or less.
+    """
     rng = np.random.default_rng(0)
     lower, upper = distances.tree.joint_limits
     moving = distances.moving(fingers)
     joints = np.repeat(rest_posture[None], SAMPLES, axis=0)
     joints[:, moving] = rng.uniform(lower[moving], upper[moving], (SAMPLES, len(moving)))
-    values = distances.distances(fingers, joints, facing=facing)
+    values = objective(joints)
     width = FIRST_WIDTH
-    for _ in range(ROUNDS if len(moving) else 0):
+    for _ in range(rounds if len(moving) else 0):
         best = np.argsort(values, kind="stable")[:KEPT_SAMPLES]
         joints, values = joints[best], values[best]
         if values[0] <= 0.0:
@@ -147,10 +200,10 @@ def _closest_posture(
         steps = width * (upper - lower)[moving] * rng.standard_normal((len(perturbed), len(moving)))
         perturbed[:, moving] = np.clip(perturbed[:, moving] + steps, lower[moving], upper[moving])
         joints = np.concatenate([joints, perturbed])
-        values = np.concatenate([values, distances.distances(fingers, perturbed, facing=facing)])
+        values = np.concatenate([values, objective(perturbed)])
         width *= SHRINK
     index = int(np.argmin(values))
-    return joints[index], max(0.0, float(distances.distances(fingers, joints[index][None], facing=facing)[0]))
+    return joints[index], float(values[index])
 
 
 class TipDistances:

@@ -58,22 +58,24 @@ def test_a_radius_is_a_guess_where_no_link_of_the_rigid_group_has_a_shape(tmp_pa
     path = write_hand(tmp_path)
     path.write_text(path.read_text().replace(f'<link name="pad">{SHAPES["ball"]}</link>', '<link name="pad"/>'))
     assert suggest_tip(read_robot(path), "bare") == SuggestedTip("bare", "bare=0.01", "0.01", guessed=True)
+
+
+def test_a_guess_is_proposed_where_hardly_any_link_has_a_shape(tmp_path):
+    path = write_hand(tmp_path)
+    path.write_text(re.sub("<collision>.*?</collision>", "", path.read_text()))
     notice = inspect(inspect_without_tips(path, None, [0.0, 0.0, 1.0])).notices[0].text
-    assert notice == (
-        "No fingertips are stated. Links at the ends: ball, off, block, rod, pad. "
-        "A radius of 0.01 m stands for a link without a collision shape. To use them:"
-    )
+    assert notice.startswith("No fingertips are stated. Links at the ends: ball, off, block, rod, pad. They close on ")
+    assert notice.endswith(" A radius of 0.01 m stands for a link without a collision shape. To use them:")
 
 
 def test_the_lines_to_paste_state_the_same_hand(tmp_path):
     inspection = inspect(inspect_without_tips(write_hand(tmp_path), "palm", [0.0, -1.0, 0.0]))
     command, line = inspection.usage_lines
     hand = eval(line, {"ng": ng})  # noqa: S307
-    assert [link for link, _ in hand.tips] == ["ball", "off", "block", "rod", "pad"]
+    assert [link for link, _ in hand.tips] == ["ball", "off", "rod", "pad"]  # the block faces no other
     assert hand.tree.approach.tolist() == [0.0, -1.0, 0.0]
     kinds = {link: (tip.kind, tip.standoff, tip.centre.tolist()) for link, tip in hand.tips}
     assert kinds["off"] == ("sphere", 0.008, [0.0, 0.0, 0.02])
-    assert kinds["block"][:2] == ("hull", 0.0)
     assert kinds["rod"][:2] == ("capsule", 0.005)
     words = shlex.split(command)
     assert words[:7] == [
@@ -85,8 +87,8 @@ def test_the_lines_to_paste_state_the_same_hand(tmp_path):
         "--approach",
         "0,-1,0",
     ]
-    assert words[7::2] == ["--fingertip"] * 5
-    assert words[8::2] == ["ball=0.008", "off", "block", "rod", "pad=0.008"]
+    assert words[7::2] == ["--fingertip"] * 4
+    assert words[8::2] == ["ball=0.008", "off", "rod", "pad=0.008"]
 
 
 def test_without_fingertips_the_error_names_those_at_the_ends():

@@ -1,0 +1,115 @@
+"""Proposal of fingertips for a robot file: leaf links that oppose others, tried on cylinders and boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.closing_trial import FRICTION, MOST_TIPS, ClosingWidths, closing_widths
+from nlpgrasp.hands.kinematics import LinkTree
+from nlpgrasp.hands.link_spheres import SphereFit
+from nlpgrasp.hands.opposition import mean_facing, opposed_tips
+from nlpgrasp.hands.robot import Robot
+from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, suggest_tip
+from nlpgrasp.hands.urdf_hand import resolve_tips
+
+NO_SHAPE, FACES_NONE, FOLLOWS = "no collision shape", "faces no other", "moves along behind a fingertip"
+POSTURES = 200  # random postures
+
+
+@dataclass(frozen=True)
+class TipProposal:
+    """Proposed fingertips of a robot file.
+
+    Parameters
+    ----------
+    tips : tuple of SuggestedTip
+    left_out : mapping of str to str
+        Leaf links that are not proposed, with the reason.
+    closing : ClosingWidths or None
+        Bodies that all of them close on; None where that was not tried.
+    """
+
+    tips: tuple[SuggestedTip, ...]
+    left_out: Mapping[str, str]
+    closing: ClosingWidths | None
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Sentences about the trial and the links that are left out."""
+        result = []
+        if self.closing is not None:
+            result.append(f"They close on {self.closing} (links as spheres, friction {FRICTION:g}).")
+        if self.left_out:
+            result.append("Left out: " + ", ".join(f"{link} ({why})" for link, why in self.left_out.items()) + ".")
+        return tuple(result)
+
+
+def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: FloatArray) -> TipProposal:
+    """Return the proposed fingertips: leaf links with a shape that face others, without those of their linkages.
+
+    Parameters
+    ----------
+    tree : LinkTree
+        Without fingertips.
+    fits : mapping of str to SphereFit
+        Spheres of the links.
+    rest_posture : (m,) array
+        Positions of the free joints.
+    """
+    robot, left_out = tree.robot, dict[str, str]()
+    links = list(leaf_links(robot))
+    shaped = [link for link in links if robot.group_shapes(link)]
+    if len(shaped) >= 2:
+        left_out = {link: NO_SHAPE for link in links if link not in shaped}
+        links = shaped
+    if not robot.free_joints or not 2 <= len(links) <= MOST_TIPS:
+        return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, None)
+    with_tips = _with_tips(tree, links)
+    opposed = opposed_tips(with_tips, rest_posture)
+    if len(opposed) >= 2:
+        left_out |= {link: FACES_NONE for i, link in enumerate(links) if i not in opposed}
+        links = [links[i] for i in opposed]
+        with_tips = LinkTree(robot, [with_tips.tips[i] for i in opposed], tree.approach)
+    closing = closing_widths(with_tips, fits)
+    followers = _followers(with_tips)
+    if followers:
+        kept = [tip for i, tip in enumerate(with_tips.tips) if i not in followers]
+        closing_without = closing_widths(LinkTree(robot, kept, tree.approach), fits)
+        if len(closing_without) > len(closing):
+            left_out |= {links[i]: FOLLOWS for i in followers}
+            links, closing = [link for link, _ in kept], closing_without
+    return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, closing)
+
+
+def _with_tips(tree: LinkTree, links: Sequence[str]) -> LinkTree:
+    """Return the kinematics with the suggested fingertips on links."""
+    guessed = {link: GUESS if suggest_tip(tree.robot, link).guessed else None for link in links}
+    return LinkTree(tree.robot, resolve_tips(tree.robot, guessed), tree.approach)
+
+
+def _followers(tree: LinkTree) -> set[int]:
+    """Return the fingertips behind another one, which the same joints move and which faces the same way.
+
+    Such are the knuckles of a linkage, and the shorter fingers of a hand whose fingers have one motor.
+    """
+    lower, upper = tree.joint_limits
+    joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
+    directions = mean_facing(tree, joints)
+    alignment = np.einsum("bix,bjx->ij", directions, directions)
+    reach = np.mean(np.linalg.norm(tree.palm_tips(joints), axis=2), axis=0)
+    drivers = [_drivers(tree.robot, link) for link, _ in tree.tips]
+    return {
+        i
+        for i in range(len(drivers))
+        for j in range(len(drivers))
+        if drivers[i] == drivers[j] and alignment[i, j] > 0.0 and reach[i] < reach[j]
+    }
+
+
+def _drivers(robot: Robot, link: str) -> frozenset[str]:
+    """Return the names of the free joints that move a link."""
+    return frozenset(robot.driving_joint(joint)[0] for joint in robot.chain(link) if joint.moves)
