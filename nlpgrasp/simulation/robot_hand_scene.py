@@ -21,6 +21,8 @@ from nlpgrasp.hands.robot import Inertial, Joint, Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_inertials
 from nlpgrasp.simulation.fingertip_scene import (
     DENSITY,
+    NOSLIP,
+    STICTION,
     add_free_body,
     format_numbers,
     require_pressing,
@@ -53,10 +55,12 @@ SOLVER = {
     "cone": "elliptic",
     "impratio": "20",
     "iterations": "50",
+    **NOSLIP,
 }
 USAGE = """ Keyframes: {names}. Servos hold every joint where its control is: go from one
      keyframe to the next by moving the controls from those of the one to those of the other, over a second or so.
-     No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other. """
+     No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other.
+     {stiction} """
 
 
 def mjcf_with_hand(
@@ -111,7 +115,7 @@ def mjcf_with_hand(
     scale = _squeeze_scale(squeeze, settings.normal_force)
     _require_effort(squeeze, scale)
     keyframes = scene_keyframes(hand, robot, squeeze, gains, scale)
-    root.insert(0, Comment(USAGE.format(names=", ".join(frame.name for frame in keyframes))))
+    root.insert(0, Comment(USAGE.format(names=", ".join(frame.name for frame in keyframes), stiction=STICTION)))
     add_keyframes(root, keyframes)
     text = xml_text(root)
     _check_compiles(text, urdf)
