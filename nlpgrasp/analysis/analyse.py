@@ -28,6 +28,7 @@ from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.obstructions import links_are_free
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.solution.stored_drawing import draw_body_and_hand
@@ -136,6 +137,8 @@ def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: H
     if "hand" in fields:
         hand_data = {name: value for name, value in (solution.hand or {}).items() if name not in OF_SQUEEZE}
         fields["hand"] = hand_data | {name: value for name, value in fields["hand"].items() if name in OF_PHASES}
+        if solution.status in (Status.SOLVED, Status.OPTIMAL) and not links_are_free(fields["hand"]):
+            fields["status"] = Status.TOUCHES
     changed = replace(solution, **fields, stated_first=None) if fields else solution
     return add_squeezes(add_squeeze(changed, hand), hand)
 

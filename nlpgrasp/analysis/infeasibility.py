@@ -10,8 +10,8 @@ friction with which it could.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,11 +26,13 @@ from nlpgrasp.common.scalar_constraints import (
     ScalarConstraint,
 )
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Obstacle, Table
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, pack_variables
 from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import propose
+from nlpgrasp.optimize.start import run_start
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.quality import mu
 from nlpgrasp.quality.grasp import Grasp
@@ -71,8 +73,36 @@ def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: in
     if least_violated is None:
         return WhyNot(reasons=("Stopped before a reason was found.",))
     if least_violated.total > VIOLATION_TOLERANCE:
-        return _contradiction(compiled, least_violated)
-    return _explain_unreachable(compiled, results)
+        diagnosis = _contradiction(compiled, least_violated)
+    else:
+        diagnosis = _explain_unreachable(compiled, results)
+    named = {conflict.name for conflict in diagnosis.conflicts}
+    return replace(diagnosis, reasons=(*diagnosis.reasons, *surroundings_in_the_way(compiled, named, seed, deadline)))
+
+
+def surroundings_in_the_way(
+    compiled: CompiledProblem, named: Collection[str], seed: int, deadline: Deadline
+) -> Iterator[str]:
+    """Yield the tables and obstacles without which a start finds a grasp, and the room that it takes, as text.
+
+    Those that are ``named`` among the conflicts are left out.
+    """
+    problem, groups = compiled.problem, group_names(compiled)
+    for i, constraint in enumerate(problem.constraints):
+        indices = list(compiled.rows.sources[i])
+        if not isinstance(constraint, Table | Obstacle) or not indices or groups[indices[0]] in named:
+            continue
+        if deadline.should_stop():
+            return
+        others = tuple(other for other in problem.constraints if other is not constraint)
+        found = run_start(CompiledProblem(problem.unchecked(constraints=others), compiled.options), 0, seed, deadline)
+        if isinstance(found, StartGrasp) and found.record.has_grasp:
+            grasp, hand = found.on_body.grasp, found.on_body.candidate.hand
+            stacked = {name: value[None] for name, value in hand.items()}
+            values = compiled.rows.values(grasp.points[None], grasp.normals[None], stacked)[0, indices]
+            room = max(compiled.rows.named[index].lower - value for index, value in zip(indices, values, strict=True))
+            name = f"the {groups[indices[0]]}" if isinstance(constraint, Table) else groups[indices[0]]
+            yield f"Without {name} a start finds a grasp, which takes {1e3 * room:.2g} mm more room there."
 
 
 def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyNot:

@@ -23,6 +23,7 @@ LATER_ENTRIES = {
     "meshes",
     "approach",
     "link_spheres",
+    "self_collision",
     "watched_pairs",
     "overlaps",
     "tips_apart",

@@ -169,6 +169,14 @@ class ParallelJaw(Hand):
         jaws = Jaws(points, self.finger_length, self.finger_thickness, tuple(cones))
         return jaws.posture(size, distance, self.axes, self.tool_centre_point)
 
+    def approach_depth(self, points: FloatArray, direction: FloatArray, size: float, distance: Distance) -> float:
+        """Return the penetration depth of fingers and palm on one approach, metres; arguments as for ``at_contacts``.
+
+        ``direction`` is the approach's, unit, (space,), body frame.
+        """
+        jaws = Jaws(points, self.finger_length, self.finger_thickness)
+        return float(jaws.march_outwards(direction[None], size, distance)[0][0])
+
     def to_dict(self) -> Json:
         """Return limits, fingers, axes and tool centre point as JSON data."""
         axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}

@@ -319,6 +319,7 @@ class URDFHand(LinkedHand):
             "torque_limits": dict(self.torque_limits),
             "approach": self.tree.approach.tolist(),
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
+            "self_collision": self.self_collision,
             "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
             "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
             "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],

@@ -13,7 +13,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
-from nlpgrasp.solution.obstructions import grasp_obstructions
+from nlpgrasp.solution.obstructions import link_obstructions
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 
@@ -107,7 +107,7 @@ class ExportFormat:
             solution.require_grasp()
         if self.needs is Need.DRAWING:
             solution.require_drawing()
-        obstructions = grasp_obstructions(solution.hand)
+        obstructions = link_obstructions(solution.hand)
         if obstructions:
             warn(f"{solution.name}: exported though {'; and '.join(obstructions)}")
         content = self.write(solution, options or ExportOptions())

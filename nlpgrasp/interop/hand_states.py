@@ -17,7 +17,8 @@ from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import axis_name
 from nlpgrasp.hands.presets import jaws
 from nlpgrasp.interop.base import ExportOptions
-from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
+from nlpgrasp.solution.obstructions import approach_obstructions, link_obstructions
+from nlpgrasp.solution.phase_record import PREGRASP
 from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
@@ -150,13 +151,16 @@ class HandStates:
 
 def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
     """Return the states of a hand with joints."""
-    pregrasp, squeeze = hand.get("pregrasp") or hand, solution.squeeze
+    phases, squeeze = {phase["name"]: phase for phase in hand.get("phases", ())}, solution.squeeze
+    pregrasp: Json = hand.get("pregrasp") or hand
+    if pregrasp is not hand:
+        pregrasp = phases.get(PREGRASP, pregrasp)  # that of the way in, which may open less or more
     joint_squeeze = None if squeeze is None else squeeze.joints
     commands = {} if joint_squeeze is None or joint_squeeze.gain is None else joint_squeeze.positions()
     direction = (solution.problem.get("hand") or {}).get("approach")
     approach = hand.get("approach") or {}
     blocked = str(approach.get("reason") or UNKNOWN_APPROACH) if approach.get("direction") is None else ""
-    blocked = "; ".join([*grasp_obstructions(hand)[:1], *([blocked] if blocked else approach_obstructions(hand))])
+    reasons = [*link_obstructions(hand)[:1], *([blocked] if blocked else approach_obstructions(hand))]
     return HandStates(
         solution.palm,
         _pose_vector(hand["palm_pose"]),
@@ -167,7 +171,7 @@ def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
         dict(joint_squeeze.torques) if joint_squeeze is not None and commands else {},
         None if direction is None else np.asarray(direction, dtype=float),
         has_pregrasp=bool(hand.get("pregrasp")),
-        blocked=blocked,
+        blocked="; ".join(dict.fromkeys(reasons)),
         no_squeeze="" if commands else str((hand.get("no_squeeze") or {}).get("reason") or NOT_ADDED),
     )
 

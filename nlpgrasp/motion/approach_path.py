@@ -19,10 +19,13 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
 from nlpgrasp.motion.straight_path import PathPosture, StraightPath, follow_straight_path
+from nlpgrasp.solution.obstructions import TABLE
 
 OPENING_FACTORS = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
 CLOSER_ANGLES = np.radians([13.0, 6.5, 3.2, 1.6])  # radians from the direction that is free longest
 CLOSER_COUNT = 6  # directions at each of these angles
+ROOM_STEP = 2e-3  # metres between samples of a retreat, for the room that is missing on it
+MOST_ROOMS = 5  # directions that are tried with more room
 DIRECTION_TOLERANCE = 1e-9  # difference of a cosine from 1 below which two directions count as one
 
 
@@ -32,6 +35,7 @@ def find_free_approach(
     directions: Sequence[FloatArray],
     distance: Callable[[Values, FloatArray], float],
     locate: bool = True,
+    touching: Callable[[Sequence[Values]], str] = lambda _: "",
 ) -> ApproachPath:
     """Return the first collision-free approach direction of the open hand, opened wider where none is free.
 
@@ -49,6 +53,9 @@ def find_free_approach(
         The open hand's values and a direction to the distance that the palm moves, metres.
     locate : bool
         Whether ``BlockedDirection.free`` is computed to the tolerance.
+    touching : callable
+        The open hand's values at start and end of a free path to what its links' own shapes run into there, as text;
+        empty for nothing.
     """
     blocked = list[BlockedDirection]()
     opening, length = None, 0.0
@@ -60,11 +67,16 @@ def find_free_approach(
         for direction in _refined_directions(directions, blocked):
             length = distance(path.values, direction)
             section = _free_retreat(model, path.values, direction, length, locate)
-            if not section.blocked_by:
+            reason = section.blocked_by or touching([section.postures[-1].values, path.values])
+            if not reason:
                 return ApproachPath("", tuple(blocked), path, direction, length, section.postures)
-            blocked.append(BlockedDirection(direction, section.free_share * length, factor, section.blocked_by))
+            free = section.free_share * length if section.blocked_by else 0.0
+            blocked.append(BlockedDirection(direction, free, factor, reason))
     count = sum(b.times == OPENING_FACTORS[0] for b in blocked)
-    return ApproachPath(_blocking_reason(blocked, count, length), tuple(blocked), opening)
+    reason = _blocking_reason(blocked, count, length)
+    if opening is not None:
+        reason += missing_room(model, opening.values, [b.direction for b in blocked[:count]], length)
+    return ApproachPath(reason, tuple(blocked), opening)
 
 
 @dataclass(frozen=True)
@@ -261,6 +273,39 @@ def _free_retreat(
 
     limits = partial(_clearance_limits, model, model.tip_mask() | model.pair_mask())
     return follow_straight_path(model, posture, limits, locate)
+
+
+def missing_room(model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float) -> str:
+    """Return as text the table or obstacle that alone blocks a direction, and how much more room there would free it.
+
+    Of several the one with the least missing room; empty where every direction has other obstructions, too. A table
+    that is lower by as much is out of the way. Of an obstacle the depth of the links is stated, which is less than they
+    need where they would pass through it.
+    """
+    candidates = sorted(_depths_of_fields(model, start, directions, length), key=lambda candidate: candidate[0])
+    for depth, index, direction in candidates[:MOST_ROOMS]:
+        room = depth + ROOM_STEP / 2.0  # the distance falls by at most this much between two samples
+        if not _free_retreat(model.with_room(index, room), start, direction, length, False).blocked_by:
+            towards = np.array2string(direction, precision=2, suppress_small=True)
+            solid = model.fields[index].solid
+            takes = f"{1e3 * room:.1f} mm more" if solid == TABLE else f"at least {1e3 * depth:.1f} mm more"
+            return f"; along {towards} only {solid} is in the way, and takes {takes} room"
+    return ""
+
+
+def _depths_of_fields(
+    model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float
+) -> Iterator[tuple[float, int, FloatArray]]:
+    """Yield depth, metres, and field of the table or obstacle that alone is on a retreat, and its direction."""
+    centres, radii = model.spheres.centres(start), model.spheres.radii
+    shares = np.linspace(0.0, length, int(np.ceil(length / ROOM_STEP)) + 1)
+    for direction in directions:
+        points = (centres - shares[:, None, None] * direction).reshape(-1, 3)
+        reach = np.tile(radii, len(shares))
+        depths = [-float(np.min(field.distance(points) - reach, initial=0.0)) for field in model.fields[1:]]
+        deep = [i for i, depth in enumerate(depths, 1) if depth > model.tolerance]
+        if len(deep) == 1:
+            yield depths[deep[0] - 1], deep[0], direction
 
 
 def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: float) -> str:

@@ -12,7 +12,8 @@ import numpy as np
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.scalar_constraints import Clearance, LinkSphere, PalmPose, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.constraints import PlacementConstraint, Table
+from nlpgrasp.solution.obstructions import BODY, TABLE
 
 PROBE = "probe"
 Distance = Callable[[FloatArray], FloatArray]
@@ -25,13 +26,21 @@ class DistanceField:
     Parameters
     ----------
     name : str
+        Unique among the fields of a problem.
+    solid : str
+        The body, the table, or an obstacle by its name.
     distance : callable
         Maps points (m, space) to distances (m,), metres, which outside never exceed the true ones. A ball of radius r
         about a point is collision-free if the distance is at least r.
     """
 
     name: str
+    solid: str
     distance: Distance
+
+    def with_room(self, room: float) -> DistanceField:
+        """Return the field with more room about its solid, metres."""
+        return DistanceField(self.name, self.solid, lambda points: self.distance(points) + room)
 
 
 def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint], contacts: int) -> list[DistanceField]:
@@ -41,15 +50,15 @@ def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint]
     distances of the centre; a ball of radius r satisfies them where they are at least r. Constraints that do not
     involve links, such as ``Spread``, apply to grasps only, not to the hand's motion.
     """
-    fields = [DistanceField("the body", body.signed_distance)]
+    fields = [DistanceField(BODY, BODY, body.signed_distance)]
     numbers = count(1)
     for constraint in constraints:
         distances = list(_probe_distances(constraint, contacts, body))
         if distances:
             kind, number = constraint.kind, next(numbers)
             label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
-            names = {f.name for f in fields}
-            fields.append(DistanceField(f"{label} {number}" if label in names else str(label), _minimum(distances)))
+            name = f"{label} {number}" if label in {f.name for f in fields} else str(label)
+            fields.append(DistanceField(name, TABLE if kind == Table.kind else str(label), _minimum(distances)))
     return fields
 
 

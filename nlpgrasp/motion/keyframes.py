@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Table
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand, Values
-from nlpgrasp.motion.approach_path import approach_candidates, find_free_approach, open_hand_straight
+from nlpgrasp.motion.approach_path import OpeningPath, approach_candidates, find_free_approach, open_hand_straight
 from nlpgrasp.motion.distance_fields import DistanceField, build_distance_fields
 from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.motion.straight_path import certified_clearance
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import LinkPenetration
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 
 LIFT_HEIGHT = 0.2  # metres
@@ -25,6 +27,8 @@ STEP = 2e-3  # metres, least step of the lift's collision check
 SAMPLES = 4000  # samples of the body's surface for this check
 START_DISTANCE = 0.1  # metres between hand and body at the start of the approach
 DIRECTIONS = 60  # approach directions, spread over the sphere
+OPENING_SHARES = (1.0, 0.5, 0.25)  # of the pregrasp's opening, tried until the fingers close freely
+MOST_TOUCHING = 4  # free ways of the links' spheres that are tried by the links' own shapes
 NO_PREGRASP = "the hand has no pregrasp"
 
 
@@ -34,7 +38,9 @@ def plan_keyframes(
     """Return the phases up to the grasp, with approach and lift, as JSON data.
 
     The palm keeps its orientation. It moves straight, in the first free one of many directions, of which its facing
-    direction is the first, from where a plane across the direction separates hand and body, 0.1 m from the hand.
+    direction is the first, from where a plane across the direction separates hand and body, 0.1 m from the hand. Of
+    the first few that are free for the links' spheres one is taken that is free for their own shapes, too, if any is.
+    The fingers open less than in the pregrasp where their links would run into something.
 
     Parameters
     ----------
@@ -59,21 +65,21 @@ def plan_keyframes(
     }
     if pregrasp is None:
         return {"approach": _missing_approach_record(NO_PREGRASP), **entries}
-    open_posture = pregrasp  # narrowed type for the closure
-    palm_model = model.for_palm_motion()
+    palm_model, shapes = model.for_palm_motion(), _ShapeCheck(links or PenetrationModel(problem, hand), grasp)
+    open_straight = partial(open_hand_straight, model, grasp, pregrasp)
+    share = shapes.free_opening(open_straight)
     path = find_free_approach(
         palm_model,
-        lambda factor: open_hand_straight(model, grasp, open_posture, factor),
+        lambda factor: open_straight(share * factor),
         approach_candidates(hand, grasp, DIRECTIONS),
         lambda values, direction: _retraction_length(model, problem.body.bounds, values, direction),
         locate=False,
+        touching=shapes.touching,
     )
     if path.fingers is None:
         return {"approach": _missing_approach_record(path.reason), **entries}
-    corners = [*(posture.values for posture in path.outside[-1:]), path.fingers.values]
-    links = links or PenetrationModel(problem, hand)
-    if links.has_shapes:
-        entries["way_in"] = links.on_approach(corners, grasp).to_dict()
+    way_in = shapes.way_in(path.fingers.values, path.direction is not None)
+    entries |= {} if way_in is None else {"way_in": way_in.to_dict()}
     open_hand = hand.describe(path.fingers.values)
     if path.direction is None:
         approach = _missing_approach_record(path.reason)
@@ -83,6 +89,43 @@ def plan_keyframes(
         pregrasp_phase = Phase.of(PREGRASP, open_hand, certified_clearance(palm_model, path.outside))
         phases = [Phase.of(APPROACH, hand.describe(path.outside[-1].values)), pregrasp_phase, grasp_phase]
     return {"approach": approach, **entries, "phases": [phase.to_dict() for phase in phases]}
+
+
+class _ShapeCheck:
+    """Check of the opening and of approaches, free for the links' spheres, by the links' own shapes.
+
+    Parameters
+    ----------
+    links : PenetrationModel
+    grasp : dict
+        Values of the hand's variables.
+    """
+
+    def __init__(self, links: PenetrationModel, grasp: Values) -> None:
+        self._links, self._grasp = links, grasp
+        self._on_approaches: list[LinkPenetration] = []
+
+    def free_opening(self, open_hand: Callable[[float], OpeningPath]) -> float:
+        """Return the largest share of the pregrasp's opening from which the fingers close freely; 1 where none is."""
+        for share in OPENING_SHARES if self._links.has_shapes else ():
+            opened = open_hand(share)
+            if opened.postures and self._links.on_approach([opened.values], self._grasp).is_free:
+                return share
+        return 1.0
+
+    def touching(self, corners: Sequence[Values]) -> str:
+        """Return what links run into on an approach with these corners, as text; empty where free, and for the last."""
+        if not self._links.has_shapes:
+            return ""
+        penetration = self._links.on_approach(corners, self._grasp)
+        self._on_approaches.append(penetration)
+        return "" if penetration.is_free or len(self._on_approaches) == MOST_TOUCHING else penetration.words
+
+    def way_in(self, opened: Values, has_approach: bool) -> LinkPenetration | None:
+        """Return the penetration on the last approach, or while the fingers close where none is free."""
+        if not self._links.has_shapes:
+            return None
+        return self._on_approaches[-1] if has_approach else self._links.on_approach([opened], self._grasp)
 
 
 def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:

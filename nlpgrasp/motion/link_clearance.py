@@ -83,6 +83,12 @@ class CollisionModel:
         result.pairs, result.pair_distances = self.pairs[:0], self.pair_distances[:0]
         return result
 
+    def with_room(self, index: int, room: float) -> CollisionModel:
+        """Return the model with more room about the solid of one field, metres."""
+        result = copy(self)
+        result.fields = [field.with_room(room) if i == index else field for i, field in enumerate(self.fields)]
+        return result
+
     def clearances(self, values: Values) -> FloatArray:
         """Return all clearances less the required ones, (n,), metres: negative where something is too near."""
         centres, radii = self.spheres.centres(values), self.spheres.radii

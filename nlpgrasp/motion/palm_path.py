@@ -62,8 +62,8 @@ class PalmPath:
     tolerance : float
         Allowed penetration of links between waypoints, metres.
     touching : str
-        Obstructions in the grasp itself, as text: links that penetrate something, contacts off their links; empty
-        without any.
+        Links that penetrate something in the grasp or on the solution's own way in, and contacts off their links, as
+        text; empty without any.
     """
 
     reason: str

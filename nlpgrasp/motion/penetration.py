@@ -1,8 +1,8 @@
-"""Penetration depth of a hand's links in the body and its surroundings, by the links' own collision shapes.
+"""Penetration depth of a hand's links in the body, its surroundings and each other, by the links' collision shapes.
 
 The depth is the larger of two measures:
 
-- ``max over x of d_L(x) + d_T(x)`` for a link L and an obstacle T (the body, a table, an obstacle), where ``d`` is the
+- ``max over x of d_L(x) + d_T(x)`` for a link L and an obstacle T (the body, a table, another link), where ``d`` is the
   distance of a point of a solid from the solid's surface. It is at least the depth of any point of one surface inside
   the other solid, and at most the shortest separating translation: balls of radius ``d_L(x)`` and ``d_T(x)`` about x
   lie inside them, and a translation that separates two balls with one centre is as long as the sum of their radii.
@@ -11,10 +11,10 @@ The depth is the larger of two measures:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import pairwise
+from functools import cached_property, partial
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import BODY, TOLERANCE, LinkPenetration
+from nlpgrasp.solution.obstructions import BODY, LEAST_DEPTH, TABLE, TOLERANCE, LinkPenetration, link_name
 
 DEPTH_ACCURACY = (1e-4, 0.05)  # metres and share: triangles are subdivided until the depth is known to this accuracy
 BATCH = 1000  # largest number of triangles subdivided in a round, the most promising ones
@@ -50,6 +50,8 @@ SEARCH_STEPS = (1e-3, 1e-5)  # metres: first and last step of the pattern search
 SURFACE_TOLERANCE = 1e-7  # metres: distance outside a solid of a point of its surface, by rounding
 POSTURE_SPACING = 2e-3  # metres that a link's centre moves between two postures
 MAX_POSTURES = 50  # largest number of postures of a leg
+MOST_AXES = 32  # normals of a convex solid above which others are tried to separate it from another
+RANDOM_POSTURES, PERMANENT = 20, 0.9  # random postures, and the share of them in which links overlap by construction
 _axes = np.concatenate([np.eye(3), -np.eye(3)])
 _corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / np.sqrt(3.0)
 DIRECTIONS = np.concatenate([_axes, _corners])  # directions of the pattern search
@@ -58,7 +60,7 @@ IntArray = NDArray[np.integer]
 
 
 class PenetrationModel:
-    """Penetration depths of one hand in any posture, against one problem's body, tables and obstacles.
+    """Penetration depths of one hand in any posture: in one problem's body, tables and obstacles, and in itself.
 
     Parameters
     ----------
@@ -79,6 +81,7 @@ class PenetrationModel:
             for link, shapes in hand.robot.shapes.items()
             if shapes
         }
+        self._own = SelfPenetration(hand, self._links, tolerance) if hand.self_collision else None
 
     @property
     def has_shapes(self) -> bool:
@@ -98,7 +101,8 @@ class PenetrationModel:
                 depth = self._links[name].depth_in(obstacle.in_frame(poses[name]))
                 if depth > worst.depth:
                     worst = LinkPenetration(depth, name, obstacle.name, self.tolerance)
-        return worst
+        own = None if self._own is None else self._own.at_joints(values["joints"])
+        return own if own is not None and own.depth > worst.depth else worst
 
     def over_postures(self, postures: Iterable[Values]) -> LinkPenetration:
         """Return the deepest penetration over several postures."""
@@ -159,9 +163,99 @@ class PenetrationModel:
         return result
 
 
+class SelfPenetration:
+    """Penetration depths of a hand's links in each other.
+
+    Left out are links that are rigidly connected or neighbours in the chain, and those that overlap by construction: in
+    nine tenths of random postures.
+
+    Parameters
+    ----------
+    hand : URDFHand
+    links : mapping of str to _LinkShape
+    tolerance : float
+        Metres.
+    """
+
+    def __init__(self, hand: URDFHand, links: Mapping[str, _LinkShape], tolerance: float) -> None:
+        self._tree, self._tolerance = hand.tree, tolerance
+        parts = [(link, part) for link, shape in links.items() for part in shape.parts]
+        self._links = [link for link, _ in parts]
+        self._shapes = [_LinkShape.of([part]) for _, part in parts]
+        self._centres, self._radii = (
+            np.array([getattr(shape, name) for shape in self._shapes]) for name in ("centre", "radius")
+        )
+        groups, robot = hand.robot.rigid_groups, hand.robot
+        meeting = {(a, b) for a, b in combinations(links, 2) if groups[a] != groups[b] and not robot.adjacent(a, b)}
+        self._can_meet = np.array([[(a, b) in meeting for b in self._links] for a in self._links], bool)
+        self._permanent: dict[tuple[str, str], bool] = {}
+        self._last: tuple[bytes, LinkPenetration] | None = None  # an approach does not change the joints
+
+    def at_joints(self, joints: FloatArray) -> LinkPenetration:
+        """Return the deepest penetration of a link in another, by the free joints' positions."""
+        key = np.asarray(joints, dtype=float).tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._deepest(joints)
+        return self._last[1]
+
+    def _deepest(self, joints: FloatArray) -> LinkPenetration:
+        worst = LinkPenetration(tolerance=self._tolerance)
+        for pair, depth in self._depths(joints).items():
+            if depth > max(worst.depth, LEAST_DEPTH) and not self._is_permanent(pair):
+                worst = LinkPenetration(depth, pair[0], link_name(pair[1]), self._tolerance)
+        return worst
+
+    def _depths(self, joints: FloatArray, only: tuple[str, str] | None = None) -> dict[tuple[str, str], float]:
+        """Return the penetration depths of pairs of links, without those that overlap by construction, or of one pair.
+
+        Metres; pairs that are apart are left out.
+        """
+        poses, result = self._poses(joints), dict[tuple[str, str], float]()
+        frames = np.array([poses[link] for link in self._links]).reshape(-1, 4, 4)
+        centres = np.einsum("mij,mj->mi", frames[:, :3, :3], self._centres) + frames[:, :3, 3]
+        distances = np.linalg.norm(centres[:, None] - centres, axis=2)
+        for i, j in np.argwhere(self._can_meet & (distances < self._radii[:, None] + self._radii)).tolist():
+            pair = (self._links[i], self._links[j])
+            if pair == only or (only is None and not self._permanent.get(pair, False)):
+                pose = np.linalg.inv(frames[j]) @ frames[i]
+                depth = self._part_depth(i, j, pose)
+                if depth > result.get(pair, 0.0):
+                    result[pair] = depth
+        return result
+
+    def _part_depth(self, i: int, j: int, pose: FloatArray) -> float:
+        """Return the penetration depth of two collision shapes, metres; ``pose`` is that of the first in the second."""
+        first, second, part = self._shapes[i], self._shapes[j], self._shapes[j].parts[0]
+        hull = second.hull.in_frame(pose)
+        if _are_separated(first.hull, hull):
+            return 0.0
+        if first.parts[0].convex is not None and part.convex is not None:
+            return _penetration_depth(first.hull, hull)
+        obstacle = LinkObstacle("", part.distance, part.distance, second.hull.corners)
+        return first.depth_in(obstacle.in_frame(pose))
+
+    def _is_permanent(self, pair: tuple[str, str]) -> bool:
+        """Return whether two links overlap in nearly all postures."""
+        if pair not in self._permanent:
+            lower, upper = self._tree.joint_limits
+            postures = np.random.default_rng(0).uniform(lower, upper, (RANDOM_POSTURES, len(lower)))
+            free, most = 0, (1.0 - PERMANENT) * RANDOM_POSTURES
+            for joints in postures:
+                free += self._depths(joints, pair).get(pair, 0.0) <= LEAST_DEPTH
+                if free > most:
+                    break
+            self._permanent[pair] = free <= most
+        return self._permanent[pair]
+
+    def _poses(self, joints: FloatArray) -> dict[str, FloatArray]:
+        """Return the links' poses in the palm's frame, (4, 4)."""
+        stacked = np.asarray(self._tree.link_function(joints).full())
+        return {name: stacked[:, 4 * i : 4 * i + 4] for i, name in enumerate(self._tree.used_links)}
+
+
 @dataclass(frozen=True)
 class LinkObstacle:
-    """Solid that the links can penetrate: the body, a table or an obstacle.
+    """Solid that the links can penetrate: the body, a table, an obstacle or a shape of another link.
 
     Parameters
     ----------
@@ -219,6 +313,16 @@ class _LinkShape:
         centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
         radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
         return cls(tuple(solids), corners, centre, radius)
+
+    @cached_property
+    def hull(self) -> _Convex:
+        """Convex hull of a single shape."""
+        solid = self.parts[0].convex
+        if solid is not None:
+            return solid
+        points = self.corners.reshape(-1, 3)
+        hull = _convex_hull(points)
+        return _Convex(points if hull is None else points[hull.vertices], DIRECTIONS)
 
     def depth_in(self, obstacle: LinkObstacle) -> float:
         """Return the link's penetration depth in an obstacle given in the link's frame, metres, at least zero."""
@@ -323,7 +427,7 @@ def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObsta
     for constraint in constraints:
         if isinstance(constraint, Table):
             distance = partial(_height_above, constraint.height)
-            yield LinkObstacle("the table", distance, distance, np.zeros((0, 3)))
+            yield LinkObstacle(TABLE, distance, distance, np.zeros((0, 3)))
         elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
             pose = np.eye(4)
             pose[:3, :3] = constraint.rotation
@@ -398,6 +502,14 @@ def _penetration_depth(solid: _Convex, other: _Convex) -> float:
         else:
             angle /= 2.0
     return max(0.0, least)
+
+
+def _are_separated(solid: _Convex, other: _Convex) -> bool:
+    """Return whether some normals of two convex solids, or the line between their middles, separate them."""
+    between = other.corners.mean(axis=0) - solid.corners.mean(axis=0)
+    normals = [s.normals if len(s.normals) <= MOST_AXES else DIRECTIONS for s in (solid, other)]
+    directions = np.concatenate([between[None], normals[0], -normals[1]])
+    return bool(np.any(np.max(solid.corners @ directions.T, axis=0) < np.min(other.corners @ directions.T, axis=0)))
 
 
 def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:

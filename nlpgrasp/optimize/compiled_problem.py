@@ -138,12 +138,17 @@ class CompiledProblem:
         return result
 
     def with_clearance(self, increase: FloatArray) -> CompiledProblem:
-        """Return the compiled problem whose programs require more link clearance from the body, by (rows,), metres.
+        """Return the compiled problem whose programs require more distance of links, by (rows,), metres.
 
         On a mesh it makes up for a smoothed distance that is larger than the mesh's own.
         """
         result = self._share_with(CompiledProblem(self.problem, self.options))
-        result.cutting_planes = self.cutting_planes.with_raised_lower_limits(increase / self.scaling.length)
+        raised = increase / self.scaling.length
+        for i in np.flatnonzero(increase):
+            if (constraint := self.rows.named[i]).unit == "m2":  # on a squared distance
+                distance = np.sqrt(constraint.lower) + increase[i]
+                raised[i] = (distance**2 - constraint.lower) / constraint.scale
+        result.cutting_planes = self.cutting_planes.with_raised_lower_limits(raised)
         return result
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.scalar_constraints import CLEARANCE, ScalarConstraint
+from nlpgrasp.common.scalar_constraints import CLEARANCE, SELF_COLLISION, ScalarConstraint
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand, URDFHand
+from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
-from nlpgrasp.motion.distance_fields import Distance, build_distance_fields, distance_to_all
+from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_distance_fields, distance_to_all
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import jaws_depth
+from nlpgrasp.solution.obstructions import TOLERANCE, jaws_depth
 
 NARROW = 1e-2  # width between limits, over a constraint's scale, below which it counts as an equation
 
@@ -110,14 +110,25 @@ class ConstraintValues:
         """Indices of the constraints that keep a link away from the held body."""
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
-    def link_slack(self, values: FloatArray, link: str) -> FloatArray:
-        """Return how far values (rows,) are above the lower limits of a link's spheres, inf for others, (rows,)."""
-        return np.array(
-            [
-                value - constraint.lower if constraint.link.startswith(f"{link}/") else np.inf
-                for constraint, value in zip(self.named, values, strict=True)
-            ]
-        )
+    def link_slack(self, values: FloatArray, link: str, other: str = "") -> FloatArray:
+        """Return how far a link's spheres are beyond their least distances, metres, inf for other constraints, (rows,).
+
+        Parameters
+        ----------
+        values : (rows,) array
+            Values of the constraints, in their own units.
+        link : str
+        other : str
+            Another link: then the slack of the constraints between the spheres of both.
+        """
+        result = np.full(len(self.named), np.inf)
+        for i, (constraint, value) in enumerate(zip(self.named, values, strict=True)):
+            if other and constraint.kind == SELF_COLLISION:
+                if {name.rpartition("/")[0] for name in constraint.part.split(" and ")} == {link, other}:
+                    result[i] = np.sqrt(max(value, 0.0)) - np.sqrt(constraint.lower)
+            elif not other and constraint.link.startswith(f"{link}/"):
+                result[i] = value - constraint.lower
+        return result
 
     @cached_property
     def _rows(self) -> tuple[CandidateConstraints, list[ca.SX]]:
@@ -205,15 +216,34 @@ class HandFunctions:
         cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
         return self.hand.at_contacts(points, problem.body.size, lambda points: self._distance(points), cones)
 
+    def name_obstacles(self, points: FloatArray, data: Json) -> Json:
+        """Return the data of ``at_contacts`` with the depth of parallel jaws in each solid that blocks their way."""
+        hand = self.hand
+        if not isinstance(hand, ParallelJaw) or not jaws_depth(data):
+            return data
+        approach, size = data["approach"], self._problem.body.size
+        direction = np.asarray(approach["direction"])
+        depths = dict[str, float]()
+        for field in self._fields:
+            depth = hand.approach_depth(points, direction, size, field.distance)
+            if depth > max(TOLERANCE, depths.get(field.solid, 0.0)):
+                depths[field.solid] = depth
+        return {**data, "approach": {**approach, "blocked_by": depths}}
+
     def has_free_approach(self, points: FloatArray) -> bool:
         """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
         return jaws_depth(self.at_contacts(points)) == 0.0
 
     @cached_property
-    def _distance(self) -> Distance:
-        """Distance to the body and to the surroundings that constraints keep a hand away from."""
+    def _fields(self) -> list[DistanceField]:
+        """Distances from the body and from the surroundings that constraints keep a hand away from."""
         problem = self._problem
-        return distance_to_all(build_distance_fields(problem.body, problem.constraints, len(problem.models)))
+        return build_distance_fields(problem.body, problem.constraints, len(problem.models))
+
+    @cached_property
+    def _distance(self) -> Distance:
+        """Distance to the body and its surroundings."""
+        return distance_to_all(self._fields)
 
     def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
         """Return the centres of round fingertips, (k, 3), with ``otherwise`` in place of the others."""

@@ -25,7 +25,7 @@ from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp
-from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
+from nlpgrasp.solution.obstructions import approach_obstructions, link_obstructions
 
 MOST_KNOWN = 12  # grasps whose neighbours are computed, at most
 POSITIONS = 48  # positions tried per contact
@@ -112,7 +112,7 @@ class GraspCollection:
         def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
             bounds = grasp.robust.mu if by_robustness and grasp.robust is not None else grasp.mu
             fragile = weighs and not by_robustness and grasp.is_fragile
-            return bool(grasp_obstructions(grasp.hand)), bool(approach_obstructions(grasp.hand)), fragile, -bounds.lower
+            return bool(link_obstructions(grasp.hand)), bool(approach_obstructions(grasp.hand)), fragile, -bounds.lower
 
         return tuple(sorted(grasps, key=order))
 

@@ -29,7 +29,8 @@ from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.refine_on_body import JointLimitMargins
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
-from nlpgrasp.solution.obstructions import approach_obstructions
+from nlpgrasp.solution.obstructions import approach_obstructions, links_are_free
+from nlpgrasp.solution.records import Status
 
 STAGES = 4  # stages of increasing clearance of the pregrasp
 STAGE = NewtonRules(steps=8, enough=1e-6)  # Newton steps of a stage; tolerance, solver units
@@ -45,7 +46,8 @@ def choose_free_approach(
 ) -> tuple[StartGrasp, ...]:
     """Return the best start with a free approach (if none, the best), then those found blocked, with hand records.
 
-    The best start comes first if its approach is collision-free, else the next by decreasing mu whose approach is.
+    The best start comes first if its approach is collision-free, else the next by decreasing mu whose approach is, else
+    the best whose links do not penetrate anything on the way in.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def choose_free_approach(
     """
     with single_thread():
         answer = add_hand_record(compiled, best)
-        if not answer.record.obstruction or not answer.solved:
+        if not answer.record.obstruction or not best.solved:
             return (answer,)
         blocked = [answer]
         others = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
@@ -69,7 +71,7 @@ def choose_free_approach(
             if converged.solved and not converged.record.obstruction:
                 return (converged, *blocked)
             blocked.append(converged)
-        return tuple(blocked)
+        return tuple(sorted(blocked, key=lambda start: not start.solved))  # no link inside anything on the way in
 
 
 def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
@@ -90,7 +92,9 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
             start, hand = start.with_message(message and f"no phases: {message}"), {**hand, **(phases or {})}
     if start.record.obstruction:
         return replace(start, hand=hand)
-    return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(approach_obstructions(hand))))
+    touches = start.solved and not links_are_free(hand)
+    status, obstruction = Status.TOUCHES if touches else start.record.status, "; ".join(approach_obstructions(hand))
+    return replace(start, hand=hand, record=replace(start.record, status=status, obstruction=obstruction))
 
 
 def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
@@ -99,7 +103,8 @@ def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, obje
     if hand is None:
         return None
     data = dict(hand.describe(on_body.candidate.hand)) if on_body.candidate.hand else {}
-    data |= compiled.hand_functions.at_contacts(on_body.grasp.points)
+    points, functions = on_body.grasp.points, compiled.hand_functions
+    data |= functions.name_obstacles(points, functions.at_contacts(points))
     if not data:
         return None
     if start.depth is not None:

@@ -188,6 +188,8 @@ def _result_of_candidate(
 def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadline) -> StartGrasp:
     """Return a grasp whose links touch refined again, the nearest sphere of the deepest link farther off, in turn.
 
+    Of two links that penetrate each other, the nearest two spheres are moved apart.
+
     The spheres need not cover a link, so that its shape may penetrate where they do not. It ends where this no longer
     makes the penetration smaller. Without a solved grasp of nearly the same quality the grasp is returned unchanged, as
     it is where the worst displacement is maximised, which the refinement does not know.
@@ -198,7 +200,7 @@ def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadl
             break
         if not result.record.has_grasp or compiled.options.maximise_robust:
             break
-        slack = compiled.rows.link_slack(result.on_body.values, str(result.depth.link))
+        slack = compiled.rows.link_slack(result.on_body.values, str(result.depth.link), result.depth.other_link)
         nearest = int(np.argmin(slack))
         if not np.isfinite(slack[nearest]):  # no sphere of this link is left beside its fingertip
             break

@@ -315,7 +315,7 @@ class Multistart:
     def accept_unchanged(self, best: StartGrasp) -> None:
         """Choose a start as the answer unchanged, with the approach of its hand."""
         with single_thread():
-            self.chosen = replace(best, hand=add_hand_record(self.runner.compiled, best).hand)
+            self.chosen = add_hand_record(self.runner.compiled, best)
         self.replace_results(self.chosen)
 
     def answer(self) -> GraspSolution:

@@ -14,6 +14,8 @@ from nlpgrasp.solution.record_fields import LATER, Count, NonNegative, Record
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
 MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
 LEAST_DEPTH = 5e-5  # metres: smaller penetrations are not reported
+LINK = "link "  # prefix of a link's name among the things that links penetrate
+TABLE = "the table"  # name of a table, the same
 BODY = "the body"  # name of the held body among the things that links penetrate
 
 
@@ -28,7 +30,7 @@ class LinkPenetration(Record):
     link : str or None
         The deepest link.
     thing : str
-        What it penetrates: the body, the table, or an obstacle by its name.
+        What it penetrates: the body, the table, an obstacle by its name, or another link.
     tolerance : float
         Penetration up to which the links count as free, metres.
     postures : int
@@ -47,9 +49,19 @@ class LinkPenetration(Record):
         return self.depth <= self.tolerance
 
     @property
+    def other_link(self) -> str:
+        """The link that is penetrated; empty where it is the body, a table or an obstacle."""
+        return self.thing.removeprefix(LINK) if self.thing.startswith(LINK) else ""
+
+    @property
     def words(self) -> str:
         """The penetration as text."""
         return f"link {self.link} is {format_number(1e3 * self.depth, 2)} mm inside {self.thing}"
+
+
+def link_name(link: str) -> str:
+    """Return the name of a link among the things that other links penetrate."""
+    return LINK + link
 
 
 def grasp_penetration(hand: Json | None) -> LinkPenetration | None:
@@ -62,6 +74,12 @@ def approach_penetration(hand: Json | None) -> LinkPenetration | None:
     return _stated_depth(hand, "way_in")
 
 
+def links_are_free(hand: Json | None) -> bool:
+    """Return whether no link is inside anything by more than its tolerance, in the grasp or on the way in, if known."""
+    penetrations = grasp_penetration(hand), approach_penetration(hand)
+    return all(penetration is None or penetration.is_free for penetration in penetrations)
+
+
 def tip_deviations(hand: Json | None) -> dict[int, float]:
     """Return the distances of contacts from their fingertips' links, metres, by finger, where above a millimetre."""
     gaps = (hand or {}).get("tip_gaps") or ()
@@ -72,6 +90,23 @@ def jaws_depth(hand: Json | None) -> float:
     """Return the penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
     depth = float(((hand or {}).get("approach") or {}).get("depth", 0.0))
     return depth if depth > TOLERANCE else 0.0
+
+
+def jaws_way_in(hand: Json | None) -> str:
+    """Return as text how deep parallel jaws get into what on their straight approach; empty where it is free."""
+    depth = jaws_depth(hand)
+    if not depth:
+        return ""
+    depths = jaws_obstacles(hand) or {"the body, a table or an obstacle": depth}
+    text = " and ".join(f"{format_number(1e3 * value, 2)} mm deep into {solid}" for solid, value in depths.items())
+    is_surrounded = any(solid != BODY for solid in depths)
+    return f"{text} (clearance included; it takes at least that much more room there)" if is_surrounded else text
+
+
+def jaws_obstacles(hand: Json | None) -> dict[str, float]:
+    """Return the depths of parallel jaws in what blocks their straight approach, metres, by name, deepest first."""
+    depths = ((hand or {}).get("approach") or {}).get("blocked_by") or {}
+    return dict(sorted(depths.items(), key=lambda entry: -entry[1]))
 
 
 def jaws_cross_thin_part(hand: Json | None) -> bool:
@@ -100,8 +135,21 @@ def grasp_obstructions(hand: Json | None) -> list[str]:
     return obstructions
 
 
+def closing_obstructions(hand: Json | None) -> list[str]:
+    """Return as text the links that penetrate something on the way in, where they do not in the grasp."""
+    grasp, approach = grasp_penetration(hand), approach_penetration(hand)
+    if approach is None or approach.is_free or not (grasp is None or grasp.is_free):
+        return []
+    return [f"on the way in {approach.words}"]
+
+
+def link_obstructions(hand: Json | None) -> list[str]:
+    """Return as text the obstructions in the grasp itself, and the links that penetrate something on the way in."""
+    return [*grasp_obstructions(hand), *closing_obstructions(hand)]
+
+
 def warn_of_touching(name: str, hand: Json | None) -> str:
-    """Warn of obstructions in the grasp itself, and return them as text; empty without any.
+    """Warn of penetrating links and of contacts off their links, and return them as text; empty without any.
 
     Parameters
     ----------
@@ -110,10 +158,9 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
     hand : mapping or None
         The hand's JSON data.
     """
-    message, penetration = "; and ".join(grasp_obstructions(hand)), grasp_penetration(hand)
+    message = "; and ".join(link_obstructions(hand))
     if message:
-        is_touching = penetration is not None and not penetration.is_free
-        message = f"Touches: {message}" if is_touching else message  # the others, such as limits, say so themselves
+        message = message if links_are_free(hand) else f"Touches: {message}"
         warn(f"{name}: {message}")
     return message
 
@@ -130,14 +177,12 @@ def format_unshaped_links(hand: Json | None) -> str:
 
 def approach_obstructions(hand: Json | None) -> list[str]:
     """Return the obstructions on the straight approach, as text."""
-    obstructions, jaws, approach, depth = [], jaws_depth(hand), approach_penetration(hand), grasp_penetration(hand)
+    obstructions, jaws = [], jaws_way_in(hand)
     if jaws:
-        obstructions.append(f"the gripper's way in leads {format_number(1e3 * jaws, 2)} mm into what is beside it")
+        obstructions.append(f"the gripper's way in leads {jaws}")
     elif jaws_cross_thin_part(hand):
         obstructions.append("the gripper's way in passes through something thin")
-    if approach is not None and not approach.is_free and (depth is None or depth.is_free):
-        obstructions.append(f"on the way in {approach.words}")
-    return obstructions + list(filter(None, [missing_approach_reason(hand)]))
+    return [*obstructions, *closing_obstructions(hand), *filter(None, [missing_approach_reason(hand)])]
 
 
 def format_link_penetrations(hand: Json | None) -> str:
@@ -165,11 +210,8 @@ def format_jaw_approach(hand: Json | None) -> str:
     tilt = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
     course = f"[{vector(direction)}], {format_number(tilt, 2, 0.5)} degrees off straight down"
     text = f"the jaws are {format_number(1e3 * data['opening'])} mm apart and come in along {course}"
-    depth = jaws_depth(hand)
-    if not depth:
-        return text
-    penetration = f"{format_number(1e3 * depth, 2)} mm deep into the body, a table or an obstacle"
-    return f"{text}; that way leads {penetration}, clearances included"
+    jaws = jaws_way_in(hand)
+    return f"{text}; that way leads {jaws}" if jaws else text
 
 
 def format_gripper_frame(hand: Json | None, gripper: Json | None) -> str:

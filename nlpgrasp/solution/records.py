@@ -22,8 +22,9 @@ class Status(Enum):
     SOLVED = "Solved: a grasp with a certified quality above zero, a local optimum at best."
     OPTIMAL = "Optimal: a grasp with a certified quality within the gap asked for of the best that any placement has."
     TOUCHES = (
-        "Touches: a link of the hand is inside the body or its surroundings, and the hand cannot take this grasp. "
-        "Try more starts, more clearance or other fingertips; no start found a free one."
+        "Touches: a link of the hand is inside the body, its surroundings or another link, in the grasp or on the way "
+        "to it, and the hand cannot take this grasp. Try more starts, more clearance or other fingertips; no start "
+        "found a free one."
     )
     NO_GRASP = (
         "No grasp found: no start ended with a certified quality above zero. Try more starts, other faces, "

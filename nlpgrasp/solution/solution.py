@@ -43,6 +43,7 @@ from nlpgrasp.solution.obstructions import (
     grasp_obstructions,
     grasp_penetration,
     jaws_depth,
+    links_are_free,
     missing_approach_reason,
 )
 from nlpgrasp.solution.phase_record import Phase, read_phases
@@ -278,8 +279,8 @@ class GraspSolution(InNotebook):
 
     @property
     def touches(self) -> bool:
-        """Whether a link penetrates anything by more than its tolerance; false where unknown."""
-        return self.link_depth is not None and not self.link_depth.is_free
+        """Whether a link penetrates anything by more than its tolerance, in the grasp or on the way in, if known."""
+        return not links_are_free(self.hand)
 
     @property
     def has_free_way(self) -> bool:
@@ -733,8 +734,7 @@ def _status_with(status: Status, hand: Json | None) -> Status:
     """Return the status of a solution after choosing another grasp, by that grasp's hand data."""
     if status not in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES):
         return status
-    penetration = grasp_penetration(hand)
-    return Status.SOLVED if penetration is None or penetration.is_free else Status.TOUCHES
+    return Status.SOLVED if links_are_free(hand) else Status.TOUCHES
 
 
 def require_solution(value: object) -> GraspSolution:

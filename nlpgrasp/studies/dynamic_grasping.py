@@ -28,7 +28,7 @@ from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import mu
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.obstructions import grasp_obstructions
+from nlpgrasp.solution.obstructions import link_obstructions
 from nlpgrasp.solution.records import CandidateOrigin
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -104,7 +104,7 @@ class DynamicGrasp:
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
-            warnings = "".join(f"; {warning}" for warning in grasp_obstructions(step.solution.hand))
+            warnings = "".join(f"; {warning}" for warning in link_obstructions(step.solution.hand))
             lines.append(f"{text}; staying would give at most {step.stayed:.4g}{warnings}")
         return "\n".join(lines)
 

@@ -348,6 +348,16 @@ def free_joint_limits(links: Iterable[Link]) -> dict[str, tuple[float, float]]:
     return limits
 
 
+def all_positions(links: Iterable[Link], free: Mapping[str, float]) -> dict[str, float]:
+    """Return the positions of all moving joints from those of the free ones."""
+    by_joint, result = {link.joint: link for link in links}, dict(free)
+    for joint, link in by_joint.items():
+        if link.moves and link.follow is not None:
+            driver, rate, offset = _driving_joint(by_joint, joint)
+            result[joint] = rate * free[driver] + offset
+    return result
+
+
 def loaded_joints(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
     """Return the free joints that move some of the links ``ends``, in the order of their links."""
     by_joint = {link.joint: link for link in links}

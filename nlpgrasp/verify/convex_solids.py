@@ -13,13 +13,14 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.unit_directions import directions_around
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.solution.obstructions import BODY
+from nlpgrasp.solution.obstructions import BODY, TABLE
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_constraints import to_body_frame, to_obstacle_frame
@@ -28,6 +29,8 @@ from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement, requi
 CONVEX_SHARE = 0.999  # least share of its hull's volume of a surface that counts as convex
 CURVED_SAMPLES = 400  # sample points of a curved surface, or corners of a cylinder
 MOST_CORNERS = 64  # most corners of a solid; of more, the extreme ones in as many directions
+
+LEAST_TURN = 0.05  # radians: first turn of a direction that is improved
 
 Distance = Callable[[FloatArray], FloatArray]
 """Function of points (m, space), body frame, to signed distances (m,), metres, negative inside."""
@@ -62,7 +65,7 @@ def solids_around(constraints: Sequence[Json], placement: StatedPlacement) -> It
     for data in constraints:
         if data["type"] == "table":
             clearance = number("clearance", data["clearance"], at_least=0.0)
-            yield NumericSolid("the table", partial(_height_above_level, number("height", data["height"])), clearance)
+            yield NumericSolid(TABLE, partial(_height_above_level, number("height", data["height"])), clearance)
         elif data["type"] == "obstacle":
             clearance = number("clearance", data["clearance"], at_least=0.0)
             surface = placement.surface_of(data["body"])
@@ -179,11 +182,32 @@ def penetration_depth(first: FloatArray, second: FloatArray) -> float:
     Parameters
     ----------
     first, second : (n, 3) and (m, 3) arrays
-        Their corners. Of more than ``MOST_CORNERS``, the extreme ones are taken, which makes a round solid smaller by
-        up to six hundredths.
+        Their corners. Of more than ``MOST_CORNERS`` the extreme ones give the directions of the translation that are
+        tried; the best is improved by the simplex method of Nelder and Mead, with all corners.
     """
     differences = (_hull_corners(first)[:, None] - _hull_corners(second)[None]).reshape(-1, 3)
-    return max(0.0, float(-np.max(ConvexHull(differences).equations[:, 3])))
+    equations = ConvexHull(differences).equations
+    if max(len(first), len(second)) <= MOST_CORNERS:
+        return max(0.0, float(-np.max(equations[:, 3])))
+
+    def overlap(normals: FloatArray) -> FloatArray:
+        return np.asarray(np.max(first @ normals.T, axis=0) - np.min(second @ normals.T, axis=0))
+
+    best = equations[int(np.argmin(overlap(equations[:, :3]))), :3]
+    tangents = np.linalg.svd(best[None])[2][1:]
+
+    def overlap_beside(turn: FloatArray) -> float:
+        normal = best + turn @ tangents
+        return float(overlap(normal[None] / np.linalg.norm(normal))[0])
+
+    corners = np.array([[0.0, 0.0], [LEAST_TURN, 0.0], [0.0, LEAST_TURN]])
+    minimum = minimize(
+        overlap_beside,
+        corners[0],
+        method="Nelder-Mead",
+        options={"initial_simplex": corners, "xatol": 1e-4, "fatol": 1e-7, "maxfev": 80},
+    )
+    return max(0.0, float(minimum.fun))
 
 
 def _hull_corners(corners: FloatArray) -> FloatArray:

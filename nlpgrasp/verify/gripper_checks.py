@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.solution.obstructions import BODY, TOLERANCE, jaws_depth
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotCheckedError, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, solids_around, vectorised_distance
@@ -54,7 +56,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     errors = [*_pose_errors(problem_hand, hand, placement), *_cone_errors(solution, hand, placement.points.shape[1])]
     checks = [Check.of_errors("gripper", errors, f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
     try:
-        depth, enters_steeply, rough = _approach_penetration(solution, problem_hand, hand, placement, surface)
+        depth, enters_steeply, rough, blocking = _approach_penetration(solution, problem_hand, hand, placement, surface)
     except NotCheckedError as reason:
         return [*checks, Check.not_made("way in", str(reason))]
     tolerance = DEPTH_TOLERANCE + rough
@@ -65,6 +67,11 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     summary = "passes through something thin" if passes_through else summary
     error = f"stated to lead {1e3 * stated_depth:.3g} mm deep into what is beside it, {1e3 * depth:.3g} mm found"
     checks.append(Check("way in", agrees, summary if agrees else error))
+    if agrees and jaws_depth(hand):
+        errors = list(_blocking_errors(hand["approach"].get("blocked_by"), blocking, tolerance))
+        is_stated = "blocked_by" in hand["approach"] or states_all_hand_fields(solution)
+        summary = ", ".join(f"{name} by {1e3 * value:.3g} mm" for name, value in blocking.items())
+        checks.append(Check.of_errors("way in, what blocks it", errors if is_stated else [], summary))
     if not passes_through and depth <= tolerance:
         summary = (
             "fingers or palm pass through something thin"
@@ -143,8 +150,8 @@ def _cone_errors(solution: GraspSolution, hand: Json, space: int) -> Iterator[st
 
 def _approach_penetration(
     solution: GraspSolution, problem_hand: Json, hand: Json, placement: StatedPlacement, surface: NumericBody | None
-) -> tuple[float, bool, float]:
-    """Return the approach's penetration of its surroundings, whether a line enters one steeply, and an error bound.
+) -> tuple[float, bool, float, dict[str, float]]:
+    """Return the approach's penetration, whether a line enters a solid steeply, an error bound, and what blocks it.
 
     Returns
     -------
@@ -154,22 +161,39 @@ def _approach_penetration(
         Whether a line enters anything, however thin, other than along a pad.
     rough : float
         Largest difference of the solver's distances from these, metres.
+    blocking : dict of str to float
+        Penetration of each solid, metres, by name, where it is not free.
     """
     body = require_body(surface)
-    solids = [NumericSolid("", vectorised_distance(body), rough=body.rough)]
+    solids = [NumericSolid(BODY, vectorised_distance(body), rough=body.rough)]
     solids += solids_around(solution.problem["constraints"], placement)
     starts, offsets, on_pads = _finger_and_palm_lines(problem_hand, placement.points)
     approach = array(DIRECTION, hand["approach"]["direction"], starts.shape[1:])
 
-    def clearance(line: NDArray[np.intp], coordinate: FloatArray) -> FloatArray:
+    def clearance(solids: Sequence[NumericSolid], line: NDArray[np.intp], coordinate: FloatArray) -> FloatArray:
         points = starts[line] - coordinate[:, None] * approach
         return np.asarray(np.min([solid.distance(points) - solid.clearance for solid in solids], axis=0))
 
     length = PATH_SIZES * float(np.linalg.norm(body.bounds[1] - body.bounds[0])) / 2.0
     stations = np.linspace(offsets, _finger_length(problem_hand, "finger_length") + length, INITIAL_STATIONS, axis=1)
     is_thick = _finger_length(problem_hand, "finger_thickness") > 0.0
-    least, enters_steeply = _least_clearance(clearance, stations, on_pads, is_thick)
-    return max(0.0, -least), enters_steeply, max(solid.rough for solid in solids)
+    least, enters_steeply = _least_clearance(partial(clearance, solids), stations, on_pads, is_thick)
+    rough = max(solid.rough for solid in solids)
+    blocking = dict[str, float]()
+    for solid in solids if least < -TOLERANCE else ():
+        depth = -_least_clearance(partial(clearance, [solid]), stations, on_pads, is_thick)[0]
+        blocking[solid.name] = max(depth, blocking.get(solid.name, 0.0))
+    return max(0.0, -least), enters_steeply, rough, {name: d for name, d in blocking.items() if d > 0.0}
+
+
+def _blocking_errors(stated: Json | None, found: Mapping[str, float], tolerance: float) -> Iterator[str]:
+    """Yield the errors in the stated depths of an approach in what blocks it."""
+    for name, depth in (stated or {}).items():
+        if not abs(number(f"hand.approach.blocked_by.{name}", depth) - found.get(name, 0.0)) <= tolerance:
+            yield f"{1e3 * depth:.3g} mm into {name} stated, {1e3 * found.get(name, 0.0):.3g} mm found"
+    for name, depth in found.items():
+        if depth > TOLERANCE + tolerance and name not in (stated or {}):
+            yield f"{1e3 * depth:.3g} mm into {name} found, not stated"
 
 
 def _least_clearance(

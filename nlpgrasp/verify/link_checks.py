@@ -1,9 +1,9 @@
 """Recomputation of a hand's link penetrations, in the grasp and on the approach, and of contacts off their links.
 
-The depth of a link in a solid is the largest sum of a point's depths in both. It is searched from samples of the link's
-surface by the simplex method of Nelder and Mead (1965, doi:10.1093/comjnl/7.4.308), with shapes, kinematics and
-distances of this package, ``verify``, alone. For convex shapes in convex solids it is the shortest translation that
-separates the two, where that is longer.
+The depth of a link in the body, a table or an obstacle is the largest sum of a point's depths in both. It is searched
+from samples of the link's surface by the simplex method of Nelder and Mead (1965, doi:10.1093/comjnl/7.4.308), with
+shapes, kinematics and distances of this package, ``verify``, alone. For convex shapes in convex solids it is the
+shortest translation that separates the two, where that is longer.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from nlpgrasp.verify.check import Check, NotCheckedError, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, held_and_around, penetration_depth
 from nlpgrasp.verify.link_shapes import LinkShape
 from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, require_links
+from nlpgrasp.verify.self_penetration import NumericSelfPenetration
 from nlpgrasp.verify.stated_placement import NumericBody, NumericHand, StatedPlacement
 
 SAMPLE_SPACING = 2e-3  # metres between samples of a link's surface
@@ -103,6 +104,7 @@ class _LinkComparison:
         if self.tolerance > MOST_TOLERANCE:
             raise InputError("solver.options.link_tolerance", tolerance, f"at most {MOST_TOLERANCE:g} m")
         self.states_all = states_all_hand_fields(solution)
+        self.own = NumericSelfPenetration(hand, self.samples) if hand.data.get("self_collision") is True else None
 
     @classmethod
     def of(
@@ -116,7 +118,12 @@ class _LinkComparison:
     def in_grasp(self) -> tuple[str, str]:
         """Return the error in the stated depth in the grasp, empty without one, and a summary."""
         stated, recomputed = grasp_penetration(self.solution.hand), self._penetration(self.hand)
-        return self._depth_error(stated, recomputed, self.solution.status in (Status.SOLVED, Status.OPTIMAL))
+        return self._depth_error(stated, recomputed, self._is_called_free)
+
+    @property
+    def _is_called_free(self) -> bool:
+        """Whether the status says that no link is inside anything."""
+        return self.solution.status in (Status.SOLVED, Status.OPTIMAL)
 
     def on_approach(self) -> tuple[str, str]:
         """Return the error in the stated depth on the approach, empty without one, and a summary."""
@@ -127,11 +134,12 @@ class _LinkComparison:
         stated = approach_penetration(self.solution.hand)
         if stated is None and len(keyframes) < 2:
             return "", "the file states no way in"
-        if stated is None:
+        if not self.states_all:
             summary = recomputed.words if recomputed.depth > self.tolerance + SLACK else "free"
-            return (f"not stated; {summary}", "") if self.states_all else ("", f"not stated; {summary}")
-        summary = recomputed.words if recomputed.depth > self.tolerance else "free"
-        return self._difference(stated, recomputed), f"{len(keyframes)} keyframes; {summary}"
+            message = "not stated; " if stated is None else f"{len(keyframes)} keyframes; "
+            return "" if stated is None else self._difference(stated, recomputed), message + summary
+        error, summary = self._depth_error(stated, recomputed, self._is_called_free)
+        return error, f"{len(keyframes)} keyframes; {summary}"
 
     def contacts_off_links(self, points: FloatArray) -> tuple[str, str]:
         """Return the error in the stated distances of contacts from their links, empty without one, and a summary."""
@@ -189,7 +197,8 @@ class _LinkComparison:
                     depth = self._depth(link, pose, points, solid)
                     if depth > deepest.depth:
                         deepest = LinkPenetration(depth, link, solid.name, self.tolerance)
-        return deepest
+        own = deepest if self.own is None else self.own.in_posture(hand, self.tolerance)
+        return max(deepest, own, key=lambda penetration: penetration.depth)
 
     def _depth(self, link: str, pose: FloatArray, samples: FloatArray, solid: NumericSolid) -> float:
         """Return the depth of a link in one solid, metres; ``samples`` (m, 3) of its surface are in the body's frame.

@@ -141,9 +141,9 @@ class NumericLinkedHand:
 
     def is_fixed(self, link: str, other: str) -> bool:
         """Return whether no moving joint lies between two links."""
-        return self._rigid_root(link) == self._rigid_root(other)
+        return self.rigid_root(link) == self.rigid_root(other)
 
-    def _rigid_root(self, link: str) -> str:
+    def rigid_root(self, link: str) -> str:
         """Return the topmost link without a moving joint to a link."""
         by_name = {child.name: child for child in self.links}
         while link in by_name and not by_name[link].moves:

@@ -51,7 +51,7 @@ def mujoco_depth(hand, values, kind, size):
 @pytest.mark.parametrize("seed", range(8))
 def test_depth_is_mujocos(name, seed):
     body, kind, size = BODIES[name]
-    hand = four_finger_hand()
+    hand = four_finger_hand(self_collision=False)
     values = posture(hand, seed)
     penetration = depths(hand, body).in_posture(values)
     expected = mujoco_depth(hand, values, kind, size)

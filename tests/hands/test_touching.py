@@ -19,6 +19,7 @@ from nlpgrasp.interop.registry import formats
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.report.key_figures import solution_figures
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
+from nlpgrasp.solution.obstructions import LinkPenetration
 from tests.hands.described import in_millimetres, two_fingers
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])
@@ -74,8 +75,46 @@ def test_links_inside_the_body_are_said_first(deep):
 def test_verify_finds_the_links_there_and_does_not_pass(deep):
     folder, _, solution = deep
     verification = ng.verify(solution.save(folder / "deep.json"))
-    assert [check.name for check in verification.checks if check.failed] == ["links inside something"]
+    assert [check.name for check in verification.checks if check.failed] == [
+        "links inside something",
+        "links on the way in",
+    ]
     assert verification.verdict.startswith("NOT verified")
+
+
+@pytest.fixture(scope="module")
+def blocked(tmp_path_factory):
+    """A grasp that is free itself, with a link that is measured to be inside the body on every way in."""
+    folder = tmp_path_factory.mktemp("blocked")
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        patch.setattr(PenetrationModel, "on_approach", lambda *_: LinkPenetration(0.0021, "f1", postures=30))
+        return folder, solve_grasp(two_fingers(folder, tip_frames=False), FLUSH)[1]
+
+
+def test_links_inside_the_body_on_the_way_in_are_said_first(blocked):
+    folder, solution = blocked
+    words = "on the way in link f1 is 2.1 mm inside the body"
+    assert solution.status is ng.Status.TOUCHES
+    assert solution.link_depth.is_free
+    assert solution.touches
+    assert not solution.success
+    assert solution.is_certified
+    assert str(solution).startswith(f"two: Touches: {words}; ")
+    assert solution.starts[0].obstruction == words
+    assert solution_figures(solution)[0].value == "Touches"
+    arrays = next(export_format for export_format in formats() if export_format.name == "npz")
+    with pytest.warns(UserWarning, match=f"exported though {words}"):
+        arrays.export(solution)
+    free = ng.verify(solution, folders=[folder])
+    assert "2.1 mm stated" in next(check.detail for check in free.checks if check.name == "links on the way in")
+
+
+def test_verify_finds_a_way_in_that_is_called_free(blocked):
+    folder, solution = blocked
+    lie = ng.GraspSolution.from_dict({**json.loads(json.dumps(solution.to_dict())), "status": "solved"})
+    failed = {check.name: check.detail for check in ng.verify(lie, folders=[folder]).checks if check.failed}
+    assert "inside something" in failed["outcome"]
 
 
 @pytest.mark.parametrize(

@@ -305,9 +305,15 @@ def test_the_way_in_of_jaws_is_free_where_it_leads_into_nothing(jaws):
     for change, free in (({"depth": 0.0}, True), (deep, False), (thin, False)):
         with np.load(io.BytesIO(benchmark_arrays(without(jaws, approach={**approach, **change})))) as data:
             assert data["way_in_free"].tolist() == [free]
-    for change, reason in ((deep, "leads 4 mm into what is beside it"), (thin, "passes through something thin")):
+    for change, reason in (
+        (
+            deep,
+            "leads 4 mm deep into the body, a table or an obstacle (clearance included",
+        ),
+        (thin, "passes through something thin"),
+    ):
         stuck = yaml.safe_load(isaac_grasp({"g": without(jaws, approach={**approach, **change})}))
-        assert stuck["grasps"]["g"]["way_in"] == f"not free: the gripper's way in {reason}"
+        assert stuck["grasps"]["g"]["way_in"].startswith(f"not free: the gripper's way in {reason}")
 
 
 def closing_along(jaws, axis):

@@ -1,15 +1,18 @@
 """Keyframes of a grasp, against link spheres computed independently."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import add_squeeze
-from nlpgrasp.motion.approach_path import open_fingers
+from nlpgrasp.motion.approach_path import missing_room, open_fingers
 from nlpgrasp.motion.keyframes import NO_PREGRASP, START_DISTANCE, plan_keyframes
 from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.penetration import PenetrationModel
+from nlpgrasp.solution.obstructions import LinkPenetration
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
 
@@ -94,6 +97,60 @@ def test_without_a_free_direction_the_solution_says_so(tmp_path):
     assert solution.hand["approach"]["direction"] is None
     assert re.match(r"none of 88 directions is free for \d+ mm; the longest", solution.hand["approach"]["reason"])
     assert "no free straight way of the palm to the grasp: none of 88" in str(solution)
+
+
+def test_what_alone_blocks_a_direction_is_named_with_the_room_that_it_takes(tmp_path):
+    """A hand that sinks as it leaves the body ends in the table; level it is free, and nothing is named."""
+    solution, problem = grasped(tmp_path, [ng.Table(-0.03, clearance=0.002)])
+    values, model = problem.hand.values_of(solution.hand["pregrasp"]), CollisionModel(problem, problem.hand)
+    lowest = np.min(model.spheres.centres(values)[:, 2] - model.spheres.radii)
+    level, sinking = np.array([-1.0, 0.0, 0.0]), np.array([-np.cos(0.3), 0.0, np.sin(0.3)])
+    assert missing_room(model, values, [level], 0.2) == ""
+    text = missing_room(model, values, [level, sinking], 0.2)
+    assert "only the table is in the way, and takes" in text
+    room = 0.2 * np.sin(0.3) - (lowest + 0.03 - 0.002)
+    assert float(re.search(r"([0-9.]+) mm more room", text)[1]) == pytest.approx(1e3 * room, abs=1.1)
+    post = ng.Obstacle(ng.Box([0.04, 0.04, 0.04]), position=[0.15, 0.0, 0.08], name="post")
+    named = missing_room(CollisionModel(replace(problem, constraints=(post,)), problem.hand), values, [level], 0.2)
+    assert re.search(r"only post is in the way, and takes at least [0-9.]+ mm more room", named)
+
+
+DEEP = LinkPenetration(2e-3, "a0")  # of a link in the body, measured by its own shape
+
+
+def test_fingers_open_less_where_their_own_shapes_run_into_something(tmp_path, monkeypatch):
+    full = solve_phases(tmp_path)[0].phases[1].joints
+
+    def measured(_, waypoints, grasp):
+        most = max(np.max(np.abs(values["joints"] - grasp["joints"])) for values in waypoints)
+        return DEEP if most > 0.6 * largest else LinkPenetration()
+
+    grasp = solve_phases(tmp_path)[0].phases[2].joints
+    largest = max(abs(full[joint] - grasp[joint]) for joint in full)
+    monkeypatch.setattr(PenetrationModel, "on_approach", measured)
+    solution, _ = solve_phases(tmp_path)
+    opened = solution.phases[1].joints
+    assert solution.phases[1].name == "pregrasp"
+    assert max(abs(opened[joint] - grasp[joint]) for joint in opened) == pytest.approx(0.5 * largest, rel=0.02)
+    assert solution.way_in.is_free
+    assert not solution.touches
+
+
+def test_a_direction_whose_way_is_blocked_by_the_links_own_shapes_is_passed_over(tmp_path, monkeypatch):
+    before = solve_phases(tmp_path)[0].hand["approach"]["direction"]
+
+    def measured(_, waypoints, grasp):
+        moved = waypoints[-1]["palm_position"] - waypoints[0]["palm_position"]
+        return DEEP if moved @ before > max(0.999 * np.linalg.norm(moved), 0.01) else LinkPenetration()
+
+    monkeypatch.setattr(PenetrationModel, "on_approach", measured)
+    solution, _ = solve_phases(tmp_path)
+    assert np.dot(solution.hand["approach"]["direction"], before) < 0.999
+    assert solution.way_in.is_free
+    monkeypatch.setattr(PenetrationModel, "on_approach", lambda *_: DEEP)
+    stuck, _ = solve_phases(tmp_path)
+    assert stuck.hand["approach"]["direction"] is not None
+    assert stuck.touches
 
 
 def test_fingers_that_cannot_open_leave_the_grasp(tmp_path):

@@ -6,6 +6,8 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.motion.distance_fields import build_distance_fields, distance_to_all
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.solution.obstructions import approach_obstructions
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
 
 BODY = ng.Box([0.08, 0.04, 0.06])
@@ -132,3 +134,34 @@ def test_without_the_body_the_way_in_is_not_judged(data):
     checks = recomputed_file(edited(data, lambda d: d["problem"].update(body=mesh)))
     assert checks["gripper"].passed
     assert not checks["way in"].made
+
+
+FLAT, HANDED = ng.Box([0.08, 0.04, 0.012]), ng.ParallelJaw(0.05, finger_length=0.04, finger_thickness=0.02)
+
+
+@pytest.fixture(scope="module")
+def flat():
+    """Jaws on a flat part from above and below: the lower finger, 20 mm thick, is 15.5 mm deep in a table."""
+    points, normals = np.array([[0.03, 0.0, 0.006], [0.03, 0.0, -0.006]]), [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
+    around = [ng.Table(-0.011, 5e-4), ng.Obstacle(ng.Box([0.02, 0.02, 0.02]), 0.0, [0.2, 0.0, 0.3], name="far post")]
+    problem = problem_of(FLAT, 2, hand=HANDED, constraints=around)
+    functions = CompiledProblem(problem, ng.SolveOptions()).hand_functions
+    posture = functions.name_obstacles(points, functions.at_contacts(points))
+    return {**stated_file(problem, ["+z", "-z"], points, normals), "hand": posture}
+
+
+def test_what_blocks_the_way_is_named_with_its_depth(flat):
+    assert flat["hand"]["approach"]["blocked_by"] == {"the table": pytest.approx(0.0155, abs=1e-6)}
+    text = approach_obstructions(flat["hand"])[0]
+    assert text.startswith("the gripper's way in leads 16 mm deep into the table (clearance included")
+    check = recomputed_file(flat)["way in, what blocks it"]
+    assert check.passed, check
+    assert "the table by 15.5 mm" in check.detail
+
+
+@pytest.mark.parametrize("lie", [{"the table": 0.004}, {}, {"far post": 0.0155}, {"the body": 0.0155}])
+def test_another_name_or_depth_of_what_blocks_it_is_a_lie(flat, lie):
+    stated = edited(flat, lambda d: d["hand"]["approach"].update(blocked_by=lie))
+    check = recomputed_file(stated)["way in, what blocks it"]
+    assert check.failed
+    assert "the table" in check.detail
