@@ -302,6 +302,7 @@ def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Ro
         raise_invalid(path, f"joint {name} that follows {other}", "both of them below the palm")
     if joints[name].mimic is not None or not joints[name].moves:
         raise_invalid(path, f"joint {name} that follows two others", "one equality for a joint")
+    # MuJoCo: q - qpos0 = a0 + a1 (q' - qpos0') + a2 (q' - qpos0')^2 + ..., with q' of the joint that is followed
     a = np.array(model.eq_data[equality][:5])
     start = float(model.qpos0[model.jnt_qposadr[first]])
     if not other:

@@ -509,7 +509,7 @@ class _PresetReader:
         return result
 
     def robot_below_palm(self) -> Robot:
-        """Return the robot below the palm: a link with one of its names that all fingertips hang from.
+        """Return the robot below the palm: a link with one of the preset's palm names that all fingertips hang from.
 
         A frame of that name without fingers is no palm. Among nested links with the same name but for prefixes, such as
         the bases of an arm and of its hand, it is the innermost.
@@ -527,7 +527,7 @@ class _PresetReader:
                     continue
                 candidates.append(robot)
                 complete += [] if self._missing_links(robot) else [robot]
-            innermost = [r for r in complete if not any(o.root in r.links for o in complete if o is not r)]
+            innermost = [r for r in complete if not any(inner.root in r.links for inner in complete if inner is not r)]
             exact = [r for r in innermost if r.root == name]
             if len(innermost) > 1 and not exact:
                 self._refuse_ambiguous([r.root for r in innermost])
@@ -537,7 +537,7 @@ class _PresetReader:
             raise errors[0]
         if not candidates:
             self._refuse(f"without a link {' or '.join(self.preset.palms)}")
-        self._check_tips(candidates)
+        self._check_tips(candidates)  # none has all fingertips: raises, naming those that are missing
         return candidates[0]
 
     def has_links(self, links: Sequence[str]) -> bool:
