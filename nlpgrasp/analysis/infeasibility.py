@@ -95,9 +95,9 @@ def surroundings_in_the_way(
         if deadline.should_stop():
             return
         others = tuple(other for other in problem.constraints if other is not constraint)
-        found = run_start(CompiledProblem(problem.unchecked(constraints=others), compiled.options), 0, seed, deadline)
-        if isinstance(found, StartGrasp) and found.record.has_grasp:
-            grasp, hand = found.on_body.grasp, found.on_body.candidate.hand
+        start = run_start(CompiledProblem(problem.unchecked(constraints=others), compiled.options), 0, seed, deadline)
+        if isinstance(start, StartGrasp) and start.record.has_grasp:
+            grasp, hand = start.on_body.grasp, start.on_body.candidate.hand
             stacked = {name: value[None] for name, value in hand.items()}
             values = compiled.rows.values(grasp.points[None], grasp.normals[None], stacked)[0, indices]
             room = max(compiled.rows.named[index].lower - value for index, value in zip(indices, values, strict=True))
