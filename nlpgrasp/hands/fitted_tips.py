@@ -74,7 +74,8 @@ class _LinkEnd:
         vertices = [shape.mesh.vertices @ T[:3, :3].T + T[:3, 3] for shape, T in self.shapes]
         self.group = np.concatenate(vertices)
         direction = self.group.mean(axis=0) - frame[:3, 3]
-        self.direction = direction / np.linalg.norm(direction)
+        length = float(np.linalg.norm(direction))
+        self.direction = direction / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])  # about its joint alike
         farthest = int(np.argmax([np.max(points @ self.direction) for points in vertices]))
         self.cut = _long_side(*self.shapes[farthest], self.direction)
         self.centre = self._cut_end(vertices[farthest]).mean(axis=0)
