@@ -374,13 +374,16 @@ class CornerContacts:
         return result
 
     def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:
-        """Return ``s^p`` at rows along twists, (j, m)."""
+        """Return ``s^p``, (j, m): supports s along twists (j, 6), to the rule's power p, at the contacts of m rows.
+
+        ``squares`` are the coefficients of the squared lengths of the work, from which the tangential part follows.
+        """
         contact, rule = self.supports.contact, self.supports.rule
-        if rule.lengths:  # the square is accurate, though the tangential part may not be
+        if rule.lengths:  # a small difference of squares is inexact, but hardly the support's square
             along = twists @ self._along[:, rows]
-            across = squares @ self._products[:, rows]
-            across -= along**2
-            across = np.sqrt(np.maximum(across, 0.0, out=across), out=across)
+            squared = squares @ self._products[:, rows]
+            squared -= along**2
+            across = np.sqrt(np.maximum(squared, 0.0, out=squared), out=squared)
             square = contact.squared_support(self._work(along, across, twists, rows), np)
             if square is not None:
                 return np.asarray(square if rule.power == 2.0 else square ** (0.5 * rule.power))
