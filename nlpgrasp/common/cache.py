@@ -15,6 +15,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from zipfile import BadZipFile
@@ -74,11 +75,16 @@ def cached_arrays(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], m
 def _key(kind: str, made_from: Sequence[bytes]) -> str:
     """Return the key of an entry, a SHA-256 in hexadecimal digits."""
     digest = hashlib.sha256()
-    versions = [kind, __version__, *(version(library) for library in LIBRARIES)]
-    for part in [*(text.encode() for text in versions), *made_from]:
+    for part in [*(text.encode() for text in (kind, __version__, *_library_versions())), *made_from]:
         digest.update(len(part).to_bytes(8, "big"))
         digest.update(part)
     return digest.hexdigest()
+
+
+@cache
+def _library_versions() -> tuple[str, ...]:
+    """Return the installed versions of the libraries that results depend on."""
+    return tuple(version(library) for library in LIBRARIES)
 
 
 def _bytes(part: bytes | NDArray[np.generic]) -> bytes:

@@ -61,7 +61,7 @@ def test_other_code_or_libraries_make_another_entry(folder, monkeypatch):
     cached_arrays("test", [b"x"], make)
     monkeypatch.setattr(cache, "_source_of", lambda make: b"other code")
     cached_arrays("test", [b"x"], make)
-    monkeypatch.setattr(cache, "version", lambda library: "999")
+    monkeypatch.setattr(cache, "_library_versions", lambda: ("999",))
     cached_arrays("test", [b"x"], make)
     assert make.calls == 3
 
