@@ -17,6 +17,7 @@ SHORT_SHARE = 0.01  # of the distance of the joints: a hand whose meshes are all
 SHORT_REACH = 0.01  # m, least reach that lengths are compared with
 UNIT_FACTORS = {1e-3: "millimetres", 1e-2: "centimetres"}  # by their length, m
 MOST_DEGREES = 360.0  # a limit beyond it means no limit
+DEGREES_SHARE = 0.5  # of the revolute joints: limits of fewer beyond a turn are those of geared or tendon-driven joints
 MOST_NAMES = 3  # names in a sentence
 
 
@@ -100,10 +101,10 @@ def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
 
 
 def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
-    """Yield the question about limits of a URDF that look like degrees."""
+    """Yield the question about limits of a URDF most of which look like degrees."""
     limits = {j.name: max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.kind == "revolute"}
     beyond = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
-    if beyond and not robot.source.endswith(".xml"):
+    if len(beyond) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):
         widest = max(limits[name] for name in beyond)
         given = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', beyond)})"
         yield UnitQuestion(given, "if they are degrees, degrees=True says so")

@@ -148,6 +148,14 @@ def test_limits_in_degrees(tmp_path, source):
         assert (link.lower, link.upper) == pytest.approx((other.lower, other.upper), abs=1e-12)
 
 
+def test_few_limits_beyond_a_turn_are_of_geared_joints(tmp_path):
+    """As the three tendons of Tiago's hand, among 36 joints of less than a turn."""
+    path = tmp_path / "hand.urdf"
+    path.write_text(re.sub(r'upper="[^"]*"', 'upper="9.25"', THREE.read_text(), count=2))
+    assert sum(joint.upper == 9.25 for joint in read_robot(path).joints) == 2
+    assert questions(path) == []
+
+
 def test_followers_in_degrees(tmp_path):
     """A slide that follows a hinge: metres per degree, and an offset in metres."""
     trimesh.creation.box([0.02, 0.02, 0.06]).export(tmp_path / "finger.stl")
