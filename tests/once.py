@@ -8,8 +8,10 @@ from pathlib import Path
 import nlpgrasp as ng
 
 ALONE = ng.SolveOptions(workers=1, extras=True)
-# where no bound or price is looked at
-GRASP = ng.SolveOptions(workers=1, global_bound=False, analyses=("delta", "nu", "drawing"))
+# where no bound, price or other quality than mu is looked at
+GRASP = ng.SolveOptions(workers=1, global_bound=False, analyses=("drawing",))
+# all but the volume nu, whose integral in six dimensions takes as long as a solve
+WITHOUT_VOLUME = ng.SolveOptions(workers=1, analyses=("prices", "robustness", "delta", "drawing"))
 
 
 def solve_once(problem, starts, options=ALONE, **more):

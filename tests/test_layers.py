@@ -39,11 +39,17 @@ def module_file(name):
     return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
 
 
+TEXT = re.compile(r'"""[\s\S]*?"""')
+IMPORT = re.compile(r"^[ \t]*((?:from|import) [^\n(]*(?:\([^)]*\))?)", re.MULTILINE)  # statements, also in brackets
+
+
 @lru_cache
 def imports(path):
     """The package's files that a file imports, anywhere in it; also for type checkers alone."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    code = TEXT.sub("", path.read_text(encoding="utf-8"))
+    statements = [text for text in IMPORT.findall(code) if "nlpgrasp" in text]
+    for node in ast.parse("\n".join(statements)).body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "nlpgrasp":
             for alias in node.names:
                 found.add(module_file(f"{node.module}.{alias.name}") or module_file(node.module))

@@ -88,6 +88,7 @@ HANDS = {
         1,
     ),
 }
+FAST = "SO-100"
 SAID = {
     "PR2": "pr2.urdf: taken with the other sign: limits 0 to 0.548 of joint r_gripper_r_parallel_root_joint, which "
     "follows joint r_gripper_l_finger_joint with multiplier -1",
@@ -118,7 +119,7 @@ def test_what_is_wrong_with_a_file_is_said(name):
 
 
 @pytest.mark.filterwarnings(THICKER, "ignore:pr2.urdf", "ignore:so100.urdf")
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n == "Tiago" else ()) for n in HANDS])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == FAST else pytest.mark.slow) for n in HANDS])
 def test_hands_hold_a_sphere(name, tmp_path):
     path, _, tips, radius, _ = HANDS[name]
     contact = ng.SoftContact(0.7, 0.3) if len(tips) == 2 else ng.FrictionContact(0.7)

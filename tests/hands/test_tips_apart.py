@@ -52,6 +52,7 @@ def test_a_small_ball_is_held_by_tips_beside_each_other():
     assert ng.verify(solution)
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_verify_looks_at_the_pairs_that_a_file_states():
     def stated(pairs):
         def state(data):

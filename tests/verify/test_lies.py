@@ -181,6 +181,7 @@ def test_lies_about_a_mesh(name, block):
     assert where in failures(edited(data, change), folder)
 
 
+@pytest.mark.usefixtures("without_link_checks")
 @pytest.mark.parametrize("name", FINGERS)
 def test_lies_about_a_posed_hand(name):
     change, where = FINGERS[name]
@@ -214,6 +215,7 @@ def test_the_honest_files_pass_and_everything_is_made_but_the_expression(block):
         assert {n: str(c) for n, c in recomputed_file(data, *folders).items() if not c.passed} == {}
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_a_row_that_a_longer_quaternion_explains_is_no_lie():
     """The program's quaternion had a length within its tolerance; the file states it at length 1."""
     data = honest.fingers()

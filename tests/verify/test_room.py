@@ -48,6 +48,7 @@ def test_honest_room_passes():
     assert checks["room of joints"].passed, checks["room of joints"]
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_honest_room_without_a_cost_passes():
     def later(data):
         del data["hand"]["room"]["cost"], data["hand"]["room"]["mu_without"]
@@ -70,12 +71,14 @@ LIES = {
 }
 
 
+@pytest.mark.usefixtures("without_link_checks")
 @pytest.mark.parametrize("lie", LIES)
 def test_lies_about_room(lie):
     check, change = LIES[lie]
     assert check in failures(edited(data(), change), FOLDER)
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_joints_near_a_limit_that_are_not_named_fail():
     joint = min(data()["hand"]["room"]["margins"])
     lower = dict(

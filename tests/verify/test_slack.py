@@ -40,6 +40,7 @@ SLACK_OF_A_HAND = {
 }
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_spheres_far_off_lend_no_slack_to_a_hand():
     lie = together(
         *SLACK_OF_A_HAND.values(), row("on fingertip finger_1_tip, finger 0, x", "value", lambda v: v + 1e-4)

@@ -84,6 +84,7 @@ def not_made(checks):
     return [name for name, check in checks.items() if not check.made]
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_older_files_do_not_hold_the_links_spheres():
     def forget(data):
         for key in ("link_spheres", "approach", "watched_pairs", "overlaps", "tips_apart"):

@@ -72,16 +72,19 @@ def test_an_honest_squeeze_passes():
     assert checks["squeeze torques"].passed, checks["squeeze torques"]
 
 
+@pytest.mark.usefixtures("without_link_checks")
 @pytest.mark.parametrize("name", FORCES)
 def test_lies_about_forces(name):
     assert "squeeze" in failures(edited(data(), FORCES[name]), FOLDER)
 
 
+@pytest.mark.usefixtures("without_link_checks")
 @pytest.mark.parametrize("name", TORQUES)
 def test_lies_about_torques(name):
     assert failures(edited(data(), TORQUES[name]), FOLDER)[0] == "squeeze torques"  # its phase has commands of them
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_two_joints_that_change_places():
     torques = list(data()["hand"]["squeeze"]["torques"].items())
     swapped = put((*SQUEEZE, "torques"), dict([torques[1], torques[0], *torques[2:]]))
@@ -110,11 +113,13 @@ def test_that_there_is_no_squeeze_is_refuted_by_forces(half_angle, holds):
     assert check.detail.startswith("none: no forces" if holds else "states that there is none, but forces")
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_a_squeeze_and_none_contradict_each_other():
     file_data = edited(data(), put(("hand", "no_squeeze"), {"reason": "contacts 0, 1, 2 cannot press"}))
     assert failures(file_data, FOLDER)[0] == "squeeze"
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_a_squeeze_without_torques_is_checked_for_its_forces():
     def forces_alone(d):
         for key in ("torques", "jacobians", "gain", "positions", "worst_joint", "worst_share"):

@@ -62,11 +62,13 @@ LIES = {
 }
 
 
+@pytest.mark.usefixtures("without_link_checks")
 @pytest.mark.parametrize("name", LIES)
 def test_lies_about_torques(name):
     assert failures(edited(torques(), LIES[name]), FOLDER) == ["joint torques"]
 
 
+@pytest.mark.usefixtures("without_link_checks")
 def test_limits_that_are_not_the_urdfs_are_the_problems_own():
     checks = recomputed_file(torques(), FOLDER)
     assert checks["joint torques"].passed
