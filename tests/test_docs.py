@@ -37,6 +37,8 @@ SLOW = (
     "task_libraries",
     "gripper_and_part",
     "data_sets",
+    "how_long",
+    "program",
     "05_delta",
     "08_mu",
     "10_optimal_grasp",

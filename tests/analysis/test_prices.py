@@ -1,6 +1,7 @@
 """Shadow prices against new solves with each limit moved by a small step."""
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -42,6 +43,13 @@ EXPECTED = {
 }
 
 
+@cache
+def searched(name, starts=1):
+    """Return a compiled problem, and the best of its starts."""
+    compiled = CompiledProblem(PROBLEMS[name](), OPTIONS)
+    return compiled, best_of(compiled, starts)
+
+
 def best_of(compiled, starts):
     results = [run_start(compiled, i, 0, Deadline()) for i in range(starts)]
     best = max((r for r in results if r.solved), key=lambda r: r.record.mu.upper)
@@ -51,8 +59,7 @@ def best_of(compiled, starts):
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in PROBLEMS])
 def test_prices_predict_solving_again(name):
     problem = PROBLEMS[name]()
-    compiled = CompiledProblem(problem, OPTIONS)
-    best = best_of(compiled, 3)
+    compiled, best = searched(name, 1 if name in FAST else 3)
     prices = {p.name: p for p in shadow_prices(compiled, best, Deadline())}
     assert EXPECTED[name] <= set(prices)
     optimum = best.optimum
@@ -95,9 +102,7 @@ def test_prices_of_a_hand_predict_solving_again():
 
 def test_no_prices_of_an_optimum_far_from_the_grasp():
     """On a mesh the optimum on the smooth surface can be another grasp's."""
-    problem = PROBLEMS["reach and table"]()
-    compiled = CompiledProblem(problem, OPTIONS)
-    best = best_of(compiled, 1)
+    compiled, best = searched("reach and table")
     assert shadow_prices(compiled, best, Deadline())
     half = replace(best.record, mu=ng.Bounds(0.5 * best.record.mu.lower, 0.5 * best.record.mu.upper))
     assert shadow_prices(compiled, replace(best, record=half), Deadline()) == ()

@@ -24,6 +24,7 @@ from tests.hands.described import in_millimetres, two_fingers
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])
 QUICK = ng.SolveOptions(workers=1, global_bound=False)
+UNREFINED = ng.SolveOptions(workers=1, global_bound=False, rounds=0)
 BODY = ng.Cylinder(0.02, 0.1)
 THICKER = "ignore:link .* is thicker than its fingertip:UserWarning"
 RIGHT = np.pi / 2.0
@@ -54,7 +55,7 @@ def deep(tmp_path_factory):
     folder = tmp_path_factory.mktemp("deep")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        problem, solution = solve_grasp(two_fingers(folder, tip_frames=False), DEEP)
+        problem, solution = solve_grasp(two_fingers(folder, tip_frames=False), DEEP, UNREFINED)
     return folder, problem, solution
 
 
@@ -89,7 +90,7 @@ def blocked(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         patch.setattr(PenetrationModel, "on_approach", lambda *_: LinkPenetration(0.0021, "f1", postures=30))
-        return folder, solve_grasp(two_fingers(folder, tip_frames=False), FLUSH)[1]
+        return folder, solve_grasp(two_fingers(folder, tip_frames=False), FLUSH, UNREFINED)[1]
 
 
 def test_links_inside_the_body_on_the_way_in_are_said_first(blocked):

@@ -61,7 +61,7 @@ def held():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     body, contact = ng.Box([0.05, 0.03, 0.03]), ng.SoftContact(0.7, 0.01)
     problem = ng.GraspProblem(body, contact, task, hand=gripper(), name="held box", max_force=40.0)
-    options = ng.SolveOptions(workers=1, rounds=0, final_rtol=0.05)
+    options = ng.SolveOptions(workers=1, rounds=0, global_bound=False, final_rtol=0.05)
     return solve_once(problem, starts=2, options=options)
 
 
@@ -71,7 +71,7 @@ def jaws():
     hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06)
     task = ng.TaskEllipsoid([4.0, 4.0, 4.0, 0.08, 0.08, 0.08])
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.06]), ng.SoftContact(0.6, 0.005), task, hand=hand)
-    options = ng.SolveOptions(workers=1, rounds=0, final_rtol=0.05)
+    options = ng.SolveOptions(workers=1, rounds=0, global_bound=False, final_rtol=0.05)
     return solve_once(problem, starts=1, options=options)
 
 

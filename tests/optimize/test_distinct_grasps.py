@@ -20,7 +20,8 @@ from tests.verify.edits import put
 from tests.verify.stated import edited
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-KEEP, DISTINCT = 8, 0.2
+STARTS, KEEP, DISTINCT = 2, 5, 0.2
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False, analyses=("prices", "delta"))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def solution(problem):
-    return solve_once(problem, starts=3, keep=KEEP, distinct=DISTINCT)
+    return solve_once(problem, STARTS, OPTIONS, keep=KEEP, distinct=DISTINCT)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +73,7 @@ def test_they_are_apart_in_every_order_and_mirror(solution, problem):
 
 @pytest.mark.slow
 def test_a_solve_that_keeps_one_finds_the_same_answer(solution, problem):
-    single = ng.solve(problem, starts=3, options=ng.SolveOptions(workers=1))
+    single = ng.solve(problem, starts=STARTS, options=OPTIONS)
     assert len(single.grasps) == 1
     assert "grasps" not in single.to_dict()
     assert np.array_equal(single.grasp.points, solution.grasp.points)
@@ -157,7 +158,7 @@ def fails(grasp):
 @pytest.mark.parametrize(
     ("accepts", "message"),
     [
-        (lambda grasp: False, "select: got a function that is true for none of 8 grasps"),
+        (lambda grasp: False, "select: got a function that is true for none of 5 grasps"),
         (fails, "select, at grasps[0]: got RuntimeError: the arm is not connected"),
         (lambda grasp: None, "select, at grasps[0]: got None, expected True or False"),
         (lambda grasp: 1, "select, at grasps[0]: got 1, expected True or False"),
@@ -184,7 +185,7 @@ def test_distinct_is_a_share(problem, distinct):
 
 def test_the_table_in_print_names_each(solution):
     lines = str(solution).splitlines()
-    start = next(i for i, line in enumerate(lines) if "8 grasps kept" in line)
+    start = next(i for i, line in enumerate(lines) if "5 grasps kept" in line)
     assert len(lines[start + 1 :]) == KEEP
     assert ", ".join(solution.grasps[-1].faces) in lines[-1]
 
@@ -209,7 +210,7 @@ def test_a_table_of_several_is_read_grasp_by_grasp(solution, tmp_path):
     read = list(reader_of(path).read(path, ReadOptions()))
     assert [item.name for item in read] == [f"contacts.csv, grasp {i}" for i in range(KEEP)]
     assert all(np.array_equal(r.grasp.points, f.grasp.points) for r, f in zip(read, solution.grasps, strict=True))
-    with pytest.raises(ng.InputError, match="grasp: got 8 grasps, expected one"):
+    with pytest.raises(ng.InputError, match="grasp: got 5 grasps, expected one"):
         read_contacts_csv(path)
 
 

@@ -30,7 +30,9 @@ def walled():
 
 @pytest.fixture(scope="module")
 def solution(walled):
-    return ng.solve(walled, starts=4, keep=4, options=OPTIONS)
+    """One start, which finds a free way, and a better grasp without one."""
+    blocked = ng.Grasp([[0.0, -0.03, 0.0], [0.0, 0.03, 0.0]], [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]], walled.models)
+    return ng.solve(walled, starts=1, keep=2, options=OPTIONS, warm_starts=[blocked])
 
 
 def test_the_answer_has_a_free_way_though_a_blocked_one_is_better(solution):

@@ -14,7 +14,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.formatting import format_interval
 from nlpgrasp.errors import InputError
 from nlpgrasp.report import write_pictures, write_report
-from tests.once import solve_once
+from tests.once import WITHOUT_VOLUME, solve_once
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 needs_browser = pytest.mark.skipif(
@@ -42,7 +42,7 @@ def spatial():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="box",
     )
-    return solve_once(problem, starts=1)
+    return solve_once(problem, starts=1, options=WITHOUT_VOLUME)
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
+from nlpgrasp.simulation import hand_protocol
 from nlpgrasp.simulation.hand_outcome import format_outcome, format_row
 from nlpgrasp.simulation.hand_world import HandWorld, Motion, Pose
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
@@ -32,8 +33,11 @@ def held():
 
 @pytest.fixture(scope="module")
 def simulated(held):
+    """The protocol with pushes of half a second: what is lost is lost by then."""
     messages = []
-    return ng.simulate_hand(held, HAND, progress=messages.append), messages
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hand_protocol, "SECONDS", 0.5)
+        return ng.simulate_hand(held, HAND, progress=messages.append), messages
 
 
 def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):

@@ -26,7 +26,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="a <box> & more",
     )
-    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, rounds=0))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, rounds=0, global_bound=False))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,8 @@ def test_mass_and_inertia_of_a_box(box):
 def test_a_planar_grasp_stays_in_its_plane():
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0]))
-    model, data = load_model(mjcf(ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))))
+    options = ng.SolveOptions(workers=1, global_bound=False)
+    model, data = load_model(mjcf(ng.solve(problem, starts=1, options=options)))
     assert model.nv == 3 + 2 * 2
     assert {model.joint(i).name for i in range(3)} == {"object_x", "object_y", "object_turn"}
     for _ in range(100):

@@ -8,7 +8,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.verify.check import Verification
 from tests.hands.urdf import FOLDER
-from tests.once import solve_once
+from tests.once import WITHOUT_VOLUME, solve_once
 from tests.quick import every
 from tests.verify import honest
 from tests.verify.edits import put, row
@@ -27,7 +27,7 @@ def solved():
         hand=ng.Fingertips(3, radius=0.004),
         constraints=[ng.Table(-0.018), ng.Spread(min=0.02)],
     )
-    return json.loads(json.dumps(solve_once(problem, starts=1).to_dict()))
+    return json.loads(json.dumps(solve_once(problem, starts=1, options=WITHOUT_VOLUME).to_dict()))
 
 
 def times(factor):
