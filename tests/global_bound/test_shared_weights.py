@@ -17,7 +17,7 @@ from nlpgrasp.global_bound.shared_weights import CornerContacts
 from tests.global_bound.samples import bent_bar, random_hull, rough_triangles
 from tests.global_bound.test_cells import BUDGETS, CONTACTS, powers_at
 
-OPTIONS = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False, rank="mu", rounds=0)
 pytestmark = pytest.mark.filterwarnings("ignore:the mesh. the smooth surface:UserWarning")  # starts are on triangles
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 

@@ -75,7 +75,7 @@ def test_readme_box_without_the_bound():
 def test_candidates_keep_coupled_constraints(problem):
     compiled = CompiledProblem(problem, QUICK)
     assert compiled.sample_tables.coupled
-    for seed in range(3):
+    for seed in range(2):
         candidates = propose(compiled, np.random.default_rng(seed))
         assert candidates
         assert all(compiled.violation(candidate) <= FEASIBLE for candidate in candidates)

@@ -26,8 +26,13 @@ def square(contacts=2, **more):
     return ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * contacts, ng.TaskEllipsoid([1.0] * 3), **more)
 
 
-def test_a_solution_says_how_far_it_is_from_the_best():
-    solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
+@pytest.fixture(scope="module")
+def bounded():
+    return ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
+
+
+def test_a_solution_says_how_far_it_is_from_the_best(bounded):
+    solution = bounded
     assert solution.mu.lower <= 0.44721 * (1 + 1e-4) <= solution.best_possible * (1 + 2e-4)
     assert solution.gap == pytest.approx(solution.best_possible / solution.mu.lower - 1, rel=1e-12)
     assert f"no placement is more than {format_upper(100.0 * solution.gap)}% better" in str(solution)
@@ -43,8 +48,8 @@ def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
     assert ng.verify(solution.save(tmp_path / "square.json"))
 
 
-def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkeypatch):
-    solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
+def test_a_large_certificate_goes_to_a_file_beside_the_solution(bounded, tmp_path, monkeypatch):
+    solution = bounded
     assert list(solution.save(tmp_path / "small.json").parent.iterdir()) == [tmp_path / "small.json"]
     monkeypatch.setattr("nlpgrasp.solution.quality_record.SMALL", 150)
     assert "certificate" not in solution.to_dict()["quality"]["best_possible"]
@@ -116,7 +121,7 @@ def test_no_look_where_none_is_wanted_or_possible():
     assert "best_possible" not in without.to_dict()["quality"]
     round_ = ng.PlanarImplicit(lambda p: p[0] ** 4 + p[1] ** 4 - 1, [[-2, -2], [2, 2]])
     problem = ng.GraspProblem(round_, [ng.LineContact(0.5, 0.2)] * 2, ng.TaskEllipsoid([1.0] * 3))
-    assert ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK)).best_possible == math.inf
+    assert ng.solve(problem, starts=1, options=ng.SolveOptions(rounds=0, **QUICK)).best_possible == math.inf
 
 
 def test_a_bound_without_a_grasp_proves_that_there_is_none():
@@ -152,8 +157,8 @@ def test_gaps_out_of_range(gap):
     ],
     ids=["below the grasp", "too low", "gap"],
 )
-def test_a_file_that_lies_about_the_bound_is_not_verified(changes, check):
-    data = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK)).to_dict()
+def test_a_file_that_lies_about_the_bound_is_not_verified(changes, check, bounded):
+    data = bounded.to_dict()
     quality = data["quality"]
     assert ng.verify(ng.GraspSolution.from_dict(data))
     edited = {**quality["best_possible"], **changes(quality["best_possible"], quality["mu"]["lower"])}
@@ -163,7 +168,7 @@ def test_a_file_that_lies_about_the_bound_is_not_verified(changes, check):
 
 def test_the_same_seed_gives_the_same_answer_and_bound():
     options = ng.SolveOptions(**QUICK)
-    first, again = (ng.solve(square(3), starts=2, seed=5, options=options) for _ in range(2))
+    first, again = (ng.solve(square(3), starts=1, seed=5, options=options) for _ in range(2))
     assert np.array_equal(first.grasp.points, again.grasp.points)
     assert first.best_possible == again.best_possible
 

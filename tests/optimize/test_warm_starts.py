@@ -19,7 +19,7 @@ def box(friction=0.6, **more):
 
 @pytest.fixture(scope="module")
 def known():
-    return ng.solve(box(), 4, options=OPTIONS)
+    return ng.solve(box(), 2, options=OPTIONS)
 
 
 @pytest.mark.parametrize("kind", ["solution", "found", "grasp"])

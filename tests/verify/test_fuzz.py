@@ -49,7 +49,7 @@ def said(data):
 
 @pytest.mark.parametrize(
     ("make", "edits"),
-    [(honest.planar, 60), pytest.param(honest.solved, 25, marks=pytest.mark.slow)],
+    [(honest.planar, 30), pytest.param(honest.solved, 25, marks=pytest.mark.slow)],
     ids=["plane", "space"],
 )
 def test_no_edit_ends_in_a_traceback(make, edits):

@@ -9,6 +9,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.global_bound.cells import mesh_cells as mesh
+from nlpgrasp.optimize import global_search
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.bound.stated_cells import halve_triangles
 from nlpgrasp.verify.sources import SourceFolders
@@ -42,7 +43,9 @@ def few_pieces(directory, name):
     if name not in _DATA:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(mesh, "ENOUGH", FEW)
-            _DATA[name] = bound_data(directory, name, 1000)
+            patch.setattr(global_search, "FIRST_STARTS", 1)
+            patch.setattr(global_search, "LEAST_NODES", 10_000)
+            _DATA[name] = bound_data(directory, name, 300)
     return json.loads(_DATA[name])
 
 
@@ -50,7 +53,7 @@ def bound_data(directory, name, nodes):
     """Return the text of a bound file after a search of about so many nodes."""
     contacts, fields = PROBLEMS[name]
     problem = ng.GraspProblem(ng.Mesh.load(directory / "bar.ply", resolution=8), contacts, TASK, **fields)
-    tree, bound = BranchAndBound(problem, 0.01), ng.best_possible(problem, 0.5)
+    tree, bound = BranchAndBound(problem, 0.01), ng.best_possible(problem, 1.0)
     tree.update_incumbent(bound.mu.lower)
     tree.branch(nodes)
     upper, certificate = tree.certificate()
