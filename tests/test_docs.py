@@ -39,6 +39,7 @@ SLOW = (
     "data_sets",
     "how_long",
     "program",
+    "grasp_metrics",
     "05_delta",
     "08_mu",
     "10_optimal_grasp",

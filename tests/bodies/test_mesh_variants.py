@@ -112,8 +112,8 @@ def coarse_body(mesh):
 def firm_points(body):
     """Return four sampled points (4, 3) of a mesh, metres, at which frictional contacts exert any wrench."""
     points, normals = body.surface_samples(400, np.random.default_rng(1))
-    for first in range(0, 400, 4):
-        chosen = slice(first, first + 4)
+    for start in range(0, 400, 4):
+        chosen = slice(start, start + 4)
         if hold(points[chosen], -normals[chosen], body.centroid, 0.05).lower > 0.02:
             return points[chosen]
     raise AssertionError("no firm grasp among a hundred")

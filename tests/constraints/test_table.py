@@ -7,7 +7,7 @@ import nlpgrasp as ng
 from nlpgrasp.constraints import constraint_from_dict
 from nlpgrasp.constraints.table import THIN_FINGER
 
-QUICK = ng.SolveOptions(workers=1)
+QUICK = ng.SolveOptions(workers=1, global_bound=False)
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 

@@ -74,7 +74,7 @@ def test_halved_triangles_are_the_surface_again():
         pytest.param(
             *(random_hull, [ng.SoftContact(0.5, 0.2)] * 2, {"force_budget": "per_finger"}), marks=pytest.mark.slow
         ),
-        (bent_bar, [ng.FrictionContact(0.5)] * 4, {}),
+        pytest.param(bent_bar, [ng.FrictionContact(0.5)] * 4, {}, marks=pytest.mark.slow),
         pytest.param(
             *(bent_bar, [ng.SoftContact(0.5, 0.2), ng.FrictionContact(0.8), ng.PointContact()], {}),
             marks=pytest.mark.slow,

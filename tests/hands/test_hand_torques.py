@@ -14,7 +14,7 @@ from tests.once import solve_once
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 THREE = ng.Grasp(np.eye(3), -np.eye(3), [ng.FrictionContact(0.5)] * 3)
-ONE = ng.SolveOptions(workers=1)
+ONE = ng.SolveOptions(workers=1, global_bound=False)
 INNER = {"index_tip": 0.011, "index_middle": 0.009, "thumb_tip": 0.011, "ring_tip": 0.011}
 
 
@@ -22,14 +22,22 @@ def problem(hand, contact=None, budget="hand_torques"):
     return ng.GraspProblem(ng.Sphere(0.03), contact or ng.FrictionContact(0.7), TASK, hand=hand, force_budget=budget)
 
 
+SHARED_JOINTS = ng.URDFHand.load(FOUR, INNER, 0.7)
+
+
 @pytest.fixture(scope="module")
 def solved():
     return solve_once(problem(four_finger_hand()), 1, options=ONE)
 
 
-@pytest.mark.parametrize("contact", [ng.FrictionContact(0.6), ng.SoftContact(0.6, 0.004, model="elliptic")])
 @pytest.mark.parametrize(
-    "hand", [four_finger_hand(), ng.URDFHand.load(FOUR, INNER, 0.7)], ids=["tips", "shared joints"]
+    ("hand", "contact"),
+    [
+        (four_finger_hand(), ng.FrictionContact(0.6)),
+        (SHARED_JOINTS, ng.SoftContact(0.6, 0.004, model="elliptic")),
+        pytest.param(four_finger_hand(), ng.SoftContact(0.6, 0.004, model="elliptic"), marks=pytest.mark.slow),
+        pytest.param(SHARED_JOINTS, ng.FrictionContact(0.6), marks=pytest.mark.slow),
+    ],
 )
 def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     stated_problem = problem(hand, contact)

@@ -138,7 +138,7 @@ def test_panda_touches_with_its_rubber_tips():
     ("name", "path", "radius"),
     [
         pytest.param("allegro", ALLEGRO.format("right"), 0.03, marks=pytest.mark.slow),
-        ("panda", PANDA, 0.025),
+        pytest.param("panda", PANDA, 0.025, marks=pytest.mark.slow),
     ],
 )
 def test_presets_hold_a_sphere(name, path, radius):

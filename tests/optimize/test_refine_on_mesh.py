@@ -13,6 +13,7 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import NEIGHBOURHOOD, exchange_nearby
 from nlpgrasp.optimize.refine_on_body import refine_on_body, refine_on_triangles
 from nlpgrasp.optimize.start import run_start
+from tests.quick import first
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 
@@ -41,7 +42,7 @@ def around(compiled, seed):
     return GraspCandidate(compiled.problem.body.face_names * 4, cloud.points[cloud.tree.query(targets)[1]])
 
 
-@pytest.mark.parametrize("body", [ball, brick])
+@pytest.mark.parametrize("body", first(1, [brick, ball]))
 def test_contacts_are_on_triangles_with_their_normals_and_off_edges(body):
     compiled = compiled_problem(body())
     candidate = around(compiled, 0)

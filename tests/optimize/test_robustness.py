@@ -24,7 +24,7 @@ def problem(body):
 
 @pytest.fixture(scope="module")
 def ellipsoid():
-    return solve_once(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=OPTIONS)
+    return solve_once(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 1, options=OPTIONS)
 
 
 @pytest.mark.slow

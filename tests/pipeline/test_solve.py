@@ -158,13 +158,13 @@ def test_planar_face_assignments_are_enumerated():
     assert solution.mu.upper == pytest.approx(0.37993, abs=1e-4)
 
 
-@pytest.mark.parametrize(("seconds", "workers"), [(3.0, 1), pytest.param(4.0, 2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("seconds", "workers"), [(1.5, 1), pytest.param(4.0, 2, marks=pytest.mark.slow)])
 def test_time_limit_is_honoured_and_keeps_the_best(seconds, workers):
     begun = time.monotonic()
     options = ng.SolveOptions(time_limit=seconds, workers=workers)
-    solution = ng.solve(ellipsoid(), starts=200, options=options)
+    solution = ng.solve(square(), starts=2000, options=options)
     assert solution.status is ng.Status.TIME_LIMIT
-    assert solution.mu.lower > 0.5
+    assert solution.mu.lower > 0.3
     assert time.monotonic() - begun < seconds + 15.0  # the grace of running certificates, on a busy machine
 
 

@@ -10,7 +10,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.grasp_on_body import edge_distances
 from tests.quick import first
 
-QUICK = ng.SolveOptions(workers=1)
+QUICK = ng.SolveOptions(workers=1, global_bound=False)
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 FLAT_TASK = ng.TaskEllipsoid([1, 1, 0.03])
 BODIES = {

@@ -8,14 +8,14 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.report import write_report
-from tests.once import solve_once
+from tests.once import WITHOUT_VOLUME, solve_once
 
 
 @pytest.fixture(scope="module")
 def several():
     plate = ng.Polygon([[-0.04, -0.02], [0.04, -0.02], [0.04, 0.02], [-0.04, 0.02]])
     problem = ng.GraspProblem(plate, [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 0.02]))
-    return solve_once(problem, starts=6, keep=4)
+    return solve_once(problem, 3, WITHOUT_VOLUME, keep=4)
 
 
 def page_text_and_data(page):

@@ -8,6 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from tests.hands.urdf import three_finger_hand
+from tests.once import solve_once
 from tests.verify.stated import problem_of, stated_file
 
 
@@ -77,7 +78,7 @@ QUICK = ng.SolveOptions(workers=1, rounds=0, rtol=0.05, final_rtol=0.02)
 def solved():
     """The file of a solve in space."""
     problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
-    return ng.solve(problem, starts=1, options=replace(QUICK, analyses=["robustness", "delta", "nu"])).to_dict()
+    return solve_once(problem, 1, replace(QUICK, analyses=["robustness", "delta", "nu"])).to_dict()
 
 
 @cache
@@ -87,4 +88,4 @@ def planar():
     constraints, hand = [ng.Table(-0.03)], ng.Fingertips(3, 0.004, spread=0.2)
     task = ng.TaskEllipsoid([1.0, 1.0, 0.02])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, task, constraints=constraints, hand=hand)
-    return ng.solve(problem, starts=2, options=QUICK).to_dict()
+    return solve_once(problem, 2, QUICK).to_dict()
