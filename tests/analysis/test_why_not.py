@@ -122,16 +122,30 @@ def test_rows_are_grouped_by_constraint_and_by_kind():
     assert group_names(CompiledProblem(problem, OPTIONS)) == groups
 
 
-def test_a_table_without_which_there_is_a_grasp_is_named_with_the_room_that_it_takes():
+RECTANGLE = [[-0.06, -0.006], [0.06, -0.006], [0.06, 0.006], [-0.06, 0.006]]
+
+
+@pytest.mark.parametrize(
+    ("plate", "contact", "obstacle"),
+    [
+        (ng.Polygon(RECTANGLE), ng.FrictionContact(0.6), ng.Obstacle(ng.Polygon(RECTANGLE), position=[0.2, 0.0])),
+        pytest.param(
+            *(ng.Box([0.12, 0.1, 0.012]), ng.SoftContact(0.6, 0.005)),
+            ng.Obstacle(ng.Sphere(0.01), position=[0.2, 0.0, 0.0]),
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["plane", "space"],
+)
+def test_a_table_without_which_there_is_a_grasp_is_named_with_the_room_that_it_takes(plate, contact, obstacle):
     """Jaws that are too narrow for a plate's sides take it from above and below, where the table is."""
     from nlpgrasp.analysis.infeasibility import surroundings_in_the_way
     from nlpgrasp.common.deadline import Deadline
     from nlpgrasp.optimize.compiled_problem import CompiledProblem
 
-    plate = ng.Box([0.12, 0.1, 0.012])
-    surroundings = [ng.Table.under(plate, clearance=0.003), ng.Obstacle(ng.Sphere(0.01), position=[0.2, 0.0, 0.0])]
-    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])
-    problem = ng.GraspProblem(plate, ng.SoftContact(0.6, 0.005), task, ng.ParallelJaw(0.08), surroundings)
+    surroundings = [ng.Table.under(plate, clearance=0.003), obstacle]
+    task = ng.TaskEllipsoid([1.0] * plate.space + [0.01] * (3 if plate.space == 3 else 1))
+    problem = ng.GraspProblem(plate, [contact] * 2, task, ng.ParallelJaw(0.08), surroundings)
     compiled = CompiledProblem(problem, OPTIONS)
     sentences = list(surroundings_in_the_way(compiled, (), 0, Deadline()))
     assert sentences == ["Without the table a start finds a grasp, which takes 3 mm more room there."]

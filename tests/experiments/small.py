@@ -4,7 +4,7 @@ from pathlib import Path
 
 import nlpgrasp as ng
 
-QUICK = ng.SolveOptions(rounds=2, rtol=0.1, final_rtol=0.05)
+QUICK = ng.SolveOptions(rounds=2, rtol=0.1, final_rtol=0.05, global_bound=False)
 SCRIPT = Path(__file__).with_name("script_small.py")
 
 
