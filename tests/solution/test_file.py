@@ -3,7 +3,7 @@
 import copy
 import json
 from dataclasses import replace
-from itertools import cycle, repeat
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -145,25 +145,15 @@ WRONG = (None, "text", 1e300, [], {}, -1.0, True, [[["x"]]])
 
 @pytest.mark.slow
 def test_a_wrong_value_anywhere_is_refused_or_read_never_a_crash(data):
-    """Every sixth entry of a good file replaced in turn, by one wrong value after another."""
-    refused_or_read(data, cycle(WRONG), every=6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("wrong", WRONG, ids=repr)
-def test_each_wrong_value_anywhere(data, wrong):
-    refused_or_read(data, repeat(wrong))
-
-
-def refused_or_read(data, values, every=1):
-    messages = [message_of(changed) for changed in replaced(data, values, every)]
+    """Every entry of a good file replaced in turn, by one wrong value after another."""
+    messages = [message_of(changed) for changed in replaced(data, cycle(WRONG))]
     assert sum(message is not None for message in messages) > 20
     assert not any("\n" in message for message in messages if message)
 
 
-def replaced(data, values, every):
-    """Yield copies of the data with each entry in turn replaced, or only some of them."""
-    for path, wrong in zip(list(paths_of(data))[::every], values, strict=False):
+def replaced(data, values):
+    """Yield copies of the data with each entry in turn replaced."""
+    for path, wrong in zip(list(paths_of(data)), values, strict=False):
         changed = copy.deepcopy(data)
         inner = changed
         for key in path[:-1]:
