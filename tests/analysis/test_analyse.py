@@ -133,7 +133,7 @@ def test_phases_of_a_hand():
 def test_contacts_along_links_are_found_again(problems_folder):
     """Where along a link each contact is follows from the contacts: files state postures alone."""
     problem = load_problem(problems_folder / "power_grasp.py")
-    solved = ng.solve(problem, 3, options=MU)
+    solved = ng.solve(problem, 1, options=MU)
     values = problem.hand.values_at(solved.hand, solved.grasp.points)
     poses = problem.hand.tree.body_poses(values)
     slides = iter(values["slides"])

@@ -72,12 +72,18 @@ def test_prices_predict_solving_again(name):
         assert moved.value - optimum.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
 
 
-@pytest.mark.slow
-def test_prices_of_a_hand():
-    """Joint limits and clearance of a 16-joint hand: the clearance's price against solving again."""
+@pytest.fixture(scope="module")
+def with_hand():
+    """Return a compiled problem with a 16-joint hand, and the best of its starts."""
     problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
     compiled = CompiledProblem(problem, OPTIONS)
-    best = best_of(compiled, 2)
+    return compiled, best_of(compiled, 2)
+
+
+@pytest.mark.slow
+def test_prices_of_a_hand(with_hand):
+    """Joint limits and clearance of a 16-joint hand."""
+    compiled, best = with_hand
     prices = {p.name: p for p in shadow_prices(compiled, best, Deadline())}
     assert prices["friction of all contacts"].gain > 0.0
     assert all(p.gain > 0.0 for name, p in prices.items() if name.endswith("limit"))
@@ -85,10 +91,9 @@ def test_prices_of_a_hand():
 
 
 @pytest.mark.slow
-def test_prices_of_a_hand_predict_solving_again():
-    problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
-    compiled = CompiledProblem(problem, OPTIONS)
-    start = best_of(compiled, 2).optimum.candidate
+def test_prices_of_a_hand_predict_solving_again(with_hand):
+    compiled, best = with_hand
+    problem, start = compiled.problem, best.optimum.candidate
     optimum = find_local_optimum(
         compiled, start, Deadline()
     )  # from where the others begin: optima may be next to each other

@@ -14,12 +14,16 @@ def solve(contacts, starts=2, body=BODY, **fields):
     return ng.solve(ng.GraspProblem(body, contacts, TASK, **fields), starts, options=OPTIONS)
 
 
-@pytest.mark.slow
-def test_one_constraint_that_cannot_be_kept():
+@pytest.fixture(scope="module")
+def spread():
     """Four points of the ellipsoid are at most 60 mm apart from each other (two of them at the ends, two across)."""
-    solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
-    assert solution.status is ng.Status.LOCALLY_INFEASIBLE
-    diagnosis = solution.why_not
+    return solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
+
+
+@pytest.mark.slow
+def test_one_constraint_that_cannot_be_kept(spread):
+    assert spread.status is ng.Status.LOCALLY_INFEASIBLE
+    diagnosis = spread.why_not
     assert diagnosis.locally_infeasible
     (conflict,) = diagnosis.conflicts
     assert conflict.name == "spread"
@@ -43,9 +47,8 @@ def test_constraints_that_contradict_each_other_are_both_named():
 
 
 @pytest.mark.slow
-def test_relaxing_by_what_is_advised_gives_a_grasp():
-    solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
-    (conflict,) = solution.why_not.conflicts
+def test_relaxing_by_what_is_advised_gives_a_grasp(spread):
+    (conflict,) = spread.why_not.conflicts
     relaxed = ng.Spread(min=0.08 - conflict.excess - 0.004)
     relaxed_solution = solve([ng.FrictionContact(0.6)] * 4, 4, constraints=[relaxed])
     assert relaxed_solution.status is not ng.Status.LOCALLY_INFEASIBLE
@@ -73,12 +76,11 @@ def test_more_friction_is_advised_where_it_helps():
 
 
 @pytest.mark.slow
-def test_diagnosis_survives_the_file(tmp_path):
-    solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
-    path = solution.save(tmp_path / "none.json")
+def test_diagnosis_survives_the_file(spread, tmp_path):
+    path = spread.save(tmp_path / "none.json")
     loaded = ng.GraspSolution.load(path)
     assert loaded.status is ng.Status.LOCALLY_INFEASIBLE
-    assert str(loaded.why_not) == str(solution.why_not)
+    assert str(loaded.why_not) == str(spread.why_not)
     assert not ng.verify(path)
 
 
