@@ -216,7 +216,7 @@ def test_contacts_leave_room_for_a_gripper_from_above():
     task = ng.TaskEllipsoid([1.0, 1.0, 0.2, 0.03, 0.03, 0.03])
     unconstrained, above = (
         ng.solve(
-            ng.GraspProblem(body, SOFT, task, hand=ng.ParallelJaw(0.08), constraints=constraints), 4, options=OPTIONS
+            ng.GraspProblem(body, SOFT, task, hand=ng.ParallelJaw(0.08), constraints=constraints), 2, options=OPTIONS
         )
         for constraints in ([], [ng.Approach([0, 0, -1], 0.3)])
     )

@@ -1,7 +1,8 @@
-"""Forty grasps of six hands, two of them badly described, against MuJoCo's distances between links and bodies."""
+"""Grasps of six hands, two of them badly described, against MuJoCo's distances between links and bodies."""
 
 import math
 import warnings
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,14 +31,13 @@ BODIES = {
     ),
 }
 ALLOWED = 1.1e-3  # metres: the tolerance, and a tenth of a millimetre between two measurements
-EVERY = [(body, seed) for seed in (0, 1) for body in BODIES]
 HANDS = {
-    "leap": EVERY[:7],
-    "barrett": EVERY[:7],
-    "four fingers": EVERY[:7],
-    "three fingers": EVERY[:7],
-    "phantom tips": EVERY[:6],
-    "millimetres": EVERY[:6],
+    "leap": ("box", "sphere"),
+    "barrett": ("ellipsoid", "cylinder"),
+    "four fingers": ("sphere", "cylinder"),
+    "three fingers": ("box", "ellipsoid"),
+    "phantom tips": ("cylinder", "box"),
+    "millimetres": ("sphere", "ellipsoid"),
 }
 
 
@@ -112,21 +112,20 @@ def mujoco_depth(described, solution, kind, size):
     return max(0.0, *(-mujoco.mj_geomDistance(model, data, g, held_geom, 0.05, between) for g in geoms))
 
 
-def test_there_are_forty():
-    assert sum(map(len, HANDS.values())) == 40
-    assert len(HANDS) == 6
+def test_every_body_is_tried_with_three_hands():
+    assert Counter(body for bodies in HANDS.values() for body in bodies) == dict.fromkeys(BODIES, 3)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize(("name", "body", "seed"), [(h, *case) for h, cases in HANDS.items() for case in cases])
-def test_no_grasp_is_called_solved_with_a_link_inside_or_a_tip_off_its_link(hands, name, body, seed, tmp_path):
+@pytest.mark.parametrize(("name", "body"), [(name, body) for name, bodies in HANDS.items() for body in bodies])
+def test_no_grasp_is_called_solved_with_a_link_inside_or_a_tip_off_its_link(hands, name, body, tmp_path):
     described = hands(name)
     hand, s = described.hand, described.size
     make, geom = BODIES[body]
     contact = ng.SoftContact(0.7, 0.006) if hand.count == 2 else ng.FrictionContact(0.7)
     problem = ng.GraspProblem(make(s), contact, ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01]), hand=hand, name=name)
-    solution = ng.solve(problem, starts=1, seed=seed, options=OPTIONS)
+    solution = ng.solve(problem, starts=1, options=OPTIONS)
     if solution.grasp is None:
         assert not solution.success
         return

@@ -176,17 +176,16 @@ def test_a_links_own_shape_is_its_fingertip():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* reaches 2.0 mm beyond the shapes of its link")  # a thinner link behind the tip
-@pytest.mark.parametrize(
-    "body", [ng.Ellipsoid([0.05, 0.035, 0.03]), ng.Box([0.07, 0.06, 0.05])], ids=["ellipsoid", "box"]
-)
-def test_capsules_hold_no_less_than_their_ends(body, tmp_path):
+def test_capsules_hold_no_less_than_their_ends(tmp_path):
     """A hand of capsules finds a grasp that verify confirms, about as good at least as with spheres at their ends."""
     links = [f"{finger}_tip" for finger in ("index", "middle", "thumb")]
     solutions = []
     for tip in (ng.SphereTip(0.011), ng.CapsuleTip(0.011, [0.0, 0.0, -0.01], [0.0, 0.0, 0.0])):
         hand = ng.URDFHand.load(FOUR, dict.fromkeys(links, tip), approach=[1.0, 0.0, 0.0])
         task = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3)
-        problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand, edge_margin=0.0)
+        problem = ng.GraspProblem(
+            ng.Ellipsoid([0.05, 0.035, 0.03]), ng.FrictionContact(0.7), task, hand=hand, edge_margin=0.0
+        )
         solutions.append(ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1)))
     spheres, capsules = solutions
     assert capsules.mu.upper > 0.95 * spheres.mu.lower

@@ -230,19 +230,28 @@ def test_a_tolerance_is_an_option_and_is_told(tmp_path):
     assert "inside the body" in verification.verdict
 
 
+@pytest.fixture(scope="module")
+def floating(tmp_path_factory):
+    """A grasp with fingertips off their links, and the file of its hand."""
+    path = two_fingers(tmp_path_factory.mktemp("floating"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return path, solve_grasp(path, FLOATING)[1]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings(FLOATS, THICKER)
-def test_fingertips_off_their_links_are_said(tmp_path):
-    path = two_fingers(tmp_path)
-    _, solution = solve_grasp(path, FLOATING)
+def test_fingertips_off_their_links_are_said(floating):
+    path, solution = floating
+    folder = path.parent
     gaps = solution.hand["tip_gaps"]
     assert max(gaps) == pytest.approx(0.01, abs=1e-3)
     assert "mm off its fingertip's link t" in solution.title
-    verification = ng.verify(solution.save(tmp_path / "two.json"))
+    verification = ng.verify(solution.save(folder / "two.json"))
     assert "mm off its fingertip's link t" in verification.verdict
-    data = json.loads((tmp_path / "two.json").read_text())
+    data = json.loads((folder / "two.json").read_text())
     data["hand"]["tip_gaps"] = [0.0, 0.0]
-    lie = ng.verify(ng.GraspSolution.from_dict(data), folders=[tmp_path])
+    lie = ng.verify(ng.GraspSolution.from_dict(data), folders=[folder])
     assert [check.name for check in lie.checks if check.failed] == ["contacts on their links"]
 
 
@@ -279,9 +288,8 @@ def test_the_overhang_that_the_error_names_is_accepted(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings(FLOATS, THICKER)
-def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
-    path = two_fingers(tmp_path)
-    _, solution = solve_grasp(path, FLOATING)
+def test_scenes_leave_out_fingertips_that_are_not_there(floating):
+    path, solution = floating
     scene = mjcf_with_hand(solution, path)
     assert "fingertip_0" not in scene
     without_gaps = replace(solution, hand={**solution.hand, "tip_gaps": [0.0, 0.0]})
