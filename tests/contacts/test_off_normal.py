@@ -7,7 +7,7 @@ import nlpgrasp as ng
 from nlpgrasp.contacts.pad import is_off_normal
 from nlpgrasp.optimize.surface_samples import SurfaceSamples
 
-PADS = [ng.PlaneContact(extents=(0.01, 0.006), friction=0.6, direction=[0, 0, 1])] * 2
+PADS = [ng.PlaneContact(extents=(0.01, 0.006), friction=0.6, direction=[0, 0, 1], model="box")] * 2
 TASK = ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3)
 
 
