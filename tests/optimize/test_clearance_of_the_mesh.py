@@ -32,9 +32,8 @@ def test_more_clearance_moves_the_limits_of_these_rows_alone():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_the_end_keeps_clearances_of_the_mesh(seed):
-    solution = ng.solve(problem(), 1, seed, ng.SolveOptions(workers=1, global_bound=False))
+def test_the_end_keeps_clearances_of_the_mesh():
+    solution = ng.solve(problem(), 1, 0, ng.SolveOptions(workers=1, global_bound=False))
     assert STEP in solution.winner.message, solution.kkt.reason
     own = [row for row in solution.constraints if row.kind == "clearance from the body"]
     assert own

@@ -141,7 +141,7 @@ def test_solve_states_margins_and_verify_agrees(tmp_path):
     hand = four_finger_hand()
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, hand=hand)
     without_margins, with_margins = (
-        ng.solve(problem, 2, options=ng.SolveOptions(workers=1, joint_margin=margin, global_bound=False))
+        ng.solve(problem, 1, options=ng.SolveOptions(workers=1, joint_margin=margin, global_bound=False))
         for margin in (0.0, 0.052)
     )
     assert "room" not in without_margins.hand

@@ -70,12 +70,11 @@ def test_exchanges_nearby_lead_to_other_triangles():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_a_start_on_a_ball_is_nearly_as_good_as_a_tetrahedron(seed):
+def test_a_start_on_a_ball_is_nearly_as_good_as_a_tetrahedron():
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
     points, outward, _ = ball().closest(0.03 * corners / np.sqrt(3.0))
     compiled = compiled_problem(ball())
-    start = run_start(compiled, 0, seed, Deadline())
+    start = run_start(compiled, 0, 0, Deadline())
     assert start.record.mu.upper >= 0.98 * ng.mu(compiled.grasp_at(points, -outward), TASK).upper
 
 
