@@ -166,10 +166,10 @@ def test_no_step_is_lost_where_a_task_turns():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [4, 6, 7, 13, 24, 27, 28])
+@pytest.mark.parametrize("number", [6, 13, 28])
 def test_random_paths_against_cold_solves(number):
     """The hard ones: another basin is best, descents flatter, or hardly any start finds a grasp."""
-    one = compared(number)
+    one = compared(number, (0, 3, 7))
     assert one.ratio >= 0.97
     assert one.lost == 0
 
