@@ -1,6 +1,6 @@
 """Global bound: gap against CPU time, hit rate of default solves, and their spread over seeds.
 
-Parts: ``gaps``, ``meshes``, ``hits``, ``peg``, ``hands``; ``best:hits:0:20`` runs the first 20 problems
+Parts: ``gaps``, ``meshes``, ``hits``, ``peg``, ``brute``, ``hands``; ``best:hits:0:20`` runs the first 20 problems
 of the hit rate.
 """
 
@@ -14,18 +14,25 @@ from benchmarks.best_problems import gap_problems, hit_problem
 from benchmarks.outside import MESHES, MISSING, load_mesh
 from problems.peg_in_hole import problem as peg
 from tests.global_bound.brute_force.cases import Case
+from tests.global_bound.brute_force.compare import compare, format_comparison
 from tests.global_bound.brute_force.search import BruteForce
 
 TIMES = (1.0, 3.0, 10.0, 30.0, 60.0)
 FINE = 0.005  # relative gap at which searches for the best known grasp end
-HITS, SEEDS, PEG_SEEDS = 60, 2, 10
+HITS, SEEDS, PEG_SEEDS, MANY = 60, 2, 10, 2000
 LOOKED = 4.0  # seconds of wall time of such a search
 NEAR, LOW = 0.98, 0.90
 OPTIONS = ng.SolveOptions(workers=1, rank="mu")
 
 
 def run(part=None, first=0, last=HITS):
-    parts = {"gaps": gaps, "meshes": meshes, "hits": lambda: hits(range(int(first), int(last))), "peg": pegs}
+    parts = {
+        "gaps": gaps,
+        "meshes": meshes,
+        "hits": lambda: hits(range(int(first), int(last))),
+        "peg": pegs,
+        "brute": brute,
+    }
     parts["hands"] = hand_budgets.run
     for name in parts if part is None else (part,):
         parts[name]()
@@ -109,6 +116,16 @@ def hits(numbers):
     print(
         f"{without_grasp} without a grasp where there is one (aim 0); {np.median(seconds):.1f} s a solve in the median"
     )
+
+
+def brute():
+    """Print the random problems in which brute force finds a grasp above the bound, and how often it comes near."""
+    comparisons = [comparison for number in range(MANY) if (comparison := compare(number)) is not None]
+    for comparison in comparisons:
+        if not comparison.holds:
+            print(format_comparison(comparison))
+    near = np.mean([comparison.near(0.05) for comparison in comparisons])
+    print(f"{len(comparisons)} problems; brute force within 5 % of the bound in {100.0 * near:.0f} % of them")
 
 
 def solves(problem, seeds):

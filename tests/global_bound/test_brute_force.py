@@ -11,7 +11,11 @@ from tests.global_bound.brute_force.compare import compare, format_comparison
 from tests.global_bound.brute_force.places import faces_of
 from tests.global_bound.brute_force.search import BruteForce
 
-MANY = 2000
+# the first random problem of each kind of body under each force budget; `best:brute` has two thousand
+EACH = (
+    *(0, 1, 2, 4, 7, 9, 13, 17, 27, 28, 31, 32, 36, 38, 40),
+    *(42, 43, 50, 64, 66, 75, 104, 121, 163, 166, 175, 179, 234, 254),
+)
 SPATIAL = (10_004, 10_016, 10_024, 10_033)  # quick spatial problems
 NEAR, SHARE = 0.05, 0.25  # brute force comes within 5 % of the bound in a third of the problems
 
@@ -35,10 +39,8 @@ def test_no_grasp_of_brute_force_is_above_the_bound():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Grasp.normals", "ignore:the mesh. the smooth surface")
-def test_no_grasp_of_brute_force_is_above_the_bound_in_many_problems():
-    violating, near_share = violations(range(MANY))
-    assert violating == []
-    assert near_share >= SHARE
+def test_nor_with_any_body_under_any_budget():
+    assert violations(EACH)[0] == []
 
 
 def square():

@@ -85,9 +85,8 @@ def test_halved_triangles_are_the_surface_again():
         ),
     ],
 )
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
-def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
-    rng = np.random.default_rng(seed)
+def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more):
+    rng = np.random.default_rng(0)
     problem = mesh_problem(make(rng), contacts, **more)
     search = run_search(problem, 80)
     upper, data = search.certificate()
