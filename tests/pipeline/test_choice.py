@@ -116,15 +116,14 @@ def test_the_start_with_more_mu_is_named():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_rounded_rectangle_is_not_held_by_its_corners(workers):
+def test_a_rounded_rectangle_is_not_held_by_its_corners():
     """The best mu is at rounded corners, where 2 mm is everything; along the sides 9 % less mu holds."""
     body = ng.PlanarImplicit(
         lambda p: (p[0] / 0.03) ** 20 + (p[1] / 0.02) ** 20 - 1.0, [[-0.035, -0.025], [0.035, 0.025]]
     )
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.1)] * 4, ng.TaskEllipsoid([1.0, 1.0, 0.05]))
     options = ng.SolveOptions(global_bound=False, robust_offset=0.002, analyses=["robustness"])
-    plain, steady = (ng.solve(problem, 8, options=replace(options, workers=workers, rank=r)) for r in ("mu", "robust"))
+    plain, steady = (ng.solve(problem, 8, options=replace(options, workers=2, rank=r)) for r in ("mu", "robust"))
     assert plain.is_fragile
     assert not steady.is_fragile
     assert 0.5 * plain.mu.lower <= steady.mu.upper

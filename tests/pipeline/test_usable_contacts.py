@@ -9,7 +9,6 @@ from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.surface_geometry import TriangleSurface
-from tests.quick import every
 
 QUICK = ng.SolveOptions(workers=1)
 L_SHAPE = [[0, 0], [0.08, 0], [0.08, 0.03], [0.03, 0.03], [0.03, 0.08], [0, 0.08]]
@@ -86,14 +85,7 @@ def faults(number):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", every(4, range(len(KINDS))))
+@pytest.mark.filterwarnings("ignore:the mesh. the smooth surface")
+@pytest.mark.parametrize("number", range(2 * len(KINDS)))
 def test_contacts_are_where_a_finger_can_be(number):
     assert faults(number) == ([], True)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:the mesh. the smooth surface")
-def test_contacts_are_where_a_finger_can_be_in_two_hundred_solves():
-    found = [faults(number) for number in range(200)]
-    assert [fault for wrong, _ in found for fault in wrong] == []
-    assert np.mean([solved for _, solved in found]) > 0.9
