@@ -29,9 +29,8 @@ def test_tetrahedral_epsilon():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("budget", ["shared", "per_finger"])
-@pytest.mark.parametrize("seed", range(3))
-def test_pyramids_are_inside_the_cones_and_close_in(budget, seed):
-    rng = np.random.default_rng(seed)
+def test_pyramids_are_inside_the_cones_and_close_in(budget):
+    rng = np.random.default_rng(0)
     grasp = closed_ellipsoid_grasp(rng, k=3, friction=0.8)
     exact = ng.delta(grasp, rtol=1e-3, force_budget=budget)
     edges = (3, 5, 7) if budget == "per_finger" else (4, 8, 16, 32, 64)

@@ -137,7 +137,7 @@ def test_planar_volumes_of_polytopes(budget):
         assert exact <= volume.upper * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("seed", first(1, range(5)))
+@pytest.mark.parametrize("seed", first(1, range(2)))
 def test_two_soft_fingers_have_a_volume(seed):
     u = np.random.default_rng(seed).standard_normal((2, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)

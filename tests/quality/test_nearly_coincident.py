@@ -86,16 +86,11 @@ def check(seed):
 
 
 @pytest.mark.slow
-def test_a_hundred_of_them():
-    seconds = [check(seed)[1] for seed in range(100)]
-    assert sum(f.lower > 0.0 for f in seconds) > 30
-
-
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Grasp.normals")
-def test_five_thousand_of_them():
-    """None takes more than a few seconds of CPU, whatever else the machine does."""
-    seconds = [check(seed)[0] for seed in range(5000)]
+def test_four_hundred_of_them():
+    """A third are force-closed; none takes more than a few seconds of CPU, whatever else the machine does."""
+    seconds, bounds = zip(*map(check, range(400)), strict=True)
+    assert sum(b.lower > 0.0 for b in bounds) > 120
     assert max(seconds) < 6.0
 
 
