@@ -23,6 +23,6 @@ def test_a_box_is_held_by_the_sides_that_the_direction_lies_in():
     problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), PADS, TASK)
     samples = SurfaceSamples(problem)
     assert set(samples.usable_faces(0)) == {"+x", "-x", "+y", "-y"}
-    solution = ng.solve(problem, 2, options=ng.SolveOptions(workers=1))
+    solution = ng.solve(problem, 1, options=ng.SolveOptions(workers=1, rounds=1))
     assert solution.success
     assert set(solution.faces) <= {"+x", "-x", "+y", "-y"}
