@@ -66,7 +66,7 @@ def test_prices_predict_solving_again(name):
     limits = {limit.name: limit for limit in limits_of(problem)}
     for key in EXPECTED[name]:
         price, limit = prices[key], limits[key]
-        h = 0.002 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
+        h = 5e-4 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
         moved = find_local_optimum(CompiledProblem(limit.increased(h), OPTIONS), optimum.candidate, Deadline())
         assert moved.kkt.is_small
         assert moved.value - optimum.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
