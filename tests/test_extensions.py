@@ -78,7 +78,7 @@ class WeighedSet(ForceSet):
             force[best == i, r] = parts[i][1][best == i] / self.weights[i]
         return values[np.arange(len(z)), best], force
 
-    def used(self, x):
+    def gauge(self, x):
         return sum(w * x[:, r.start] for w, r in zip(self.weights, self.ranges, strict=True))
 
     def cones(self):

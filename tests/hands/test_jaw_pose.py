@@ -253,7 +253,7 @@ def test_how_the_gripper_comes_is_said_and_first_of_all_a_way_that_is_not_free()
     assert "the jaws are 40 mm apart and come in along [" in str(unobstructed)
     assert "way in" not in unobstructed.title
     assert "but the gripper's way in leads " in stuck.title
-    assert " mm deep into the body, a table or an obstacle" in str(stuck)
+    assert "clearance included; it takes at least that much" in str(stuck)
 
 
 SLANTED = (0.6, 0.8, 0.0)

@@ -296,14 +296,10 @@ def test_scenes_leave_out_fingertips_that_are_not_there(floating):
     assert "fingertip_0" in mjcf_with_hand(without_gaps, path)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings(THICKER)
-def test_millimetres_for_metres_are_not_solved(tmp_path):
+def test_millimetres_for_metres_are_refused_with_the_cure(tmp_path):
     tips = {f"f{i}": ng.SphereTip(0.01, [0, 0, 0.06]) for i in (1, 2)}
-    _, solution = solve_grasp(in_millimetres(tmp_path), tips)
-    assert solution.status is not ng.Status.SOLVED
-    if solution.grasp is not None:
-        assert solution.link_depth.depth > 1.0
+    with pytest.raises(ng.InputError, match=r"meshes up to 60 m long .*if they are millimetres, scale=0\.001 says so"):
+        ng.URDFHand.load(in_millimetres(tmp_path), tips)
 
 
 @pytest.mark.slow

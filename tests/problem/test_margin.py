@@ -74,7 +74,7 @@ def test_a_margin_without_room_names_the_roomiest_face():
 @pytest.mark.parametrize("kind", first(1, BODIES))
 def test_no_contact_is_nearer_to_an_edge(kind):
     grasp_problem = problem(BODIES[kind])
-    solution = ng.solve(grasp_problem, starts=2, options=QUICK)
+    solution = ng.solve(grasp_problem, starts=2, options=replace(QUICK, global_bound=True))
     contacts = zip(solution.faces, solution.grasp.points, strict=True)
     distances = [grasp_problem.body.edge_distance(face, point[None])[0] for face, point in contacts]
     assert min(distances) >= grasp_problem.margin - 1e-5 * grasp_problem.body.size

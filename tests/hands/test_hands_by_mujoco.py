@@ -1,4 +1,4 @@
-"""Grasps of six hands, two of them badly described, against MuJoCo's distances between links and bodies."""
+"""Grasps of five hands, one of them badly described, against MuJoCo's distances between links and bodies."""
 
 import math
 import warnings
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from benchmarks.outside import HANDS, MISSING
-from tests.hands.described import in_millimetres, two_fingers
+from tests.hands.described import two_fingers
 from tests.hands.urdf import FOUR, THREE, four_finger_hand, three_finger_hand
 
 LEAP, BARRETT = HANDS / "leap_hand/leap_hand_right.urdf", HANDS / "barrett_hand/bhand_model.urdf"
@@ -33,11 +33,10 @@ BODIES = {
 ALLOWED = 1.1e-3  # metres: the tolerance, and a tenth of a millimetre between two measurements
 HANDS = {
     "leap": ("box", "sphere"),
-    "barrett": ("ellipsoid", "cylinder"),
+    "barrett": ("ellipsoid", "cylinder", "sphere"),
     "four fingers": ("sphere", "cylinder"),
     "three fingers": ("box", "ellipsoid"),
-    "phantom tips": ("cylinder", "box"),
-    "millimetres": ("sphere", "ellipsoid"),
+    "phantom tips": ("cylinder", "box", "ellipsoid"),
 }
 
 
@@ -75,12 +74,8 @@ def _build_hand(name, folder):
         return Described(four_finger_hand(), FOUR, 0.03)
     if name == "three fingers":
         return Described(three_finger_hand(), THREE, 0.03)
-    if name == "phantom tips":
-        path = two_fingers(folder)
-        return Described(ng.URDFHand.load(path, {"t1": 0.01, "t2": 0.01}, tip_overhang=0.02), path, 0.02)
-    path = in_millimetres(folder)
-    tips = {f"f{i}": ng.SphereTip(0.01, [0, 0, 0.06]) for i in (1, 2)}
-    return Described(ng.URDFHand.load(path, tips), path, 0.02)
+    path = two_fingers(folder)
+    return Described(ng.URDFHand.load(path, {"t1": 0.01, "t2": 0.01}, tip_overhang=0.02), path, 0.02)
 
 
 def mujoco_depth(described, solution, kind, size):
@@ -133,9 +128,10 @@ def test_no_grasp_is_called_solved_with_a_link_inside_or_a_tip_off_its_link(hand
     if depth > ALLOWED:
         assert solution.status is ng.Status.TOUCHES
         assert not solution.success
-    if solution.status is ng.Status.TOUCHES:
-        assert depth > 0.7e-3
-    if math.isfinite(depth) and depth < 0.02:  # deeper ones have several ways out
+    with_body = solution.link_depth is None or solution.link_depth.thing == "the body"
+    if solution.status is ng.Status.TOUCHES and with_body and solution.link_depth is not None:
+        assert max(depth, solution.way_in.depth) > 0.7e-3
+    if with_body and math.isfinite(depth) and depth < 0.02:  # deeper ones have several ways out
         assert solution.link_depth.depth == pytest.approx(depth, abs=3e-4, rel=0.3)
     for i, gap in enumerate(solution.hand["tip_gaps"]):
         if gap > 1e-3:
