@@ -106,7 +106,6 @@ def _load_hand(
         from nlpgrasp.hands.presets import Options, load_preset
 
         options = Options(tip_overhang=ANY_OVERHANG, scale=units.scale, degrees=units.degrees)
-
         if palm is not None:
             options["palm"] = palm if path is None else check_link(path, palm, "--palm")
         return load_preset(name, path, **options)

@@ -60,6 +60,9 @@ class UrdfUnits:
         return root
 
 
+SI = UrdfUnits()  # metres and radians, the format's own
+
+
 def _scale_attributes(element: ET.Element, factors: Mapping[str, float]) -> None:
     """Multiply the numbers of an element's attributes by factors, in place; other attributes stay as they are."""
     for key, factor in factors.items():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.formatting import format_number
-from nlpgrasp.common.robot_files import UrdfUnits
+from nlpgrasp.common.robot_files import SI, UrdfUnits
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand
@@ -42,7 +42,6 @@ from nlpgrasp.hands.urdf_hand import (
     resolve_torque_limits,
     unit_approach,
 )
-from nlpgrasp.hands.urdf_reader import SI
 
 EVEN_RANGE = 0.1  # share of a joint's range: with its middle this near zero the joint rests at zero
 REST_SHARE = 0.35  # share of its range at which any other joint rests

@@ -14,7 +14,9 @@ from typing import NoReturn, TypedDict, Unpack
 
 import numpy as np
 
+from nlpgrasp.common.robot_files import SI, UrdfUnits
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.file_units import check_units
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_links
@@ -179,8 +181,7 @@ def ability(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     urdf : str or Path, optional
         Its URDF. ``robot_descriptions`` has none.
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -205,8 +206,7 @@ def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -232,8 +232,7 @@ def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -261,8 +260,7 @@ def inspire(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     urdf : str or Path, optional
         Its URDF or MJCF. ``robot_descriptions`` has none with these links.
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -288,8 +286,7 @@ def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -314,8 +311,7 @@ def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHan
     urdf : str or Path, optional
         The URDF of gripper or arm; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -339,8 +335,7 @@ def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> 
     urdf : str or Path, optional
         Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -365,8 +360,7 @@ def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> UR
     urdf : str or Path, optional
         Its URDF. ``robot_descriptions`` has none.
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -393,8 +387,7 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
     urdf : str or Path, optional
         Its URDF. ``robot_descriptions`` has none.
     **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``, ``tip_overhang``: as for
-        ``URDFHand.load``.
+        Those of ``URDFHand.load``, without fingertips and approach.
 
     Raises
     ------
@@ -446,7 +439,8 @@ def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Opt
     InputError
         When there is no URDF, or it lacks a link of this hand.
     """
-    return _PresetReader(name, PRESETS[name], described_urdf(name) if urdf is None else urdf).load(options)
+    units = check_units(options.get("scale", SI.scale), options.get("degrees", SI.degrees))
+    return _PresetReader(name, PRESETS[name], described_urdf(name) if urdf is None else urdf, units).load(options)
 
 
 def matching_preset(path: str | Path) -> str | None:
@@ -475,15 +469,18 @@ class _PresetReader:
     preset : Preset
     path : str or Path
         Of the URDF or MJCF file.
+    units : UrdfUnits
+        Of a URDF's numbers.
     """
 
     name: str
     preset: Preset
     path: str | Path
+    units: UrdfUnits = SI
 
     def load(self, options: Options) -> URDFHand:
         """Return the hand, with the preset's data where the options leave them open."""
-        robot = read_robot(self.path, options["palm"]) if "palm" in options else self.robot_below_palm()
+        robot = self._read(options["palm"]) if "palm" in options else self.robot_below_palm()
         self._check_tips([robot])
         return URDFHand.from_robot(
             robot,
@@ -495,6 +492,10 @@ class _PresetReader:
             self_collision=options.get("self_collision", True),
             tip_overhang=options.get("tip_overhang"),
         )
+
+    def _read(self, palm: str) -> Robot:
+        """Return the robot below a link."""
+        return read_robot(self.path, palm, self.units)
 
     def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip] | None]:
         """Return the fingertips by link: the preset's, or the link's own capsule in place of a sphere."""
@@ -521,7 +522,7 @@ class _PresetReader:
             complete: list[Robot] = []
             for link in self._matching_links(links, name):
                 try:
-                    robot = read_robot(self.path, link)
+                    robot = self._read(link)
                 except InputError as error:  # an arm's joint of an unsupported kind below a link of this name
                     errors.append(error)
                     continue

@@ -11,7 +11,7 @@ from typing import NoReturn
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.robot_files import UrdfUnits
+from nlpgrasp.common.robot_files import SI, UrdfUnits
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import CollisionShape
@@ -122,7 +122,7 @@ class Robot:
     shapeless: tuple[str, ...] = ()
     negated_limits: tuple[str, ...] = ()
     unmodelled_couplings: tuple[str, ...] = ()
-    units: UrdfUnits = field(default_factory=UrdfUnits)
+    units: UrdfUnits = SI
     open_loops: tuple[str, ...] = ()
 
     @cached_property

@@ -6,11 +6,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 
-from nlpgrasp.common.robot_files import UrdfUnits
+from nlpgrasp.common.robot_files import SI, UrdfUnits
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.mjcf_reader import mjcf_inertials, mjcf_links, read_mjcf
 from nlpgrasp.hands.robot import Inertial, Robot, raise_invalid
-from nlpgrasp.hands.urdf_reader import SI, link_names, read_urdf, urdf_inertials
+from nlpgrasp.hands.urdf_reader import link_names, read_urdf, urdf_inertials
 
 
 def read_robot(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) -> Robot:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.robot_files import UrdfUnits, expand_xacro, find_mesh
+from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro, find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
@@ -20,7 +20,6 @@ from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_m
 
 # namespaces of elements that are macros
 XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
-SI = UrdfUnits()
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco
-from nlpgrasp.common.robot_files import UrdfUnits, expand_xacro
+from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.verify.check import NotCheckedError
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from mujoco import MjModel
 
 
-SI = UrdfUnits()
 HALF_TURN = np.pi  # radians: range of a continuous joint to either side
 
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.robot_files import UrdfUnits, find_mesh
+from nlpgrasp.common.robot_files import SI, UrdfUnits, find_mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.verify.chain_kinematics import SI, compile_mjcf, pose_matrix, read_root_element
+from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
 from nlpgrasp.verify.sources import SourceFolders

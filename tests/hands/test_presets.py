@@ -60,6 +60,17 @@ def write_star(path, name, prefix="", without=()):
     return path
 
 
+def test_a_preset_reads_its_file_in_the_stated_units(tmp_path):
+    path = write_star(tmp_path / "hand.urdf", "allegro")
+    plain, converted = ng.hands.allegro(path), ng.hands.allegro(path, scale=0.5, degrees=True)
+    np.testing.assert_allclose(converted.tree.joint_limits, np.radians(plain.tree.joint_limits), rtol=1e-12)
+    assert {name: converted.to_dict()[name] for name in ("scale", "degrees")} == {"scale": 0.5, "degrees": True}
+    palm = ng.hands.allegro(path, palm=plain.robot.root, degrees=True)
+    np.testing.assert_array_equal(palm.tree.joint_limits, converted.tree.joint_limits)
+    with pytest.raises(ng.InputError, match=r"^URDFHand\.scale: got 0, expected a number greater than 0$"):
+        ng.hands.allegro(path, scale=0)
+
+
 def test_all_presets_are_public():
     hands = {"ability", "allegro", "barrett", "inspire", "leap", "shadow"}
     assert set(PRESETS) == hands | {"robotiq_2f85", "robotiq_3f", "panda"}
