@@ -21,7 +21,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.fitted_tips import supporting_points
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
-from nlpgrasp.hands.opposition import mean_facing
+from nlpgrasp.hands.opposition import mean_alignment
 from nlpgrasp.hands.tips import HullTip, SymbolicTouch, Tip, dome
 
 WIDTHS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)  # metres, of the bodies that are tried
@@ -311,9 +311,7 @@ def _coarse(tip: Tip) -> Tip:
 
 def _splits(tree: LinkTree, joints: FloatArray) -> FloatArray:
     """Return sides of the fingertips, (s, k), 1 or -1: those whose sides press most against each other on average."""
-    directions = mean_facing(tree, joints)
-    alignment = np.einsum("bix,bjx->ij", directions, directions) / len(joints)
-    count = len(tree.tips)
+    alignment, count = mean_alignment(tree, joints), len(tree.tips)
     sides = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=count - 1) if -1.0 in rest])
     scores = np.einsum("si,ij,sj->s", sides, alignment, sides)
     fewest = np.minimum(np.sum(sides > 0.0, axis=1), np.sum(sides < 0.0, axis=1))

@@ -36,7 +36,7 @@ def check_units(scale: object, degrees: object) -> UrdfUnits:
 
 def unit_questions(robot: Robot) -> list[str]:
     """Return questions about the units of a robot file's meshes, offsets and joint limits, a sentence each."""
-    return [f"{question.given}: {question.cure}" for question in _questions(robot)]
+    return [f"{question.observation}: {question.cure}" for question in _questions(robot)]
 
 
 def refuse_implausible_lengths(robot: Robot) -> None:
@@ -49,7 +49,7 @@ def refuse_implausible_lengths(robot: Robot) -> None:
     """
     for question in _questions(robot):
         if question.longest > LONGEST_BODY:
-            raise InputError(f"URDFHand.path: {robot.source}", question.given, f"metres: {question.cure}")
+            raise InputError(f"URDFHand.path: {robot.source}", question.observation, f"metres: {question.cure}")
 
 
 def joint_reach(robot: Robot) -> float:
@@ -63,7 +63,7 @@ def joint_reach(robot: Robot) -> float:
 class UnitQuestion(NamedTuple):
     """Values that suggest another unit, the cure, and the longest length among them, metres."""
 
-    given: str
+    observation: str
     cure: str
     longest: float = 0.0
 
@@ -93,11 +93,11 @@ def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
         factor = min(UNIT_FACTORS, key=lambda f: abs(np.log(f * longest / max(reach, SHORT_REACH))))
         stated = f'scale="{factor:g} {factor:g} {factor:g}" in their <mesh>'
         cure = f"scale={factor:g}" if len(large) == len(lengths) else stated
-        given = f"meshes up to {longest:.3g} m long ({_some('link', large)}) {context}"
-        yield UnitQuestion(given, f"if they are {UNIT_FACTORS[factor]}, {cure} says so", longest)
+        observation = f"meshes up to {longest:.3g} m long ({_some('link', large)}) {context}"
+        yield UnitQuestion(observation, f"if they are {UNIT_FACTORS[factor]}, {cure} says so", longest)
     elif 0.0 < longest < SHORT_SHARE * reach:
-        given = f"meshes at most {1e3 * longest:.2g} mm long {context}"
-        yield UnitQuestion(given, "if their scale in the file is too small, scale=1000 makes up for it")
+        observation = f"meshes at most {1e3 * longest:.2g} mm long {context}"
+        yield UnitQuestion(observation, "if their scale in the file is too small, scale=1000 makes up for it")
 
 
 def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
@@ -106,8 +106,8 @@ def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
     beyond = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
     if len(beyond) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):
         widest = max(limits[name] for name in beyond)
-        given = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', beyond)})"
-        yield UnitQuestion(given, "if they are degrees, degrees=True says so")
+        observation = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', beyond)})"
+        yield UnitQuestion(observation, "if they are degrees, degrees=True says so")
 
 
 def _some(noun: str, names: Sequence[str]) -> str:

@@ -82,11 +82,17 @@ class LinkTree:
         frame[:3, 3] = values["palm_position"]
         return frame
 
+    def palm_poses(self, joints: FloatArray) -> FloatArray:
+        """Return the used links' poses, palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
+        count = len(joints)
+        stacked = np.asarray(self.link_function.map(count)(joints.T).full())
+        return stacked.reshape(4, count, len(self.used_links), 4).transpose(1, 2, 0, 3)
+
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
         base = self.palm_frame(values)
-        stacked = np.asarray(self.link_function(values["joints"]).full())
-        return {name: base @ stacked[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
+        poses = self.palm_poses(np.asarray(values["joints"], dtype=float)[None])[0]
+        return {name: base @ pose for name, pose in zip(self.used_links, poses, strict=True)}
 
     def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
         """Return link, patch and sliding coordinate, if any, of each contact."""
@@ -109,11 +115,11 @@ class LinkTree:
 
     def rigid_transform(self, link: str, other: str) -> FloatArray | None:
         """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected, else None."""
-        poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
         groups = self.robot.rigid_groups
         if groups[link] != groups[other]:
             return None
-        a, b = (poses[:, 4 * i : 4 * i + 4] for i in (self.used_links.index(link), self.used_links.index(other)))
+        poses = self.palm_poses(np.zeros((1, len(self.robot.free_joints))))[0]
+        a, b = (poses[self.used_links.index(name)] for name in (link, other))
         return np.asarray(np.linalg.inv(b) @ a)
 
     @cached_property

@@ -62,10 +62,21 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
         chain = read_joints(path, model, body)
         joints += chain
         links += [joint.child for joint in chain]
-    shapes, missing, shapeless = read_geoms(model, bodies)
+    shapes, missing, shapeless, unreadable = read_geoms(model, bodies)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     name = str(model.names[: model.names.index(b"\0")], "utf-8") or path.stem
-    robot = Robot(name, links[0], tuple(links), tuple(joints), shapes, missing, path.name, digest, shapeless)
+    robot = Robot(
+        name,
+        links[0],
+        tuple(links),
+        tuple(joints),
+        shapes,
+        missing,
+        path.name,
+        digest,
+        shapeless,
+        unreadable=unreadable,
+    )
     robot = add_couplings(path, model, robot)
     robot = replace(robot, joints=tuple(with_finite_limits(path, joint) for joint in robot.joints))
     robot = add_effort_limits(model, robot)
@@ -197,14 +208,14 @@ def with_finite_limits(path: Path, joint: Joint) -> Joint:
 
 def read_geoms(
     model: MjModel, bodies: Sequence[int]
-) -> tuple[dict[str, tuple[CollisionShape, ...]], tuple[str, ...], tuple[str, ...]]:
-    """Return shapes by body, the shapes left out, and visible bodies without a collision shape.
+) -> tuple[dict[str, tuple[CollisionShape, ...]], tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return shapes by body, the shapes left out, visible bodies without a collision shape, and those with such alone.
 
     A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the collision group. Meshes are taken
     as they are, not as the convex hulls that MuJoCo collides.
     """
     shapes: dict[str, tuple[CollisionShape, ...]] = {}
-    missing, shapeless = [], []
+    missing, shapeless, unreadable = [], [], []
     for body in bodies:
         first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
         geoms, name = range(first, first + count), body_name(model, body)
@@ -215,7 +226,8 @@ def read_geoms(
             shapes[name] = solids
         elif count:
             shapeless.append(name)
-    return shapes, tuple(missing), tuple(shapeless)
+            unreadable += [name] if geom_shapes else []
+    return shapes, tuple(missing), tuple(shapeless), tuple(unreadable)
 
 
 def _is_collision_geom(model: MjModel, geom: int) -> bool:

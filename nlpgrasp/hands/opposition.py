@@ -60,8 +60,7 @@ def opposed_tips(tree: LinkTree, rest_posture: FloatArray) -> tuple[int, ...]:
     """Return the fingertips that face another one in some posture; arguments are those of ``opposition``."""
     distances = TipDistances(tree)
     lower, upper = tree.joint_limits
-    directions = mean_facing(tree, np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower))))
-    alignment = np.einsum("bix,bjx->ij", directions, directions)
+    alignment = mean_alignment(tree, np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower))))
     opposed: set[int] = set()
     for pair in sorted(combinations(range(len(tree.tips)), 2), key=lambda pair: float(alignment[pair])):
         if not opposed.issuperset(pair) and _can_face(distances, pair, rest_posture):
@@ -69,15 +68,18 @@ def opposed_tips(tree: LinkTree, rest_posture: FloatArray) -> tuple[int, ...]:
     return tuple(sorted(opposed))
 
 
-def mean_facing(tree: LinkTree, joints: FloatArray) -> FloatArray:
-    """Return the directions that the middles of the patches face, (b, k, 3), palm frame; zero for round ones."""
-    poses = np.asarray(tree.link_function.map(len(joints))(joints.T).full()).reshape(4, len(joints), -1, 4)[:3]
-    result = np.zeros((len(joints), len(tree.tips), 3))
+def mean_alignment(tree: LinkTree, joints: FloatArray) -> FloatArray:
+    """Return the mean cosines of the angles between the facings of fingertips, (k, k), at positions (b, m) of joints.
+
+    A patch faces along the outward normal of its middle; a round one has none, and its cosines are zero.
+    """
+    poses = tree.palm_poses(joints)
+    directions = np.zeros((len(joints), len(tree.tips), 3))
     for i, (link, tip) in enumerate(tree.tips):
         facing = getattr(tip, "facing", None) if tip.normal is None else tip.normal
         if facing is not None:
-            result[:, i] = np.einsum("xba,a->bx", poses[:, :, tree.used_links.index(link), :3], np.asarray(facing))
-    return result
+            directions[:, i] = poses[:, tree.used_links.index(link), :3, :3] @ np.asarray(facing)
+    return np.asarray(np.einsum("bix,bjx->ij", directions, directions) / len(joints))
 
 
 @dataclass(frozen=True)
@@ -259,19 +261,18 @@ class TipDistances:
         self, fingers: Sequence[int], joints: FloatArray, weight: float
     ) -> tuple[FloatArray, FloatArray]:
         """Return the largest distance and misalignment over the pairs, (b,) each, for a batch of joint positions."""
-        count = len(joints)
-        poses = np.asarray(self.tree.link_function.map(count)(joints.T).full()).reshape(4, count, -1, 4)[:3]
+        poses = self.tree.palm_poses(joints)
         placed = [self._samples_at(i, poses) for i in fingers]
         pair_distances = [_closest_points(a, b, weight) for a, b in combinations(placed, 2)]
         lengths, misalignments = zip(*pair_distances, strict=True)
         return np.max(lengths, axis=0), np.max(misalignments, axis=0)
 
     def _samples_at(self, i: int, poses: FloatArray) -> _PatchSamples:
-        """Return a fingertip's samples for poses (3, b, links, 4) of the used links."""
-        pose = poses[:, :, self.tree.used_links.index(self.tree.tips[i][0])]
-        samples = self._samples[i]
-        points = np.einsum("xba,ma->bmx", pose[..., :3], samples.points) + pose[..., 3].T[:, None]
-        normals = None if samples.normals is None else np.einsum("xba,ma->bmx", pose[..., :3], samples.normals)
+        """Return a fingertip's samples for poses (b, links, 4, 4) of the used links."""
+        pose = poses[:, self.tree.used_links.index(self.tree.tips[i][0])]
+        samples, rotations = self._samples[i], pose[:, :3, :3]
+        points = np.einsum("bxa,ma->bmx", rotations, samples.points) + pose[:, None, :3, 3]
+        normals = None if samples.normals is None else np.einsum("bxa,ma->bmx", rotations, samples.normals)
         return _PatchSamples(points, samples.radius, normals)
 
 

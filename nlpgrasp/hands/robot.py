@@ -109,6 +109,8 @@ class Robot:
         Units of the file's numbers; all values here are metres and radians.
     open_loops : tuple of str
         What closes linkages in the file and is left out, a phrase each.
+    unreadable : tuple of str
+        Links whose collision shapes are all among the missing ones.
     """
 
     name: str
@@ -124,6 +126,7 @@ class Robot:
     unmodelled_couplings: tuple[str, ...] = ()
     units: UrdfUnits = SI
     open_loops: tuple[str, ...] = ()
+    unreadable: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

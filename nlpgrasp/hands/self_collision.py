@@ -80,8 +80,8 @@ def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, Fl
     names, limits = tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
-    poses = np.asarray(tree.link_function.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
-    return {name: poses[:, :, names.index(name)].transpose(1, 0, 2) for name in fits}
+    poses = tree.palm_poses(joints)
+    return {name: poses[:, names.index(name)] for name in fits}
 
 
 def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:

@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.closing_trial import FRICTION, MOST_TIPS, ClosingWidths, closing_widths
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
-from nlpgrasp.hands.opposition import mean_facing, opposed_tips
+from nlpgrasp.hands.opposition import mean_alignment, opposed_tips
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, suggest_tip
 from nlpgrasp.hands.urdf_hand import resolve_tips
@@ -98,8 +98,7 @@ def _followers(tree: LinkTree) -> set[int]:
     """
     lower, upper = tree.joint_limits
     joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
-    directions = mean_facing(tree, joints)
-    alignment = np.einsum("bix,bjx->ij", directions, directions)
+    alignment = mean_alignment(tree, joints)
     reach = np.mean(np.linalg.norm(tree.palm_tips(joints), axis=2), axis=0)
     drivers = [_drivers(tree.robot, link) for link, _ in tree.tips]
     return {

@@ -432,13 +432,11 @@ def file_warnings(robot: Robot) -> list[str]:
 
 def missing_mesh_warning(robot: Robot) -> str:
     """Return the warning about mesh files that are missing, and about links that have no other shape."""
-    text = f"left out {'; '.join(robot.missing)}"
-    lost = [link for link in robot.links if any(f" (link {link}{end}" in m for m in robot.missing for end in "):")]
-    bare = [link for link in lost if link not in robot.shapes]
-    if not bare:
+    text, links = f"left out {'; '.join(robot.missing)}", robot.unreadable
+    if not links:
         return text
-    subject = f"links {', '.join(bare)} have" if len(bare) > 1 else f"link {bare[0]} has"
-    return f"{text}; {subject} no other shape: collisions with {'them' if len(bare) > 1 else 'it'} are not checked"
+    subject = f"links {', '.join(links)} have" if len(links) > 1 else f"link {links[0]} has"
+    return f"{text}; {subject} no other shape: collisions with {'them' if len(links) > 1 else 'it'} are not checked"
 
 
 def modelling_warnings(robot: Robot) -> list[str]:

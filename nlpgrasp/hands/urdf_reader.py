@@ -60,6 +60,7 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
     shapes, missing = read_shapes(source, elements, order)
     visible = [name for name in order if elements[name].find("visual") is not None]
     shapeless = tuple(name for name in visible if elements[name].find("collision") is None)
+    unreadable = tuple(name for name in order if name not in shapes and elements[name].find("collision") is not None)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     name = root.get("name", source.stem)
     loops = tuple(_closed_loops(root, order))
@@ -76,6 +77,7 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
         negated,
         units=units,
         open_loops=loops,
+        unreadable=unreadable,
     )
     check_ranges(source, robot)
     return robot

@@ -181,6 +181,7 @@ class SelfPenetration:
         self._tree, self._tolerance = hand.tree, tolerance
         parts = [(link, part) for link, shape in links.items() for part in shape.parts]
         self._links = [link for link, _ in parts]
+        self._numbers = [self._tree.used_links.index(link) for link in self._links]
         self._shapes = [_LinkShape.of([part]) for _, part in parts]
         self._centres, self._radii = (
             np.array([getattr(shape, name) for shape in self._shapes]) for name in ("centre", "radius")
@@ -210,8 +211,8 @@ class SelfPenetration:
 
         Metres; pairs that are apart are left out.
         """
-        poses, result = self._poses(joints), dict[tuple[str, str], float]()
-        frames = np.array([poses[link] for link in self._links]).reshape(-1, 4, 4)
+        result = dict[tuple[str, str], float]()
+        frames = self._tree.palm_poses(np.asarray(joints, dtype=float)[None])[0][self._numbers]
         centres = np.einsum("mij,mj->mi", frames[:, :3, :3], self._centres) + frames[:, :3, 3]
         distances = np.linalg.norm(centres[:, None] - centres, axis=2)
         for i, j in np.argwhere(self._can_meet & (distances < self._radii[:, None] + self._radii)).tolist():
@@ -246,11 +247,6 @@ class SelfPenetration:
                     break
             self._permanent[pair] = free <= most
         return self._permanent[pair]
-
-    def _poses(self, joints: FloatArray) -> dict[str, FloatArray]:
-        """Return the links' poses in the palm's frame, (4, 4)."""
-        stacked = np.asarray(self._tree.link_function(joints).full())
-        return {name: stacked[:, 4 * i : 4 * i + 4] for i, name in enumerate(self._tree.used_links)}
 
 
 @dataclass(frozen=True)

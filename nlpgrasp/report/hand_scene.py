@@ -208,10 +208,7 @@ def _palm_origin(hand: InspectedHand) -> list[float]:
 def _relaxed_link_poses(hand: InspectedHand) -> dict[str, FloatArray]:
     """Return the poses (4, 4) of the used links, palm frame, in the relaxed posture."""
     names = hand.tree.used_links
-    if not names:
-        return {}
-    poses = np.asarray(hand.tree.link_function(hand.rest_posture).full()).reshape(4, len(names), 4)
-    return {name: poses[:, i] for i, name in enumerate(names)}
+    return dict(zip(names, hand.tree.palm_poses(hand.rest_posture[None])[0], strict=True)) if names else {}
 
 
 def _link_corners(hand: InspectedHand, corners: Sequence[Json]) -> FloatArray:

@@ -186,12 +186,12 @@ def _approach_penetration(
     return max(0.0, -least), enters_steeply, rough, {name: d for name, d in blocking.items() if d > 0.0}
 
 
-def _blocking_errors(stated: Json | None, found: Mapping[str, float], tolerance: float) -> Iterator[str]:
+def _blocking_errors(stated: Json | None, recomputed: Mapping[str, float], tolerance: float) -> Iterator[str]:
     """Yield the errors in the stated depths of an approach in what blocks it."""
     for name, depth in (stated or {}).items():
-        if not abs(number(f"hand.approach.blocked_by.{name}", depth) - found.get(name, 0.0)) <= tolerance:
-            yield f"{1e3 * depth:.3g} mm into {name} stated, {1e3 * found.get(name, 0.0):.3g} mm found"
-    for name, depth in found.items():
+        if not abs(number(f"hand.approach.blocked_by.{name}", depth) - recomputed.get(name, 0.0)) <= tolerance:
+            yield f"{1e3 * depth:.3g} mm into {name} stated, {1e3 * recomputed.get(name, 0.0):.3g} mm found"
+    for name, depth in recomputed.items():
         if depth > TOLERANCE + tolerance and name not in (stated or {}):
             yield f"{1e3 * depth:.3g} mm into {name} found, not stated"
 
