@@ -28,6 +28,7 @@ def test_the_repository_holds_no_outputs(name):
     assert TEXTS[name]["cells"][0]["source"][0].startswith("# ")
 
 
+@pytest.mark.slow
 def test_cells_run_in_order(monkeypatch, capsys):
     """One of them without a kernel: one process, one set of names."""
     monkeypatch.chdir(NOTEBOOKS[0].parent)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.display import InNotebook, show
+from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.registry import JsonPart
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, format_known_names
@@ -207,7 +208,12 @@ class Body(DisplayedBody):
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, space) to the body, (m,), metres, negative inside."""
-        return np.asarray(self.distance_function.map(len(points))(points.T).full()).ravel()
+        return self._distances(np.asarray(points))[0][:, 0]
+
+    @cached_property
+    def _distances(self) -> BatchEvaluator:
+        """Evaluator of ``distance_function``."""
+        return BatchEvaluator(self.distance_function)
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
         """Return the given face names, or all if None; raise for names that the body does not have."""
@@ -231,6 +237,13 @@ class Body(DisplayedBody):
             functions[name, margin] = self.face(name).compile_surface(self.point(), margin)
         return functions[name, margin]
 
+    def _surface_evaluator(self, name: str, margin: float = 0.0) -> BatchEvaluator:
+        """Return the evaluator of ``surface_function``."""
+        evaluators = self._surface_evaluators
+        if (name, margin) not in evaluators:
+            evaluators[name, margin] = BatchEvaluator(self.surface_function(name, margin))
+        return evaluators[name, margin]
+
     def shared_surface(self, margin: float) -> ca.Function | None:
         """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of all faces; None where these differ."""
         return None
@@ -249,8 +262,7 @@ class Body(DisplayedBody):
         if not np.isfinite(face.room):
             return np.full(len(points), np.inf)
         sharp = slice(None) if face.sharp is None else np.asarray(face.sharp, dtype=bool)
-        values = self.surface_function(name).map(len(points))(points.T)[3].full()
-        return np.asarray(-np.max(np.asarray(values)[sharp], axis=0))
+        return np.asarray(-np.max(self._surface_evaluator(name)(points)[3][:, sharp], axis=1))
 
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
@@ -276,13 +288,8 @@ class Body(DisplayedBody):
         extent : (m,) array
             Largest extent value, at most zero on the face; ``-inf`` for a face without limits.
         """
-        function = self.surface_function(name, margin)
-        if not len(points):
-            return np.zeros(0), np.zeros(0), np.zeros((0, self.space)), np.zeros(0)
-        values = function.map(len(points))(points.T)
-        h, slope, normal, extent = (np.asarray(v.full()) for v in values)
-        largest = extent.max(axis=0) if extent.shape[0] else np.full(len(points), -np.inf)
-        return h[0], slope[0], normal.T, largest
+        h, slope, normals, extents = self._surface_evaluator(name, margin)(points)
+        return h[:, 0], slope[:, 0], normals, np.max(extents, axis=1, initial=-np.inf)
 
     def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
         """Return whether points (m, space) are on a face and at least a margin, metres, from its sharp edges, (m,)."""
@@ -337,9 +344,14 @@ class Body(DisplayedBody):
     def _functions(self) -> dict[tuple[str, float], ca.Function]:
         return {}
 
+    @cached_property
+    def _surface_evaluators(self) -> dict[tuple[str, float], BatchEvaluator]:
+        return {}
+
     def __getstate__(self) -> dict[str, object]:
         """Return the state without compiled functions, which are rebuilt after unpickling."""
-        derived = ("faces", "_functions", "centroid", "distance_function", "_tree", "_edges")
+        compiled = ("_functions", "_surface_evaluators", "distance_function", "_distances")
+        derived = ("faces", "centroid", "_tree", "_edges", *compiled)
         return {k: v for k, v in self.__dict__.items() if k not in derived}
 
     def __setstate__(self, state: dict[str, object]) -> None:

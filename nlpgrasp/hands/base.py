@@ -88,7 +88,7 @@ class Hand(JsonPart):
         return {v.name: ca.SX.sym(v.name, len(v.lower)) for v in self.variables(bounds)}
 
     def start(self, tips: FloatArray) -> Values:
-        """Return initial values of the variables, by name, for fingertip centres (k, space), metres."""
+        """Return initial values of the variables, by name, (..., m), for fingertip centres (..., k, space), metres."""
         return {}
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:

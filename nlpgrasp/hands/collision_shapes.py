@@ -130,7 +130,20 @@ class CollisionShape:
         """Return the depth of points (m, 3) below the surface, metres, negative outside."""
         if self.centre is not None:
             return np.asarray(self.radius - np.linalg.norm(points - self.centre, axis=1))
-        return -self._tree.signed_distance(points)
+        if self.kind not in ("box", "cylinder"):
+            return -self._tree.signed_distance(points)
+        normals, offsets = self._planes
+        depths = np.min(offsets - points @ normals.T, axis=1)
+        outside = depths < 0.0
+        depths[outside] = -np.sqrt(self._tree.nearest(points[outside])[0])
+        return np.asarray(depths)
+
+    @cached_property
+    def _planes(self) -> tuple[FloatArray, FloatArray]:
+        """Outward normals (f, 3), unit, and offsets (f,), metres, of the faces of a convex shape."""
+        _, first = np.unique(np.asarray(self.mesh.face_normals).round(6), axis=0, return_index=True)
+        normals = np.asarray(self.mesh.face_normals)[first]
+        return normals, np.einsum("fx,fx->f", normals, np.asarray(self.mesh.triangles)[first, 0])
 
     @cached_property
     def _tree(self) -> SearchTree:

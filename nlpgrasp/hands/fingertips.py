@@ -70,8 +70,8 @@ class Fingertips(Hand):
         return [HandVariable("palm", bounds[0] - margin, bounds[1] + margin, size / 2.0)]
 
     def start(self, tips: FloatArray) -> dict[str, FloatArray]:
-        """Return the centroid of the fingertips (k, space) as palm point, metres, where a reach is stated."""
-        return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=0))}
+        """Return the centroids of the fingertips (..., k, space) as palm points, metres, where a reach is stated."""
+        return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=-2))}
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
         """Return constraints on reach, spread and overlap, as squared distances."""

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import PalmPose
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
@@ -21,7 +22,8 @@ from nlpgrasp.hands.robot import Joint, Robot
 from nlpgrasp.hands.tips import Tip
 
 ROUNDING = 1e-15  # smaller constants of a rotation are zero
-COMPILED = ("link_function", "contact_function", "_tip_function")  # attributes that hold CasADi functions
+# attributes that hold CasADi functions
+COMPILED = ("link_function", "contact_function", "_tip_function", "_links_evaluator", "_tips_evaluator")
 DRAWN_SHARES = (0.1, 0.7)  # part of the joint ranges, as shares, from which random postures are drawn
 
 
@@ -84,9 +86,8 @@ class LinkTree:
 
     def palm_poses(self, joints: FloatArray) -> FloatArray:
         """Return the used links' poses, palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
-        count = len(joints)
-        stacked = np.asarray(self.link_function.map(count)(joints.T).full())
-        return stacked.reshape(4, count, len(self.used_links), 4).transpose(1, 2, 0, 3)
+        stacked = self._links_evaluator(joints)[0]
+        return stacked.reshape(len(joints), 4, len(self.used_links), 4).transpose(0, 2, 1, 3)
 
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
@@ -182,8 +183,7 @@ class LinkTree:
 
     def _tip_centres_and_normals(self, joints: FloatArray) -> list[FloatArray]:
         """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
-        outputs = self._tip_function.map(len(joints))(joints.T)
-        return [np.asarray(output.full()).T.reshape(len(joints), len(self.tips), 3) for output in outputs]
+        return [output.reshape(len(joints), len(self.tips), 3) for output in self._tips_evaluator(joints)]
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
@@ -219,6 +219,16 @@ class LinkTree:
         q = ca.SX.sym("q", len(self.robot.free_joints))
         poses = link_poses(self.robot, self.used_links, q)
         return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
+
+    @cached_property
+    def _links_evaluator(self) -> BatchEvaluator:
+        """Evaluator of ``link_function``."""
+        return BatchEvaluator(self.link_function)
+
+    @cached_property
+    def _tips_evaluator(self) -> BatchEvaluator:
+        """Evaluator of the fingertips' centres and normals."""
+        return BatchEvaluator(self._tip_function)
 
     @cached_property
     def _tip_function(self) -> ca.Function:

@@ -33,6 +33,7 @@ SURFACE_SAMPLES, INNER_SAMPLES = 900, 400  # samples per link
 SWEEPS = 30  # largest number of refinements of all spheres
 INSETS = (1.0, 1.3, 1.7, 2.2)  # distances of the outer spheres from the ends, in half cells
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error as a share of the link's size; growth factor
+SCREENED = 8  # one of so many surface samples refuses an arrangement of spheres, if it can
 SPACING_MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples
 WORTH_A_WARNING = 6e-4  # metres: possible penetration of a link that is warned of
 MOST_ERROR = 3e-3  # metres: largest distance of spheres beyond the shapes
@@ -217,6 +218,7 @@ def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     """Return the regular arrangement of spheres in the shapes' box that covers them with the least radius."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
+    some, margin = surface[::SCREENED], SPACING_MARGIN * spacing
     best: SphereFit | None = None
     for counts in _arrangements(most):
         for inset in INSETS:
@@ -226,7 +228,9 @@ def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
             margins = np.minimum(half, np.where(np.array(counts) > 1, inset * half_cell, half))
             axes = [np.linspace(low[a] + margins[a], high[a] - margins[a], counts[a]) for a in range(3)]
             centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-            distances = cdist(centres, surface) + SPACING_MARGIN * spacing
+            if best is not None and np.max(np.min(cdist(centres, some), axis=0)) + margin >= np.max(best.radii):
+                continue
+            distances = cdist(centres, surface) + margin
             radius = float(np.max(np.min(distances, axis=0)))  # the largest of the spheres'
             if best is None or radius < float(np.max(best.radii)):
                 owner = np.argmin(distances, axis=0)

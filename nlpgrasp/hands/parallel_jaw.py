@@ -34,6 +34,7 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 DIGITS = 1e-4  # tolerance on unit length and right angles: directions are written with few digits
 TURNS = 36  # approach directions tried about the closing line
 LINE_SPACING = 2e-3  # metres: largest distance between two lines
+SAMPLE_SPACING = 1e-2  # metres between positions along an approach that are sampled
 PATH_SIZES = 2.0  # length of the approach path, in body sizes
 DEPTH_TOLERANCE = 0.02  # share of the body's size: tolerated depth, for example of pads on tilted faces
 MIN_ACROSS = 1e-9  # least part across the closing line of a cone's axis that is tried as an approach
@@ -177,6 +178,16 @@ class ParallelJaw(Hand):
         jaws = Jaws(points, self.finger_length, self.finger_thickness)
         return float(jaws.march_outwards(direction[None], size, distance)[0][0])
 
+    def is_blocked(
+        self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone], depth: float
+    ) -> bool:
+        """Return whether fingers or palm are deeper than a depth, metres, in something on every approach.
+
+        They are sampled at positions along the approaches: a shallow or thin obstacle can be missed.
+        """
+        jaws = Jaws(points, self.finger_length, self.finger_thickness, tuple(cones))
+        return bool(np.all(jaws.sampled_depths(jaws.approaches(), size, distance) > depth))
+
     def to_dict(self) -> Json:
         """Return limits, fingers, axes and tool centre point as JSON data."""
         axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}
@@ -270,6 +281,15 @@ class Jaws:
         if through[index] and not np.all(through[is_shallow]):
             index = int(np.argmax(np.where(is_shallow & ~through, mean, -np.inf)))
         return directions[index], float(depth[index]), bool(through[index])
+
+    def sampled_depths(self, directions: FloatArray, size: float, distance: Distance) -> FloatArray:
+        """Return the penetration depth at positions along approaches (m, space), (m,), metres, at least zero."""
+        starts, firsts, _ = self._lines()
+        shares = np.linspace(0.0, 1.0, 1 + int(np.ceil((self.length + PATH_SIZES * size) / SAMPLE_SPACING)))
+        travelled = firsts + shares[:, None] * (self.length + PATH_SIZES * size - firsts)  # (s, n)
+        samples = starts - travelled[None, :, :, None] * directions[:, None, None]
+        gaps = distance(samples.reshape(-1, starts.shape[1])).reshape(len(directions), -1)
+        return np.asarray(np.maximum(-np.min(gaps, axis=1), 0.0))
 
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance

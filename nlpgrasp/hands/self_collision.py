@@ -32,8 +32,9 @@ MIN_POSTURES = 20  # postures with meeting spheres and disjoint hulls after whic
 # penetration of hulls
 HULL_DEPTH = 1e-3  # metres of penetration above which hulls count as colliding
 MAX_CORNERS = 64  # largest number of corners, and of normals, of a hull
-EDGE_DIRECTIONS = 60  # separating directions beside the normals, for contact of edges with edges
+MIN_DISTANCE = 1e-12  # metres between the middles of hulls; nearer ones have no direction between them
 FIRST_DIRECTION = np.array([0.0, 0.0, 1.0])  # unit, the first separating direction
+EDGE_DIRECTIONS = directions_around(FIRST_DIRECTION, 60)  # beside the normals, for contact of edges with edges
 
 
 def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
@@ -50,8 +51,10 @@ def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple
     overlaps = _overlaps(tree, fits, poses, centres, link_pairs)
     result = []
     for (a, b), overlap in zip(link_pairs, overlaps, strict=True):
+        if not np.isfinite(overlap):
+            continue
         overlapping = _gaps(centres, fits, a, b) < -overlap
-        if np.isfinite(overlap) and np.mean(overlapping.any(axis=(1, 2))) <= ALWAYS_SHARE:
+        if np.mean(overlapping.any(axis=(1, 2))) <= ALWAYS_SHARE:
             sphere_pairs = zip(*np.nonzero(overlapping.any(axis=0)), strict=True)
             result.append(LinkPair((a, b), float(overlap), tuple((int(i), int(j)) for i, j in sphere_pairs)))
     return tuple(result)
@@ -94,7 +97,8 @@ def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[
 
 def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
     """Return signed distances between spheres of two links, (samples, m, n), metres, negative where they overlap."""
-    distances = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
+    differences = centres[a][:, :, None] - centres[b][:, None]
+    distances = np.sqrt(np.einsum("bmnx,bmnx->bmn", differences, differences))
     return np.asarray(distances - fits[a].radii[:, None] - fits[b].radii)
 
 
@@ -156,7 +160,7 @@ class ShapeHull:
     @classmethod
     def of(cls, shape: CollisionShape) -> ShapeHull:
         """Return the hull of a shape."""
-        hull = shape.mesh.convex_hull
+        hull = shape.mesh.convex_hull if shape.kind == "mesh" else shape.mesh
         corners, normals = np.asarray(hull.vertices), np.unique(np.asarray(hull.face_normals).round(6), axis=0)
         directions = directions_around(FIRST_DIRECTION, MAX_CORNERS)
         if len(corners) > MAX_CORNERS:
@@ -169,6 +173,7 @@ def hull_penetration(hulls: Sequence[ShapeHull], other_hulls: Sequence[ShapeHull
 
     Two convex sets are disjoint if, in some direction, one's support function plus the other's in the opposite
     direction is negative. The least sum over the hulls' normals and further directions is an upper bound on the depth.
+    Where the line between the middles is such a direction, no other one is tried.
 
     Parameters
     ----------
@@ -184,12 +189,18 @@ def hull_penetration(hulls: Sequence[ShapeHull], other_hulls: Sequence[ShapeHull
 
 def _hull_depth(a: ShapeHull, b: ShapeHull, rotations: FloatArray, translations: FloatArray) -> FloatArray:
     corners = b.corners @ rotations.transpose(0, 2, 1) + translations[:, None]  # (b, v, 3), the first one's frame
-    normals = np.concatenate([a.normals, directions_around(FIRST_DIRECTION, EDGE_DIRECTIONS)])
-    gaps = np.max(a.corners @ normals.T, axis=0) - np.min(corners @ normals.T, axis=1)
-    other_normals = b.normals @ rotations.transpose(0, 2, 1)  # (b, d, 3); these point out of b
-    directions = other_normals.transpose(0, 2, 1)
-    other_gaps = np.max(corners @ directions, axis=1) - np.min(a.corners @ directions, axis=1)
-    return np.asarray(np.minimum(gaps.min(axis=1), other_gaps.min(axis=1)))
+    between = corners.mean(axis=1) - a.corners.mean(axis=0)
+    distances = np.linalg.norm(between, axis=1, keepdims=True)
+    between = np.where(distances > MIN_DISTANCE, between / np.maximum(distances, MIN_DISTANCE), FIRST_DIRECTION)
+    depths = np.max(between @ a.corners.T, axis=1) - np.min(np.einsum("bvx,bx->bv", corners, between), axis=1)
+    meet = np.flatnonzero(depths > 0.0)
+    if len(meet):
+        corners, normals = corners[meet], np.concatenate([a.normals, EDGE_DIRECTIONS])
+        gaps = np.max(a.corners @ normals.T, axis=0) - np.min(corners @ normals.T, axis=1)
+        directions = (b.normals @ rotations[meet].transpose(0, 2, 1)).transpose(0, 2, 1)  # these point out of b
+        other_gaps = np.max(corners @ directions, axis=1) - np.min(a.corners @ directions, axis=1)
+        depths[meet] = np.minimum(gaps.min(axis=1), other_gaps.min(axis=1))
+    return np.asarray(depths)
 
 
 def self_collision_constraints(

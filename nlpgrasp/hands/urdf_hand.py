@@ -52,6 +52,7 @@ from nlpgrasp.hands.suggested_tips import (
 )
 from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
 
+ROUNDING = 1e-9  # metres: rounding tolerance of an overhang
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 SPHERES = 6  # of a link
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
@@ -371,7 +372,7 @@ def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float |
         field = f"URDFHand.fingertips[{link!r}]"
         text = f"a fingertip that reaches {1e3 * distance:.1f} mm beyond the shapes of its link"
         cure = f"{'' if isinstance(tip, HullTip) else 'None, to fit it to them, or '}another radius or tip"
-        if distance > limit:
+        if distance > limit + ROUNDING:
             raise InputError(field, text, f"{cure}; tip_overhang={np.ceil(1e3 * distance) / 1e3:g} allows it")
         if most is None and distance > noticeable_overhang(tip):
             warn(f"{field}: {text}: the finger itself does not touch there; expected {cure}")

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body
+from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import Clearance, LinkSphere, PalmPose, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import PlacementConstraint, Table
@@ -87,33 +88,22 @@ def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body)
 
 def _clearance_distance(row: Clearance, position: ca.SX) -> Distance:
     """Return the distance of a clearance constraint, less its required clearance, as a function of the position."""
-    local = _MappedFunction(ca.Function("local", [position], [row.point]))
-    distance, lower = _MappedFunction(row.distance), row.lower
-    return lambda points: distance(local(points).T)[0] - lower
+    probe = ca.MX.sym("probe", position.shape[0])
+    local = ca.Function("local", [position], [row.point])
+    distance, lower = BatchEvaluator(ca.Function("distance", [probe], [row.distance(local(probe))])), row.lower
+    return lambda points: distance(points)[0][:, 0] - lower
 
 
 def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Distance]:
     """Yield the distance of an expression from each of its finite limits, as a function of the position."""
-    value = _MappedFunction(ca.Function("row", [position], [row.expression]))
+    value = BatchEvaluator(ca.Function("row", [position], [row.expression]))
     lower, upper = row.lower, row.upper
     if np.isfinite(lower):
-        yield lambda points: value(points)[0] - lower
+        yield lambda points: value(points)[0][:, 0] - lower
     if np.isfinite(upper):
-        yield lambda points: upper - value(points)[0]
+        yield lambda points: upper - value(points)[0][:, 0]
 
 
 def _minimum(distances: Sequence[Distance]) -> Distance:
     """Return the distance to the nearest of several solids."""
     return lambda points: np.min([distance(points) for distance in distances], axis=0)
-
-
-class _MappedFunction:
-    """A compiled function of a point, mapped over many points, with a cache by number of points."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self.function, self._mapped = function, dict[int, ca.Function]()
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the values, one column per point."""
-        mapped = self._mapped.setdefault(len(points), self.function.map(len(points)))
-        return np.asarray(mapped(points.T).full())

@@ -15,8 +15,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from nlpgrasp.common.evaluation import Evaluator
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, format_known_names
 from nlpgrasp.errors import InputError
@@ -216,46 +216,6 @@ def _reason(error: RuntimeError) -> str:
     """Return the last line of a CasADi error without its source location."""
     lines = str(error).strip().splitlines() or [type(error).__name__]
     return lines[-1].split(": ", 1)[-1].strip()
-
-
-class Evaluator:
-    """A CasADi function evaluated on numpy arrays through preallocated buffers.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        With dense column vectors as inputs.
-    """
-
-    def __init__(self, function: ca.Function) -> None:
-        buffer: Any
-        buffer, self._evaluate = function.buffer()
-        self._buffer = buffer  # of the arrays, which it writes to
-        self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(self._inputs):
-            buffer.set_arg(i, array.data)
-        for i, array in enumerate(self._outputs):
-            buffer.set_res(i, array.data)
-        self._nonzero_indices = [_nonzero_indices(function.sparsity_out(i)) for i in range(function.n_out())]
-
-    def __call__(self, *values: FloatArray) -> list[FloatArray]:
-        """Evaluate the function and return its outputs, (rows, columns) each."""
-        for array, value in zip(self._inputs, values, strict=True):
-            array[:] = value
-        self._evaluate()
-        outputs = []
-        for (shape, rows, columns), nonzeros in zip(self._nonzero_indices, self._outputs, strict=True):
-            full = np.zeros(shape)
-            full[rows, columns] = nonzeros
-            outputs.append(full)
-        return outputs
-
-
-def _nonzero_indices(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
-    """Return shape, row indices and column indices of an output's nonzeros."""
-    rows, columns = sparsity.get_triplet()
-    return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
 
 
 def check_ipopt_options(name: str, options: object) -> dict[str, bool | int | float | str]:

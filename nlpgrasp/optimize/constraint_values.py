@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import CLEARANCE, SELF_COLLISION, ScalarConstraint
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -52,10 +53,7 @@ class ConstraintValues:
         """Return the constraints' values in their own units, (b, rows), for placements (b, k, space)."""
         if not self.named:
             return np.zeros((len(points), 0))
-        b = len(points)
-        padded = 1 << (b - 1).bit_length()  # CasADi keeps the maps of a function by their size
-        columns = [np.resize(v.reshape(b, -1), (padded, v.size // b)).T for v in (points, normals, *hand.values())]
-        return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
+        return self._evaluator(points, normals, *hand.values())[0]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
         """Return each placement's largest constraint violation, relative to its scale, (b,), without face extents."""
@@ -143,6 +141,11 @@ class ConstraintValues:
         return constraints, [p, n, *symbols.values()]
 
     @cached_property
+    def _evaluator(self) -> BatchEvaluator:
+        """Evaluator of the constraints' values."""
+        return BatchEvaluator(self._row_function)
+
+    @cached_property
     def _row_function(self) -> ca.Function:
         """Function of contacts, normals and the hand's variables: the constraints' values, in their own units."""
         constraints, inputs = self._rows
@@ -206,15 +209,18 @@ class HandFunctions:
         hand = self._problem.hand
         if hand is None or not hand.variables(self._problem.body.bounds):
             return {}
-        tips = points - np.asarray(hand.tip_radii)[:, None] * normals
-        starts = [hand.start(t) for t in tips]
-        return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
+        return hand.start(points - np.asarray(hand.tip_radii)[:, None] * normals)
 
     def at_contacts(self, points: FloatArray) -> Json:
         """Return the pose and approach of a hand that follows contacts (k, 3), as JSON data."""
-        problem = self._problem
-        cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
-        return self.hand.at_contacts(points, problem.body.size, lambda points: self._distance(points), cones)
+        return self.hand.at_contacts(
+            points, self._problem.body.size, lambda points: self._distance(points), self._approach_cones
+        )
+
+    @property
+    def _approach_cones(self) -> list[tuple[FloatArray, float]]:
+        """Axes (space,) and angles, radians, of the cones that the approach has to be within."""
+        return [(np.asarray(c.direction), c.angle) for c in self._problem.constraints if isinstance(c, Approach)]
 
     def name_obstacles(self, points: FloatArray, data: Json) -> Json:
         """Return the data of ``at_contacts`` with the depth of parallel jaws in each solid that blocks their way."""
@@ -232,6 +238,11 @@ class HandFunctions:
 
     def has_free_approach(self, points: FloatArray) -> bool:
         """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
+        hand, size = self.hand, self._problem.body.size
+        if isinstance(hand, ParallelJaw) and hand.is_blocked(
+            points, size, self._distance, self._approach_cones, TOLERANCE
+        ):
+            return False
         return jaws_depth(self.at_contacts(points)) == 0.0
 
     @cached_property
@@ -256,9 +267,8 @@ class HandFunctions:
 
     def link_sphere_centres(self, values: Values) -> FloatArray:
         """Return the centres of the link spheres, (b, s, 3), for values (b, m) of the hand's variables."""
-        count = len(next(iter(values.values())))
-        centres = self._function.map(count)(*[v.T for v in values.values()])[1]
-        return np.asarray(centres.full()).reshape(3, count, -1).transpose(1, 2, 0)
+        centres = self._evaluator(*values.values())[1]
+        return centres.reshape(len(centres), 3, -1).transpose(0, 2, 1)
 
     @cached_property
     def tip_jacobian_function(self) -> ca.Function:
@@ -267,6 +277,11 @@ class HandFunctions:
         positions = ca.horzcat(*self.posed_hand.tip_places(symbols))
         jacobian = ca.densify(ca.jacobian(ca.vec(positions), ca.vertcat(*symbols.values())))
         return ca.Function("tips", list(symbols.values()), [positions, jacobian], {"cse": True})
+
+    @cached_property
+    def _evaluator(self) -> BatchEvaluator:
+        """Evaluator of centres of round fingertips and of the link spheres."""
+        return BatchEvaluator(self._function)
 
     @cached_property
     def _function(self) -> ca.Function:

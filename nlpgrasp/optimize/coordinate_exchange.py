@@ -38,10 +38,13 @@ PERTURBATIONS = 6  # rounds of random perturbation and exchange for one start; o
 SWEEPS = 4  # sweeps of exchanges over all contacts, at most
 WEAK = 24  # directions in which all samples are compared: the weakest of the remaining contacts
 SHORTLISTED = 16  # samples of a shortlist, compared in all directions
+CHECKED = 64, 512  # best samples whose coupled constraints are checked; where few satisfy them
+MOVES = 8  # perturbations tried where coupled constraints are broken
 GAIN = 1e-3  # least relative gain of an exchange
 TIE, LAST_TIE = 0.2, 0.01  # weight of the mean over weak directions against the least support; in the last exchange
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # per candidate: descents, steps of each, directions added
-CERTIFIED, LOOSE = 2, 0.2  # certificates per round, at most; their relative width
+CERTIFIED, LAST_CERTIFIED = 2, 8  # certificates per round, at most; in the last round
+LOOSE = 0.2  # relative width of these certificates
 FROM_CERTIFICATE = 8  # directions added from a certificate, at most
 PROPOSED = 4  # candidates per start
 PER_CANDIDATE = 2  # tuples repaired and ranked per requested candidate
@@ -81,10 +84,22 @@ def exchanged_candidates(
     if tables.coupled:
         repairs = (_repair(compiled, candidate) for candidate in candidates)
         repaired = [repair for repair in repairs if repair is not None]
-        candidates = _rank(compiled, repaired) if repaired else candidates
+        candidates = search.rank(repaired) if repaired else candidates
     if has_jaws:
-        candidates.sort(key=lambda candidate: not compiled.hand_functions.has_free_approach(candidate.points))
+        candidates = _free_approaches_first(compiled, candidates, count)
     return drop_congruent(compiled, candidates, count)
+
+
+def _free_approaches_first(
+    compiled: CompiledProblem, candidates: Sequence[GraspCandidate], count: int
+) -> list[GraspCandidate]:
+    """Return candidates of parallel jaws, those with a free approach first, until ``count`` of these are found."""
+    free, others = list[GraspCandidate](), list[GraspCandidate]()
+    for candidate in candidates:
+        is_enough = len(free) >= count and len(drop_congruent(compiled, free, count)) == count
+        is_free = not is_enough and compiled.hand_functions.has_free_approach(candidate.points)
+        (free if is_free else others).append(candidate)
+    return free + others
 
 
 class CoordinateExchange:
@@ -128,7 +143,7 @@ class CoordinateExchange:
         best = self.update_population(best, self.exchange(best))
         for number in range(perturbations):
             best = self.update_population(best, self.exchange(self.perturb(best), LAST_TIE if number % 2 else TIE))
-        return self.update_population(best, self.exchange(best, LAST_TIE))
+        return self.update_population(best, self.exchange(best, LAST_TIE), certified=LAST_CERTIFIED)
 
     def draw(self) -> IntArray:
         """Return random tuples, (b, k); half of them are the best of ``DRAWN`` random ones."""
@@ -137,24 +152,41 @@ class CoordinateExchange:
         return np.concatenate([chosen, drawn[: 2 * self._population - len(chosen)]])
 
     def perturb(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k) with one or two contacts moved to random samples; the best tuples are repeated."""
-        result = np.resize(tuples, (self._population, tuples.shape[1]))
+        """Return tuples (b, k) with one or two contacts moved to random samples; the best tuples are repeated.
+
+        Where that breaks coupled constraints, other moves are tried a few times.
+        """
+        original = np.resize(tuples, (self._population, tuples.shape[1]))
+        result = self._move_some(original)
+        for _ in range(MOVES):
+            broken = np.flatnonzero(self.violations(result) > REPAIRABLE)
+            if not len(broken):
+                break
+            result[broken] = self._move_some(original[broken])
+        return result
+
+    def _move_some(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k) with one contact, and in every other one two, moved to random samples."""
+        result = tuples.copy()
         for number, (samples, drawn) in enumerate(
-            zip(result, self._tables.random(self._population, self._rng), strict=True)
+            zip(result, self._tables.random(len(tuples), self._rng), strict=True)
         ):
             moved = self._rng.permutation(len(samples))[: 1 + number % 2]
             samples[moved] = drawn[moved]
         return result
 
-    def update_population(self, *tuples: IntArray) -> IntArray:
-        """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions."""
+    def update_population(self, *tuples: IntArray, certified: int = CERTIFIED) -> IntArray:
+        """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions.
+
+        At most ``certified`` certificates show directions that descents miss.
+        """
         self.history += tuples
         best = self.best(np.concatenate(tuples), 4 * self._population)
         self.add_weakest_directions(best[: 2 * self._population])
         best = self.best(best, len(best))
         incongruent = select_incongruent(self._compiled, self._tables.contacts_of(best)[0])
         congruent = [b for b in range(len(best)) if b not in incongruent]
-        return self.exchange_by_certificates(best[sorted((incongruent + congruent)[: self._population])])
+        return self.exchange_by_certificates(best[sorted((incongruent + congruent)[: self._population])], certified)
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ratio ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,).
@@ -190,21 +222,12 @@ class CoordinateExchange:
             i, active = turn % k, np.flatnonzero(since < k)
             if not len(active):
                 break
-            infeasible = violation > REPAIRABLE
-            shortlists = [
-                self._promising_samples(
-                    powers[:, b], i, int(tuples[b, i]), bool(infeasible[b]), tie, within[b][i] if within else None
+            for b in active.tolist():
+                samples, score, excess = self._promising_samples(
+                    tuples[b], powers[:, b], i, tie, within[b][i] if within else None
                 )
-                for b in active.tolist()
-            ]
-            trials = np.repeat(tuples[active], [len(samples) for samples, _ in shortlists], axis=0)
-            trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
-            trial_violation = self.violations(trials)
-            end = 0
-            for b, (samples, score) in zip(active, shortlists, strict=True):
-                start, end = end, end + len(samples)
-                excess = trial_violation[start:end]
                 merit = np.where(excess <= REPAIRABLE, score, -1.0 - excess)
+                merit[-1] = score[-1] if violation[b] <= REPAIRABLE else -1.0 - violation[b]
                 chosen = int(np.argmax(merit))
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
@@ -224,12 +247,12 @@ class CoordinateExchange:
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
         self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
 
-    def exchange_by_certificates(self, tuples: IntArray) -> IntArray:
+    def exchange_by_certificates(self, tuples: IntArray, most: int) -> IntArray:
         """Return tuples (b, k), best first, exchanged along weak directions from loose certificates of the best one.
 
-        Descents miss narrow minima of the support ratio, which a certificate shows.
+        Descents miss narrow minima of the support ratio, which a certificate shows. There are ``most`` certificates.
         """
-        for _ in range(CERTIFIED):
+        for _ in range(most):
             if self._key(tuples[0]) in self._certified:
                 break
             value = float(self.values(tuples[:1])[0])
@@ -264,6 +287,13 @@ class CoordinateExchange:
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
         return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
 
+    def rank(self, candidates: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
+        """Return candidates, paired with inward normals (k, space), by decreasing quality along known directions."""
+        points, normals = (np.stack(parts) for parts in zip(*((c.points, n) for c, n in candidates), strict=True))
+        stack = GraspStack(points, normals, self._compiled.problem.models, self._compiled.problem.origin)
+        ratios = sampled_ratios(stack, self._compiled.problem.task, self.directions, self._tables.budget)
+        return [candidates[b][0] for b in np.argsort(-np.min(ratios, axis=1), kind="stable").tolist()]
+
     def _key(self, samples: IntArray) -> tuple[tuple[int, int], ...]:
         """Return a key that is equal for tuples (k,) that differ only in the order of identical contacts."""
         return tuple(sorted(zip(self._tables.of_contact, samples.tolist(), strict=True)))
@@ -274,24 +304,20 @@ class CoordinateExchange:
         return np.stack([self.powers[table][:, samples] for table, samples in contacts], axis=2)
 
     def _promising_samples(
-        self,
-        tuple_powers: FloatArray,
-        i: int,
-        current: int,
-        infeasible: bool,
-        tie: float,
-        within: IntArray | None = None,
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the shortlist of samples for contact i of a tuple, the current one last, and their scores.
+        self, samples: IntArray, tuple_powers: FloatArray, i: int, tie: float, within: IntArray | None = None
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the shortlist of samples for contact i of a tuple, the current one last, scores, and violations.
+
+        Violations are those of coupled constraints. Samples that violate none, if there are any, fill the shortlist.
 
         Parameters
         ----------
+        samples : (k,) array of int
+            The tuple.
         tuple_powers : (j, k) array
             Powers of the supports of the tuple's samples.
-        i, current : int
-            Contact, and its sample in the tuple.
-        infeasible : bool
-            Whether the tuple violates coupled constraints: random samples then join the shortlist.
+        i : int
+            Contact.
         tie : float
             Weight of the mean along weak directions.
         within : array of int, optional
@@ -303,15 +329,38 @@ class CoordinateExchange:
         trial_powers = powers[weak] if within is None else powers[np.ix_(weak, within)]
         supports = self._tables.combine(others[weak, None], trial_powers)
         score = np.min(supports, axis=0) + np.full(len(weak), tie / len(weak), dtype=np.float32) @ supports
-        shortlist = (
-            np.argpartition(score, -SHORTLISTED)[-SHORTLISTED:] if len(score) > SHORTLISTED else np.arange(len(score))
-        )
-        if infeasible:
-            shortlist = np.concatenate([shortlist, self._rng.integers(len(score), size=SHORTLISTED)])
-        shortlist = shortlist if within is None else within[shortlist]
-        shortlist = np.append(shortlist, current)
+        if self._tables.coupled:
+            shortlist, excess = self._feasible_shortlist(samples, i, score, within)
+        else:
+            shortlist, excess = _largest(score, SHORTLISTED), np.zeros(min(SHORTLISTED, len(score)))
+        shortlist = np.append(shortlist if within is None else within[shortlist], samples[i])
         supports = self._tables.combine(others[:, None], powers[:, shortlist])
-        return shortlist, np.min(supports, axis=0) + tie * np.mean(supports[weak], axis=0)
+        return shortlist, np.min(supports, axis=0) + tie * np.mean(supports[weak], axis=0), np.append(excess, 0.0)
+
+    def _feasible_shortlist(
+        self, samples: IntArray, i: int, score: FloatArray, within: IntArray | None
+    ) -> tuple[IntArray, FloatArray]:
+        """Return the shortlist for contact i of a tuple (k,) under coupled constraints, and their violations.
+
+        Its samples are the best, by their score (m,), that violate no constraint; otherwise those that violate least.
+        """
+        for checked in CHECKED:
+            shortlist = np.concatenate([_largest(score, checked), self._rng.integers(len(score), size=SHORTLISTED)])
+            trials = np.repeat(samples[None], len(shortlist), axis=0)
+            trials[:, i] = shortlist if within is None else within[shortlist]
+            excess = self.violations(trials)
+            feasible = excess <= REPAIRABLE
+            if np.sum(feasible) >= SHORTLISTED:
+                break
+        kept = _largest(np.where(feasible, score[shortlist], -1.0 - excess), SHORTLISTED)
+        return shortlist[kept], excess[kept]
+
+
+def _largest(values: FloatArray, count: int) -> IntArray:
+    """Return the indices of the largest ``count`` values, or of all, in no order."""
+    if len(values) <= count:
+        return np.arange(len(values))
+    return np.asarray(np.argpartition(values, -count)[-count:])
 
 
 def exchange_nearby(
@@ -429,10 +478,3 @@ def _repair(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[Grasp
         if residual > TOUCHING or on_faces.violation(repaired) > FEASIBLE:
             return None
     return GraspCandidate(candidate.faces, repaired.points, repaired.hand), on_faces.inward_normals(repaired)
-
-
-def _rank(compiled: CompiledProblem, candidates: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
-    """Return candidates, paired with their inward normals (k, space), by decreasing sampled quality."""
-    points = np.stack([candidate.points for candidate, _ in candidates])
-    normals = np.stack([normals for _, normals in candidates])
-    return [candidates[b][0] for b in np.argsort(-sampled_quality(compiled, points, normals), kind="stable")]

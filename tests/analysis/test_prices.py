@@ -105,6 +105,7 @@ def test_prices_of_a_hand_predict_solving_again(with_hand):
         assert moved.value - optimum.value == pytest.approx(expected, rel=0.05, abs=1e-7 * optimum.value), limit.name
 
 
+@pytest.mark.slow
 def test_no_prices_of_an_optimum_far_from_the_grasp():
     """On a mesh the optimum on the smooth surface can be another grasp's."""
     compiled, best = searched("reach and table")

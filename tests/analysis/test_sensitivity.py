@@ -109,6 +109,7 @@ def test_mu_at_a_kink_falls_both_ways():
     assert str(rates).count("\n") == 2 + 2
 
 
+@pytest.mark.slow
 def test_a_joint_carries_its_contact_along():
     """The rate of a joint is that of the contact's own displacement, by the chain rule where mu is smooth."""
     hand, rng = four_finger_hand(), np.random.default_rng(3)

@@ -65,6 +65,7 @@ def test_torque_about_an_axis_of_symmetry_without_friction():
     assert about in str(solution.why_not)  # what the fingers cannot exert, not the load that they cannot hold
 
 
+@pytest.mark.slow
 def test_more_friction_is_advised_where_it_helps():
     """Three faces at right angles to each other: not closed with friction 0.6, closed with a quarter more."""
     contact = [ng.FrictionContact(0.6, faces=[f]) for f in ("+x", "+y", "+z")]

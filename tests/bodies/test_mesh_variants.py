@@ -163,6 +163,7 @@ def file_variants(name, folder):
             yield read_mesh(file, "m"), offset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first(2, MOVED))
 def test_moved_and_split_meshes_are_held_alike(name):
     assert_held_alike(name, moved_variants(name))

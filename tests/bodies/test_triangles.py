@@ -120,6 +120,7 @@ def test_a_mesh_is_simplified(outside_meshes):
     assert np.max(np.abs(body.signed_distance(vertices))) < 5e-4
 
 
+@pytest.mark.slow
 def test_a_mesh_that_cannot_be_simplified_is_remade(outside_meshes):
     body = ng.Mesh.load(outside_meshes / "ycb_048_hammer.stl")
     assert closed(body).volume == pytest.approx(body.mesh.volume, rel=0.1)

@@ -148,6 +148,7 @@ def test_pictures_of_a_hand_have_a_name_of_their_own():
     assert names == {"mug-simulation.png", "mug-simulation-hand.png"}
 
 
+@pytest.mark.slow
 def test_quality_prints_both_measures(solved):
     folder, _ = solved
     result = run("quality", "square.json", "--torque-scale", 1.0, cwd=folder)
@@ -156,6 +157,7 @@ def test_quality_prints_both_measures(solved):
     assert "delta    certified in [0.4" in result.stdout
 
 
+@pytest.mark.slow
 def test_report_writes_a_page_or_pictures(solved):
     folder, _ = solved
     result = run("report", "square.json", cwd=folder)
@@ -168,6 +170,7 @@ def test_report_writes_a_page_or_pictures(solved):
     assert min(panels_drawn(folder / "pictures-wrenches.png", 4)) > 0.05
 
 
+@pytest.mark.slow
 def test_exports_and_tables_of_contacts(solved):
     folder, _ = solved
     for ran, kind, name in ((run_here, "csv", "square.csv"), (run, "glb", "square.glb")):
@@ -202,6 +205,7 @@ def test_json_lines(script, tmp_path):
     assert json.loads(result.stdout)["passed"] is True
 
 
+@pytest.mark.slow
 def test_a_quick_solve_is_without_analyses(script, tmp_path):
     run_here("solve", script, "--quick", "--starts", 1, "--out", tmp_path / "quick.json", cwd=tmp_path)
     quick = ng.GraspSolution.load(tmp_path / "quick.json")
@@ -342,6 +346,7 @@ def test_wrong_use_is_one_line(script, tmp_path, arguments, message):
     assert message in refused(run_here(*arguments, cwd=tmp_path))
 
 
+@pytest.mark.slow
 def test_wrong_use_in_a_process_of_its_own(tmp_path):
     assert "a Python file that exists" in refused(run("solve", "none.py", cwd=tmp_path))
 
@@ -368,6 +373,7 @@ def test_a_script_may_import_its_neighbours_and_change_folder(tmp_path):
     assert (tmp_path / "found.json").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", first(1, [2, 1]))
 def test_interrupt_writes_the_best_grasp(tmp_path, workers):
     (tmp_path / "square.py").write_text(SMALL)
@@ -397,6 +403,7 @@ def test_interrupt_writes_the_best_grasp(tmp_path, workers):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_many_grasps_are_kept_printed_and_exported(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
     result = run_here("solve", "square.py", "--starts", "2", "--workers", "1", "--keep", "3", cwd=tmp_path)

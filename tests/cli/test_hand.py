@@ -65,6 +65,7 @@ def test_a_fingertip_beyond_its_link_is_shown_as_a_grave_finding(tmp_path):
     assert tips(tmp_path / "parallel_gripper.html") == [("left_pad", 0.02)]
 
 
+@pytest.mark.slow
 def test_the_printed_command_shows_the_hand(tmp_path):
     """Pasted as it is, with the palm's direction that was given."""
     result = run_here("hand", FOUR, "--approach", "1,0,0", "--no-open", cwd=tmp_path)

@@ -114,6 +114,7 @@ class Level(PlacementConstraint):
         return {"type": self.kind, "tolerance": self.tolerance}
 
 
+@pytest.mark.slow
 def test_a_constraint_from_outside_is_one_class_and_one_line(tmp_path):
     rule = Level(2e-3)
     assert constraint_from_dict(rule.to_dict()) == rule

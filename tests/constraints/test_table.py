@@ -18,6 +18,7 @@ def carried(constraints, body=SQUARE, center=(0.0, 0.5, 0.0), axes=(1.0, 1.0, 1.
     return ng.solve(problem, starts, options=QUICK)
 
 
+@pytest.mark.slow
 def test_the_side_of_a_square_that_lies_in_the_table_is_not_touched():
     free, stands = carried([]), carried([ng.Table(-1.0)])
     assert "edge0" in free.faces  # from below is best where nothing is in the way (Example 3-10)
@@ -36,6 +37,7 @@ def test_the_bottom_of_a_box_that_stands_on_the_table_is_not_touched():
     assert np.min(solution.grasp.points[:, 2]) >= -0.02 + THIN_FINGER - 1e-8
 
 
+@pytest.mark.slow
 def test_faces_that_all_lie_in_the_table_leave_no_grasp_and_the_answer_says_why():
     contacts = [ng.FrictionContact(0.5, faces="edge0"), ng.FrictionContact(0.5, faces="edge2")]
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0], center=[0.0, 0.5, 0.0])

@@ -81,6 +81,7 @@ def test_a_failing_and_a_crashing_solve_cost_only_themselves(cluster, tmp_path):
     assert result["fine"].mu.lower > 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1", "127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_refused_before_anything_runs(address, tmp_path, monkeypatch):
     import nlpgrasp.experiments.experiment_run as module

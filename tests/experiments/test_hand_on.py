@@ -96,6 +96,7 @@ def test_resuming_changes_no_file(handed, tmp_path):
     assert candidate(resumed) == candidate(handed)
 
 
+@pytest.mark.slow
 def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
     folder = tmp_path / "out"
     some = {name: VARIATIONS[name] for name in ("rough", "three")}
@@ -104,6 +105,7 @@ def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
     assert candidate(later) == candidate(handed)
 
 
+@pytest.mark.slow
 def test_what_a_solve_found_itself_is_kept_and_comes_back(handed, tmp_path):
     folder = tmp_path / "out"
     shutil.copytree(handed.folder, folder)
@@ -125,6 +127,7 @@ def test_another_body_gets_nothing(tmp_path):
     assert not (result.folder / OWN_RESULTS).exists()
 
 
+@pytest.mark.slow
 def test_functions_that_make_the_same_body_take_part(tmp_path):
     def late():
         square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])

@@ -54,6 +54,7 @@ def broken(result):
     return wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_table_never_says_what_a_grasp_of_it_refutes(seed, tmp_path):
     result = ng.run_experiment(drawn(seed, ("base", "rougher")), tmp_path / "out", workers=1)

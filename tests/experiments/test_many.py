@@ -38,6 +38,7 @@ def test_each_problem_has_a_file_with_its_grasps(finished):
     assert all(ng.verify(file) for file in finished.files.values())
 
 
+@pytest.mark.slow
 def test_a_file_holds_what_solve_finds(finished):
     single = ng.solve(square(0.8), 2, 0, replace(QUICK, workers=1), keep=KEEP)
     loaded = finished.load("rough")
@@ -45,6 +46,7 @@ def test_a_file_holds_what_solve_finds(finished):
     assert [f.mu.lower for f in loaded.grasps[1:]] == [f.mu.lower for f in single.grasps[1:]]
 
 
+@pytest.mark.slow
 def test_a_folder_is_gone_on_with(finished, tmp_path):
     folder = shutil.copytree(finished.folder, tmp_path / "out")
     before = {file: file.stat().st_mtime_ns for file in map(folder.joinpath, finished.files.values())}
@@ -69,6 +71,7 @@ def failing():
     raise ValueError("no such mesh")
 
 
+@pytest.mark.slow
 def test_a_problem_that_cannot_be_made_costs_no_other(tmp_path):
     result = solved({"rough": square(0.8), "lost": failing}, tmp_path / "out")
     assert list(result.files) == ["rough"]
@@ -94,6 +97,7 @@ def test_what_are_no_problems_is_refused(problems, message, tmp_path):
         ng.solve_many(problems, tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_an_experiment_keeps_grasps_too(tmp_path):
     plan = ng.Experiment(base(), {"rough": {"friction": 0.8}}, [0], 2, QUICK, keep=KEEP)
     ng.run_experiment(plan, tmp_path / "out", workers=1)

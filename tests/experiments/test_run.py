@@ -83,6 +83,7 @@ def test_resume_does_only_what_is_missing(finished, tmp_path):
     assert not list((folder / "solves").glob("*.tmp"))
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_read_is_done_again_and_said(tmp_path):
     folder = tmp_path / "out"
     first = ng.run_experiment(experiment(seeds=[0]), folder, workers=1)

@@ -57,6 +57,7 @@ def test_a_gap_is_closed_though_a_grasp_seemed_better_than_it_is():
     assert ng.best_possible(problem, gap=0.01, time_limit=None).closed
 
 
+@pytest.mark.slow
 def test_directions_that_certificates_find_are_learned():
     """Weak directions of certificates are learned, which descents miss in a narrow cone."""
     problem = random_path(13).at(3.0 / 7.0)
@@ -67,6 +68,7 @@ def test_directions_that_certificates_find_are_learned():
     assert best.mu.lower <= found.upper
 
 
+@pytest.mark.slow
 def test_constraints_of_one_contact_shrink_the_bound():
     free = ng.best_possible(square(2), gap=0.02, time_limit=None)
     kept = [ng.Table(-0.9), ng.Forbid("edge2"), ng.Workspace(ng.BoxRegion([-2, -2], [2, 0.2]))]
@@ -112,6 +114,7 @@ def test_contacts_that_all_differ_begin_with_few_nodes(body, roots):
         assert extent[0] < 1e-9
 
 
+@pytest.mark.slow
 def test_a_box_as_a_mesh():
     known = 0.6992  # of the box itself, closed to 0.1 %
     box = ng.Mesh(trimesh.creation.box([2, 1, 1]), resolution=8)

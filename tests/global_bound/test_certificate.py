@@ -31,6 +31,7 @@ def test_the_bound_claimed_is_the_largest_of_the_leaves():
     assert best.certificate["complete"]
 
 
+@pytest.mark.slow
 def test_a_search_with_more_leaves_than_are_kept_claims_what_follows_from_those(monkeypatch):
     fine = bound(gap=0.0005)
     monkeypatch.setattr(branch_and_bound, "MOST_LEAVES", 3)

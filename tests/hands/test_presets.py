@@ -162,6 +162,7 @@ def test_presets_hold_a_sphere(name, path, radius):
     assert solution.mu.lower > 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["Left", "Right"])
 def test_ability_has_the_efforts_of_its_maker_and_closes_to_where_its_palm_faces(side, tmp_path):
     hand = ng.hands.ability(ability_urdf(tmp_path), palm=f"{side}_thumb_base")
@@ -174,6 +175,7 @@ def test_ability_has_the_efforts_of_its_maker_and_closes_to_where_its_palm_faces
     check_fitted_fingers(hand)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_inspire_has_the_forces_that_were_measured_and_closes_to_where_its_palm_faces(side):
     hand = ng.hands.inspire(model(f"{GRIPPERS}/inspire_{side}_hand.xml"))

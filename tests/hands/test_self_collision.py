@@ -21,7 +21,7 @@ def frame(turn, move):
 
 
 def test_boxes_side_by_side():
-    """Parallel boxes are as deep in each other as along the axis on which they are least."""
+    """Parallel boxes are as deep in each other as along the axis on which they are least; negative where apart."""
     hull = ShapeHull.of(CollisionShape.box(BOX, np.eye(4)))
     moves = np.array([[0.015, 0.0, 0.0], [0.025, 0.0, 0.0], [0.018, 0.02, 0.045], [0.0, 0.0, 0.0]])
     frames = np.array([frame(np.eye(3), move) for move in moves])

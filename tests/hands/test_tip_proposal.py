@@ -91,6 +91,7 @@ def test_links_that_are_only_seen_and_those_that_face_no_other_are_left_out(tmp_
     )
 
 
+@pytest.mark.slow
 def test_knuckles_of_linkages_are_left_out(tmp_path):
     """They move with the finger whose pad is in front of them, and face the same way."""
     result = proposal(robotiq_2f85(tmp_path / "2f85.urdf", meshes=True))

@@ -52,6 +52,7 @@ TASKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", first(1, TASKS))
 def test_descents_agree_with_certificates(task):
     """Gradients alone were off by 5 % in the middle of thin tasks, by far more at the worst."""

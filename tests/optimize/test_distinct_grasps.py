@@ -87,6 +87,7 @@ def test_a_file_holds_all_of_them(solution, data, tmp_path):
     assert ng.verify(path)
 
 
+@pytest.mark.slow
 def test_a_task_of_another_scale_round_trips():
     task = ng.TaskEllipsoid.from_quadratic(np.eye(3), np.zeros(3), 2.0)
     square = ng.GraspProblem(ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]), [ng.FrictionContact(0.5)] * 2, task)

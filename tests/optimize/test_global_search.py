@@ -115,6 +115,7 @@ def test_a_gap_where_nothing_is_bounded_is_said():
         assert ng.solve(problem, 1, options=options).bound is None
 
 
+@pytest.mark.slow
 def test_no_look_where_none_is_wanted_or_possible():
     without = ng.solve(square(), starts=1, options=ng.SolveOptions(global_bound=False, **QUICK))
     assert (without.best_possible, without.gap) == (math.inf, math.inf)
@@ -132,6 +133,7 @@ def test_a_bound_without_a_grasp_proves_that_there_is_none():
     assert "  mu is at most 0 anywhere\n" in str(solution)
 
 
+@pytest.mark.slow
 def test_an_easy_grasp_that_random_starts_miss():
     task = ng.lift([0, 0, 0], 0.3) + ng.disturbance(1, 0.01)
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, task)
@@ -173,6 +175,7 @@ def test_the_same_seed_gives_the_same_answer_and_bound():
     assert first.best_possible == again.best_possible
 
 
+@pytest.mark.slow
 def test_starts_go_on_from_what_the_bound_rests_on():
     problem = square(3)
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(gap=0.01, **QUICK))

@@ -63,6 +63,7 @@ def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_rando
     assert reaching > 1.2 * np.median([best(seed) for seed in range(5)])
 
 
+@pytest.mark.slow
 def test_contacts_stay_on_the_faces_that_each_may_use():
     """Fingers with different allowed faces are not exchanged for each other."""
     faces = [["+x"], ["-x"], ["+y", "-y"], ["+y", "-y"]]

@@ -35,6 +35,7 @@ def palms(compiled, samples):
             yield pose, reach
 
 
+@pytest.mark.slow
 def test_fingertips_are_where_they_touch_and_their_links_outside(compiled, samples):
     hand, space = compiled.hand_functions, compiled.workspace
     least = np.array([compiled.rows.named[i].lower for i in compiled.rows.clearances])

@@ -87,6 +87,7 @@ def test_joints_whose_margins_cost_too_much_have_their_whole_range():
     assert at_high_price <= 0.95 * value_without_margins
 
 
+@pytest.mark.slow
 def test_joints_that_cannot_keep_their_margins_leave_the_others_theirs(monkeypatch):
     lower_limit = posture()[2][0, AT_LIMIT]
     project = refine_module.project_onto_constraints
@@ -104,6 +105,7 @@ def test_joints_that_cannot_keep_their_margins_leave_the_others_theirs(monkeypat
     assert np.all(kept_limits[0, 1:] > limits[0, 1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"joint_margin": 0.0}, {"gap": 0.1}])
 def test_without_a_margin_nothing_changes(options):
     hand_problem = compiled().with_joint_limits(posture()[2])

@@ -64,6 +64,7 @@ def test_residuals_by_differences(name):
     assert beta == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["box", "ellipsoid"])
 def test_no_grasp_beside_it_is_better(name, rng):
     """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
@@ -147,6 +148,7 @@ def test_a_margin_from_sharp_edges_holds_on_triangles():
     assert facets.evaluate(facets.names[0], nearer, 0.001)[3][0] == pytest.approx(0.0002)
 
 
+@pytest.mark.slow
 def test_what_is_not_refined_says_why():
     problem = PROBLEMS["box"]()
     solution = ng.solve(problem, starts=1, options=replace(OPTIONS, rounds=0))
@@ -160,6 +162,7 @@ def test_what_is_not_refined_says_why():
     )
 
 
+@pytest.mark.slow
 def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
     compiled, start = started("box")
     better = replace(start, record=replace(start.record, mu=ng.Bounds(0.9 * 2.0, 2.0)))

@@ -10,6 +10,7 @@ from loky.process_executor import BrokenProcessPool
 from nlpgrasp.optimize.processes import Processes, cores, separate_processes
 
 
+@pytest.mark.slow
 def test_tasks_run_in_other_processes_that_are_kept():
     processes = Processes(1)
     first = processes.submit(os.getpid).result()
@@ -54,6 +55,7 @@ def test_separate_processes_are_not_shared_and_are_kept_for_the_next_context():
         assert later.submit(os.getpid).result() == first
 
 
+@pytest.mark.slow
 def test_separate_processes_end_with_an_error():
     workers = []
 

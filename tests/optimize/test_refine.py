@@ -59,6 +59,7 @@ def test_candidates_without_closure_or_rounds_are_unchanged():
     )
 
 
+@pytest.mark.slow
 def test_missed_directions_are_found():
     """Descents over directions miss a dip here: a search ended at 0.668 where certificates give 0.272."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01], center=[0.6, 0.2, 0.0, 0.0, 0.003, 0.0])

@@ -42,6 +42,7 @@ def around(compiled, seed):
     return GraspCandidate(compiled.problem.body.face_names * 4, cloud.points[cloud.tree.query(targets)[1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", first(1, [brick, ball]))
 def test_contacts_are_on_triangles_with_their_normals_and_off_edges(body):
     compiled = compiled_problem(body())
@@ -58,6 +59,7 @@ def test_contacts_are_on_triangles_with_their_normals_and_off_edges(body):
     assert result.point.value == pytest.approx(ng.mu(on_body.grasp, TASK, 1e-3).upper, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_exchanges_nearby_lead_to_other_triangles():
     """On a ball of 1,280 triangles refinement alone keeps the contacts on their initial triangles."""
     compiled = compiled_problem(ball())

@@ -55,6 +55,7 @@ def test_the_worst_displacement_is_on_the_body_and_within_reach(ellipsoid):
     np.testing.assert_allclose(np.sum((robust.points / [0.05, 0.03, 0.02]) ** 2, axis=1), 1.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_contacts_stay_on_their_faces():
     solution = ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=OPTIONS)
     half = np.array([0.04, 0.025, 0.02])

@@ -41,6 +41,7 @@ def test_workers_run_warm_starts(known):
     assert solution.mu.upper >= known.mu.lower
 
 
+@pytest.mark.slow
 def test_a_grasp_that_breaks_a_constraint_is_refined_alone(known):
     with_table = box(constraints=[ng.Table(float(np.min(known.grasp.points[:, 2])) + 0.002)])
     solution = ng.solve(with_table, 1, options=OPTIONS, warm_starts=[known])
@@ -48,6 +49,7 @@ def test_a_grasp_that_breaks_a_constraint_is_refined_alone(known):
     assert solution.starts[1].message.startswith(CandidateOrigin.WARM_START.value)
 
 
+@pytest.mark.slow
 def test_normals_are_those_of_the_body(known):
     grasp = ng.Grasp(known.grasp.points, -known.grasp.normals, known.grasp.contacts)
     solution = ng.solve(box(), 1, options=OPTIONS, warm_starts=[grasp])
@@ -64,6 +66,7 @@ def test_a_hand_starts_from_its_configuration():
         ng.solve(problem, 1, options=OPTIONS, warm_starts=[first.grasp])
 
 
+@pytest.mark.slow
 def test_grasps_of_other_problems_are_refused(known):
     def refused(problem, warm, said):
         with pytest.raises(ng.InputError, match=said):

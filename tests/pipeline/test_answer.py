@@ -45,6 +45,7 @@ def test_the_winner_is_recorded():
     assert winner.mu.upper == max(s.mu.upper for s in solution.starts if s.status is Status.SOLVED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", first(1, [2, 1]))
 def test_the_stages_of_a_solve_add_up(workers):
     problem = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0] * 6))

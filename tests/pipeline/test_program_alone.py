@@ -23,6 +23,7 @@ PROBLEMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first(1, PROBLEMS))
 def test_it_is_as_good_without_the_bound(name):
     problem = PROBLEMS[name]()

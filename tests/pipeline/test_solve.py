@@ -105,6 +105,7 @@ def test_elliptic_torsion_goes_through_the_exchange_with_forces():
     assert ng.verify(solution)
 
 
+@pytest.mark.slow
 def test_constraints_hold_and_are_reported():
     problem = ellipsoid(
         constraints=[
@@ -130,6 +131,7 @@ def test_constraints_hold_and_are_reported():
     assert ng.verify(solution)
 
 
+@pytest.mark.slow
 def test_reach_keeps_the_fingertips_together():
     problem = ellipsoid(3, hand=ng.Fingertips(3, radius=0.1, reach=1.1))
     options = ng.SolveOptions(workers=1, rtol=0.1, final_rtol=0.1, global_bound=False)
@@ -139,6 +141,7 @@ def test_reach_keeps_the_fingertips_together():
     assert np.max(np.linalg.norm(tips - palm, axis=1)) <= 1.1 + 1e-3
 
 
+@pytest.mark.slow
 def test_no_grasp_is_a_result_not_an_exception():
     """Two frictional points never resist every wrench in space."""
     options = ng.SolveOptions(workers=1, global_bound=False)

@@ -91,6 +91,7 @@ def test_no_contact_is_nearer_to_an_edge(kind):
     assert exact.mu.lower > solution.bound.upper or kind in ("cylinder", "prism")  # the bound is of the margin's places
 
 
+@pytest.mark.slow
 def test_verify_fails_where_a_contact_is_nearer_than_the_margin_that_is_stated():
     solution = ng.solve(problem(BODIES["box"]), starts=1, options=replace(QUICK, global_bound=False))
     edited = {**solution.problem, "edge_margin": 0.003}

@@ -133,6 +133,7 @@ def test_a_failed_hull_is_an_error_not_a_score(monkeypatch):
         ng.pyramid_volume(tetrahedral())
 
 
+@pytest.mark.slow
 def test_torque_is_about_the_stated_point():
     """Moving body and origin together changes nothing; moving the origin alone does."""
     grasp = tetrahedral()

@@ -89,6 +89,7 @@ def test_nothing_on_the_surface_is_below_the_lower_end(kind):
     check_slide(kind, QUICK_SEEDS.get(kind, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("budget", "seed"), [("shared", 3), ("per_finger", 5), ("per_finger_size", 5)])
 def test_other_budgets_bound_the_same_way(budget, seed):
     check_slide("polygon", seed, budget)

@@ -80,6 +80,7 @@ def test_hit_and_miss_agrees(rng):
     assert volume == pytest.approx(nu.value, rel=4 * spread + 0.01)
 
 
+@pytest.mark.slow
 def test_other_budgets_in_space(rng):
     grasp = closed_ellipsoid_grasp(rng, k=4, friction=0.8)
     shared, fingers = (ng.nu(grasp, rtol=0.05, force_budget=b) for b in ("shared", "per_finger"))

@@ -68,6 +68,7 @@ def test_axes_are_in_the_picture_from_all_around(browser, mug):
     assert np.max(ends) < 0.97
 
 
+@pytest.mark.slow
 def test_long_names_are_whole_and_do_not_cover_each_other_on_a_phone(browser, tmp_path):
     page = write_hand(inspect_without_tips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
     size = {"width": 400, "height": 900, "deviceScaleFactor": 1, "mobile": False}

@@ -200,6 +200,7 @@ def test_fingers_stay_where_sliding_gains_next_to_nothing():
         assert step.solution.mu.lower <= step.stayed
 
 
+@pytest.mark.slow
 def test_each_step_says_how_far_it_is_from_the_best():
     """The bound against grasps on a grid, the grasp against the bound."""
     for step in ng.follow_task(swinging, np.linspace(-0.5, 0.5, 3), starts=2, options=ONE).steps:

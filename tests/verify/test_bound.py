@@ -115,6 +115,7 @@ def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
         assert np.max(np.abs(stated - recomputed)[large]) <= ABOVE * np.max(recomputed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", every(4, CURVED))
 def test_a_lower_bound_over_curved_cells_fails(name, tmp_path):
     data = bound_data(name)

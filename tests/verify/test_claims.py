@@ -99,6 +99,7 @@ def test_an_outcome_that_does_not_go_with_the_grasp_fails(name):
     assert not told(OUTCOMES[name])
 
 
+@pytest.mark.slow
 def test_a_start_that_broke_constraints_may_have_been_better():
     change = another_start(mu={"lower": 0.9, "upper": 0.95}, status="no_grasp")
     assert told(change)

@@ -68,6 +68,7 @@ def test_a_clearance_that_is_not_there():
     assert failures(edited(data(), lie), FOLDER) == ["approach"]
 
 
+@pytest.mark.slow
 def test_an_approach_through_the_body():
     """The hand comes from the other side: all follows from the stated direction, which is not free."""
 

@@ -36,6 +36,7 @@ def test_a_run_writes_a_row_a_method_whose_mu_is_that_of_the_package(tmp_path):
         assert float(line["mu"]) > 0.0
 
 
+@pytest.mark.slow
 def test_methods_without_further_packages_hold_a_cube():
     for method in (ours, by_slsqp, antipodal):
         (answer,) = method.answers(CASES["cube"], 1, 0.0)
