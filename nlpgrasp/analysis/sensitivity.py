@@ -2,8 +2,9 @@
 
 ``mu = min_y phi_G(y) / phi_A(y)`` is a minimum of functions of the placement, so it has one-sided derivatives only.
 The derivative along a change d is the least over the weakest directions y of ``d phi_G(y; d) / phi_A(y)`` (Danskin). At
-an optimal grasp several directions are equally weak, and mu falls both ways along a change. The relevant weakest
-directions are found at a small step along each change, where those that lose most are weakest.
+an optimal grasp several directions are equally weak, and mu falls both ways along a change. Elsewhere a direction that
+is nearly the weakest matters only once the change has made up for its excess. Rates are therefore means over a small
+step along each change, to first order, at which directions are searched for as well.
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.solution import GraspSolution
 
-PROBE = 2e-4  # step for finding weakest directions, relative to the change's size
+PROBE = 2e-4  # step over which rates hold, relative to the change's size
 STEP = 1e-6  # step of finite differences, relative to the change's size
 MERGE_DISTANCE = 1e-4  # relative distance below which directions are merged
-ALMOST = 1e-3  # relative excess of the ratio up to which directions count as weakest
+ALMOST = 1e-5  # relative excess of the ratio up to which directions count as weakest: a solver's tolerance
+NEARLY = 1e-2  # relative excess of the ratio up to which directions may become the weakest over the step
 
 
 def sensitivity(
@@ -36,11 +38,11 @@ def sensitivity(
 ) -> Sensitivity:
     """Return the rates of mu with contact positions, friction coefficients and joint positions.
 
-    The rates are exact one-sided derivatives over the weakest directions found: those with a ratio within ``almost`` of
-    the least, at the grasp and at a small step along each change. Missed directions can only make mu fall faster;
-    nearly weakest ones make a rate more conservative, as at a solver's grasp directions are equally weak only to its
-    tolerance. Rates hold for small changes alone; ``solution.robust`` certifies the remaining quality after larger
-    ones.
+    The rates are one-sided derivatives over the directions found, at the grasp and at a small step along each change
+    (2e-4 of the mean arm for contacts, of their values for coefficients). Directions with a ratio within ``almost`` of
+    the least count as equally weak, as at a solver's grasp they are only to its tolerance; others count if they
+    become the weakest within that step. Missed directions can only make mu fall faster. Rates hold for small changes
+    alone; ``solution.robust`` certifies the remaining quality after larger ones.
 
     Contacts move on their faces, and normals follow the surface; on a mesh they move in the tangent plane. A joint
     carries its contacts along; their motion off or into the body is ignored, as is rolling.
@@ -81,10 +83,13 @@ def sensitivity(
         changes.of_coefficients(),
         [] if hand is None else changes.of_joints(hand, solution.hand),
     )
-    y = _weakest_under_changes(solution, grasp, start.directions, [c for group in groups for c in group], tolerance)
+    y = _weakest_under_changes(solution, grasp, start.directions, [c for group in groups for c in group])
     ratios = _ratios_along(solution, grasp, y)
-    contacts, coefficients, joints = (tuple(_rate(solution, c, y, ratios) for c in group) for group in groups)
-    return Sensitivity(float(np.min(ratios)), contacts, coefficients, joints, y)
+    least = float(np.min(ratios))
+    are_weakest = ratios <= (1.0 + tolerance) * least
+    excess = np.where(are_weakest, 0.0, ratios - least)
+    contacts, coefficients, joints = (tuple(_rate(solution, c, y, ratios, excess) for c in group) for group in groups)
+    return Sensitivity(least, contacts, coefficients, joints, y[are_weakest])
 
 
 @dataclass(frozen=True)
@@ -278,9 +283,9 @@ class Perturbation:
 
 
 def _weakest_under_changes(
-    solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation], tolerance: float
+    solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation]
 ) -> FloatArray:
-    """Return a grasp's weakest directions, (m, d), among those found for it and for its small perturbations."""
+    """Return a grasp's nearly weakest directions, (m, d), among those found for it and for its small perturbations."""
     rng, candidates = np.random.default_rng(0), [y]
     for change in changes:
         for sign in (1.0, -1.0):
@@ -291,7 +296,7 @@ def _weakest_under_changes(
     ratios = _ratios_along(solution, grasp, directions)
     weakest: list[FloatArray] = []
     for i in np.argsort(ratios, kind="stable").tolist():
-        if ratios[i] > (1.0 + tolerance) * np.min(ratios):
+        if ratios[i] > (1.0 + NEARLY) * np.min(ratios):
             break
         if all(
             np.max(np.abs(directions[i] - direction)) > MERGE_DISTANCE * np.max(np.abs(direction))
@@ -301,11 +306,14 @@ def _weakest_under_changes(
     return np.array(weakest)
 
 
-def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: FloatArray) -> Rate:
-    """Return the one-sided differences of the least support ratio over the weakest directions."""
-    step = STEP * change.size
+def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: FloatArray, excess: FloatArray) -> Rate:
+    """Return the least one-sided derivatives of the support ratios along directions (m, d), over the probe's step.
+
+    ``excess`` (m,) over the least ratio is spread over that step.
+    """
+    step, spread = STEP * change.size, excess / (PROBE * change.size)
     differences = (_ratios_along(solution, change.grasp(sign * step), y) - ratios for sign in (1.0, -1.0))
-    more, less = (float(np.min(difference)) / step for difference in differences)
+    more, less = (float(np.min(difference / step + spread)) for difference in differences)
     return Rate(change.name, change.unit, more, less)
 
 

@@ -52,7 +52,7 @@ def agree(rate, step, change, solution):
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_rates_are_those_of_certified_mu(seed):
     solution = on_ellipsoid(seed)
-    rates = ng.sensitivity(solution, almost=1e-6)
+    rates = ng.sensitivity(solution)
     grasp, step = solution.grasp, 1e-4
     for place in ((0, 0), (2, 1)):
         rate = rates.contacts[2 * place[0] + place[1]]
@@ -107,6 +107,30 @@ def test_mu_at_a_kink_falls_both_ways():
     assert rates.worst_contact.worst == max(max(-r.more, -r.less) for r in rates.contacts)
     assert set(rates.to_dict()) == {"mu", "contacts", "coefficients", "joints", "directions"}
     assert str(rates).count("\n") == 2 + 2
+
+
+def test_beside_a_kink_a_rate_has_the_sign_of_the_change():
+    """Beside the best place one way is better, though a direction is nearly as weak that loses on both ways."""
+    body = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1.0, [[-1.1, -1.1], [1.1, 1.1]])
+    contacts, task, angle = [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0]), np.pi + 1e-3
+
+    def grasp_at(angle):
+        points = [[1.0, 0.0], [np.cos(angle), np.sin(angle)]]
+        return solved(body, points, body.face_names[0], contacts, task)
+
+    solution = grasp_at(angle)
+    rate = ng.sensitivity(solution, body).contacts[1]
+    tied = ng.sensitivity(solution, body, almost=0.01).contacts[1]
+    assert tied.more < 0.0
+    assert tied.less < 0.0
+    assert {rate.more > 0.0, rate.less > 0.0} == {True, False}
+    tangent = solution.grasp.tangents[1, 0]
+    way = float(np.sign(tangent @ [-np.sin(angle), np.cos(angle)]))
+    step = 2e-4
+    for sign, slope in ((1.0, rate.more), (-1.0, rate.less)):
+        changed = ng.mu(grasp_at(angle + sign * way * step).grasp, task, 1e-6)
+        now = ng.mu(solution.grasp, task, 1e-6)
+        assert slope * step == pytest.approx(changed.lower - now.lower, rel=0.02)
 
 
 @pytest.mark.slow
