@@ -66,8 +66,10 @@ def test_another_angle_than_the_stated_one_fails(tmp_path, stated):
 
 @pytest.mark.slow
 def test_a_solve_with_flat_fingertips_says_what_verify_says(tmp_path):
-    trimesh.creation.capsule(0.05, 0.012).export(tmp_path / "capsule.stl")
-    body = ng.Mesh.load(tmp_path / "capsule.stl")
+    egg = trimesh.creation.icosphere(3)
+    egg.apply_scale([0.012, 0.013, 0.02])
+    egg.export(tmp_path / "egg.stl")
+    body = ng.Mesh.load(tmp_path / "egg.stl")
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[body.size] * 3])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.005), task, hand=gripper(), edge_margin=0.0)
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
