@@ -90,7 +90,8 @@ def compare(stored, measured):
             for r in measured["problems"]
             if group in (r["group"], "all") and r["name"] in stored_rows
         ]
-        pairs = [pair for stored_row, row in rows for pair in zip(stored_row["seeds"], row["seeds"], strict=True)]
+        # seeds that only one of both has are left out
+        pairs = [pair for stored_row, row in rows for pair in zip(stored_row["seeds"], row["seeds"], strict=False)]
         mu = np.array([b["lower"] / a["lower"] if a["lower"] else 1.0 for a, b in pairs])
         seconds = np.array([(a["cpu"], b["cpu"] / speed) for a, b in pairs])
         bounds = [b["bound"] / a["bound"] for a, b in pairs if a["bound"] and b["bound"]]
