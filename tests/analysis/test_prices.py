@@ -59,7 +59,7 @@ def best_of(compiled, starts):
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in PROBLEMS])
 def test_prices_predict_solving_again(name):
     problem = PROBLEMS[name]()
-    compiled, best = searched(name, 1 if name in FAST else 3)
+    compiled, best = searched(name, 3)
     prices = {p.name: p for p in shadow_prices(compiled, best, Deadline())}
     assert EXPECTED[name] <= set(prices)
     optimum = best.optimum
