@@ -208,11 +208,11 @@ class Body(DisplayedBody):
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, space) to the body, (m,), metres, negative inside."""
-        return self._distances(np.asarray(points))[0][:, 0]
+        return self.distances(np.asarray(points))[0][:, 0]
 
     @cached_property
-    def _distances(self) -> BatchEvaluator:
-        """Evaluator of ``distance_function``."""
+    def distances(self) -> BatchEvaluator:
+        """Evaluator of ``distance_function`` at many points (m, space)."""
         return BatchEvaluator(self.distance_function)
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
@@ -350,7 +350,7 @@ class Body(DisplayedBody):
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state without compiled functions, which are rebuilt after unpickling."""
-        compiled = ("_functions", "_surface_evaluators", "distance_function", "_distances")
+        compiled = ("_functions", "_surface_evaluators", "distance_function", "distances")
         derived = ("faces", "centroid", "_tree", "_edges", *compiled)
         return {k: v for k, v in self.__dict__.items() if k not in derived}
 

@@ -64,7 +64,7 @@ class SurfaceGraph:
         starts = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
         lengths, ends = (result[:, 1:].ravel() for result in neighbours)
         middle = (self.points[starts] + self.points[ends]) / 2.0
-        offsets = np.abs(body.signed_distance(middle))
+        offsets = np.abs(body.distances(middle)[0][:, 0])
         is_near = offsets <= LARGEST_GAP * lengths
         shape = (len(self.points), len(self.points))
         self._edges: Any = sparse.csr_matrix((lengths[is_near], (starts[is_near], ends[is_near])), shape)

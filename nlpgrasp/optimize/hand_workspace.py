@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.surface_samples import IntArray, SampleCloud
@@ -72,7 +71,7 @@ class HandWorkspace:
         box = body.bounds + MARGIN * body.size * np.array([[-1.0], [1.0]])
         axes = [np.linspace(low, high, DISTANCES) for low, high in box.T]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        self._distance = BatchEvaluator(body.distance_function)(grid)[0].reshape([DISTANCES] * 3)
+        self._distance = body.distances(grid)[0].reshape([DISTANCES] * 3)
         self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
 
     def reach(self, palm: FloatArray, samples: list[SampleCloud]) -> ReachableSamples | None:
