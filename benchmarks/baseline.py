@@ -81,6 +81,10 @@ def rounded(value, digits=DIGITS):
 def compare(stored, measured):
     """Print mu, gap, CPU time and IPOPT calls against the stored ones, by group, stages, and problems that lost."""
     stored_rows = {row["name"]: row for row in stored["problems"]}
+    for row in measured["problems"]:  # seeds that only one of both has are left out
+        stored_row = stored_rows.get(row["name"], row)
+        count = min(len(stored_row["seeds"]), len(row["seeds"]))
+        stored_row["seeds"], row["seeds"] = stored_row["seeds"][:count], row["seeds"][:count]
     speed = measured["unit"] / stored["unit"]
     print(f"the fixed piece of work takes {measured['unit']:.2f} s, before {stored['unit']:.2f} s")
     groups = dict.fromkeys(row["group"] for row in measured["problems"])
@@ -90,8 +94,7 @@ def compare(stored, measured):
             for r in measured["problems"]
             if group in (r["group"], "all") and r["name"] in stored_rows
         ]
-        # seeds that only one of both has are left out
-        pairs = [pair for stored_row, row in rows for pair in zip(stored_row["seeds"], row["seeds"], strict=False)]
+        pairs = [pair for stored_row, row in rows for pair in zip(stored_row["seeds"], row["seeds"], strict=True)]
         mu = np.array([b["lower"] / a["lower"] if a["lower"] else 1.0 for a, b in pairs])
         seconds = np.array([(a["cpu"], b["cpu"] / speed) for a, b in pairs])
         bounds = [b["bound"] / a["bound"] for a, b in pairs if a["bound"] and b["bound"]]

@@ -284,9 +284,9 @@ class Jaws:
 
     def sampled_depths(self, directions: FloatArray, size: float, distance: Distance) -> FloatArray:
         """Return the penetration depth at positions along approaches (m, space), (m,), metres, at least zero."""
-        starts, firsts, _ = self._lines()
-        shares = np.linspace(0.0, 1.0, 1 + int(np.ceil((self.length + PATH_SIZES * size) / SAMPLE_SPACING)))
-        travelled = firsts + shares[:, None] * (self.length + PATH_SIZES * size - firsts)  # (s, n)
+        (starts, firsts, _), path_length = self._lines(), self.length + PATH_SIZES * size
+        shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(path_length / SAMPLE_SPACING)))
+        travelled = firsts + shares[:, None] * (path_length - firsts)  # (s, n)
         samples = starts - travelled[None, :, :, None] * directions[:, None, None]
         gaps = distance(samples.reshape(-1, starts.shape[1])).reshape(len(directions), -1)
         return np.asarray(np.maximum(-np.min(gaps, axis=1), 0.0))

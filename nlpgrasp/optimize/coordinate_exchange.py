@@ -194,8 +194,7 @@ class CoordinateExchange:
         It is minus one minus the violation where that is not repairable.
         """
         least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
-        violation = self.violations(tuples)
-        return np.where(violation <= REPAIRABLE, least ** (1.0 / self._tables.power), -1.0 - violation)
+        return _merit(least ** (1.0 / self._tables.power), self.violations(tuples))
 
     def violations(self, tuples: IntArray) -> FloatArray:
         """Return the largest violation of coupled constraints by tuples (b, k), relative to their scales, (b,)."""
@@ -224,10 +223,9 @@ class CoordinateExchange:
                 break
             for b in active.tolist():
                 samples, score, excess = self._promising_samples(
-                    tuples[b], powers[:, b], i, tie, within[b][i] if within else None
+                    tuples[b], float(violation[b]), powers[:, b], i, tie, within[b][i] if within else None
                 )
-                merit = np.where(excess <= REPAIRABLE, score, -1.0 - excess)
-                merit[-1] = score[-1] if violation[b] <= REPAIRABLE else -1.0 - violation[b]
+                merit = _merit(score, excess)
                 chosen = int(np.argmax(merit))
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
@@ -304,7 +302,13 @@ class CoordinateExchange:
         return np.stack([self.powers[table][:, samples] for table, samples in contacts], axis=2)
 
     def _promising_samples(
-        self, samples: IntArray, tuple_powers: FloatArray, i: int, tie: float, within: IntArray | None = None
+        self,
+        samples: IntArray,
+        violation: float,
+        tuple_powers: FloatArray,
+        i: int,
+        tie: float,
+        within: IntArray | None = None,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the shortlist of samples for contact i of a tuple, the current one last, scores, and violations.
 
@@ -314,6 +318,8 @@ class CoordinateExchange:
         ----------
         samples : (k,) array of int
             The tuple.
+        violation : float
+            Its own.
         tuple_powers : (j, k) array
             Powers of the supports of the tuple's samples.
         i : int
@@ -335,7 +341,7 @@ class CoordinateExchange:
             shortlist, excess = _largest(score, SHORTLISTED), np.zeros(min(SHORTLISTED, len(score)))
         shortlist = np.append(shortlist if within is None else within[shortlist], samples[i])
         supports = self._tables.combine(others[:, None], powers[:, shortlist])
-        return shortlist, np.min(supports, axis=0) + tie * np.mean(supports[weak], axis=0), np.append(excess, 0.0)
+        return shortlist, np.min(supports, axis=0) + tie * np.mean(supports[weak], axis=0), np.append(excess, violation)
 
     def _feasible_shortlist(
         self, samples: IntArray, i: int, score: FloatArray, within: IntArray | None
@@ -349,11 +355,15 @@ class CoordinateExchange:
             trials = np.repeat(samples[None], len(shortlist), axis=0)
             trials[:, i] = shortlist if within is None else within[shortlist]
             excess = self.violations(trials)
-            feasible = excess <= REPAIRABLE
-            if np.sum(feasible) >= SHORTLISTED:
+            if np.sum(excess <= REPAIRABLE) >= SHORTLISTED:
                 break
-        kept = _largest(np.where(feasible, score[shortlist], -1.0 - excess), SHORTLISTED)
+        kept = _largest(_merit(score[shortlist], excess), SHORTLISTED)
         return shortlist[kept], excess[kept]
+
+
+def _merit(quality: FloatArray, violation: FloatArray) -> FloatArray:
+    """Return qualities, or minus one minus the violation where that is not repairable, (m,)."""
+    return np.where(violation <= REPAIRABLE, quality, -1.0 - violation)
 
 
 def _largest(values: FloatArray, count: int) -> IntArray:
