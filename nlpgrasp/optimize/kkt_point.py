@@ -27,8 +27,8 @@ from nlpgrasp.optimize.local_search import RefinementPoint, refine
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
-NEWTON_STEPS, POSED_HAND_STEPS = 40, 14  # Newton steps; with a hand that has a pose (0.1 s each)
-PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 6, 3  # solves by IPOPT, at most; with finger forces as variables
+NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
+PROGRAM_ROUNDS = 3  # solves by IPOPT, at most
 RADIUS, LEAST_RADIUS = 10.0, 1e-5  # trust-region radius over the last step's length; at least, solver units
 WIDE = 0.01  # solver units, trust-region radius after the first solve
 BINDING = 1e-9  # least weight of a binding direction
@@ -107,8 +107,8 @@ def _solve_program(
     compiled: CompiledProblem, point: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
 ) -> LocalOptimum:
     """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
-    cuts, effort, solutions = point.cuts, SolverEffort(), list[LocalOptimum]()
-    for _ in range(PROGRAM_ROUNDS if compiled.cutting_planes.uses_linearised_steps else ROUNDS_WITH_FORCES):
+    cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
+    for _ in range(PROGRAM_ROUNDS):
         cuts = nearest_to_binding(compiled, point.candidate, cuts)
         is_first = compiled.cutting_planes.uses_linearised_steps and not solutions
         functions = compiled.cutting_planes.confirmation_program if is_first else compiled.cutting_planes.final_program

@@ -21,6 +21,7 @@ from nlpgrasp.optimize.cutting_planes import (
     exact_minimisers,
     missed_directions,
     nearest_to_binding,
+    new_directions,
     weakest_directions_of,
 )
 from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, TrustRegionStep, program_step, reduced_hessian
@@ -256,6 +257,7 @@ class _TrustRegionSearch:
         """Move to the candidate of a step; the cuts that bound the step stay."""
         point = self.result.point
         binding = cuts[np.flatnonzero(step.cut_multipliers > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
+        binding = binding[new_directions(self.compiled, trial.minimisers, binding)]
         self.radius = min(EXPANSION * self.radius, LARGEST_RADIUS)
         self.result = replace(
             self.result,
