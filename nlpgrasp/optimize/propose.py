@@ -32,7 +32,8 @@ from nlpgrasp.optimize.hand_workspace import ReachableSamples
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
 from nlpgrasp.quality.weakest_directions import QUICK
 
-POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palm poses checked for reach; palm poses used for exchanges
+PALMS, FURTHER_PALMS = 64, 16  # palm poses used for exchanges by one start; for each further start
+POSES, MOST_PALMS = 16, 3  # random poses, and palm poses checked for reach, for each palm pose used
 POSTURES, KEPT_POSTURES = 4, 8  # postures fitted for each assignment of fingers to contacts; those kept of a tuple
 RANDOM_TUPLES = 64  # random reachable tuples per palm pose, of which the best starts the exchange
 ROUNDS, LEARNED_TUPLES = 3, 16  # rounds of exchanges; tuples whose weak directions are added after each
@@ -56,7 +57,8 @@ def propose(
     if compiled.follows_contacts:
         return exchanged_candidates(compiled, rng, known_contacts, starts * PROPOSED)
     tries = TRIES if len(compiled.problem.models) < MANY else MANY_TRIES
-    return reachable_candidates(compiled.l2_variant or compiled, rng, starts * tries)
+    palms = PALMS + FURTHER_PALMS * (starts - 1)
+    return reachable_candidates(compiled.l2_variant or compiled, rng, starts * tries, palms)
 
 
 def deal_candidates(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
@@ -64,21 +66,23 @@ def deal_candidates(candidates: Sequence[GraspCandidate], starts: int) -> list[S
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
-def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, count: int) -> list[GraspCandidate]:
-    """Return the best of many sampled poses of a hand around the body, at most ``count``.
+def reachable_candidates(
+    compiled: CompiledProblem, rng: np.random.Generator, count: int, palms: int = PALMS
+) -> list[GraspCandidate]:
+    """Return the best of many sampled poses of a hand around the body, at most ``count``, of ``palms`` palm poses.
 
     Palms whose fingertips are near the body and whose constraints are violated least come first. Contacts are exchanged
     within reach of their fingers, and ranked by the least support ratio less a weight of link collisions. With many
     contacts, or no palm from which all fingertips reach the body, contacts are the samples nearest to the fingertips.
     """
-    random_poses = _random_hand_poses(compiled, rng)
+    random_poses = _random_hand_poses(compiled, rng, POSES * palms)
     if len(compiled.problem.models) < MANY:
         search = CoordinateExchange(compiled.handless_variant, compiled.handless_variant.sample_tables, rng)
         pose_sets = (random_poses, _fit_poses(compiled, search, rng))
         rankings = zip(
-            *(poses.hands(_pose_penalties(compiled, poses))[:MOST_PALMS] for poses in pose_sets), strict=False
+            *(poses.hands(_pose_penalties(compiled, poses))[: MOST_PALMS * palms] for poses in pose_sets), strict=False
         )
-        candidates = _exchange_within_reach(compiled, search, [hand for pair in rankings for hand in pair], rng)
+        candidates = _exchange_within_reach(compiled, search, [hand for pair in rankings for hand in pair], palms, rng)
         if candidates:
             return candidates[:count]
     blocked = compiled.rows.violation_sums(random_poses.points, random_poses.normals, random_poses.values)
@@ -116,11 +120,11 @@ def move_into_contact(
 
 
 def _exchange_within_reach(
-    compiled: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
+    compiled: CompiledProblem, search: CoordinateExchange, hands: Sequence[Values], palms: int, rng: np.random.Generator
 ) -> list[GraspCandidate]:
-    """Return candidates by coordinate exchange within reach of the first palm poses whose tips all reach the body."""
+    """Return candidates by coordinate exchange within reach of the first ``palms`` poses whose tips reach the body."""
     tables = compiled.handless_variant.sample_tables
-    hands, reaches = _reachable_palms(compiled, palms)
+    hands, reaches = _reachable_palms(compiled, hands, palms)
     if not hands:
         return []
     within = [reach.samples for reach in reaches]
@@ -144,19 +148,21 @@ def _exchange_within_reach(
     ]
 
 
-def _reachable_palms(compiled: CompiledProblem, palms: Sequence[Values]) -> tuple[list[Values], list[ReachableSamples]]:
-    """Return the first palm poses from which all fingertips reach the body, and the samples in their reach."""
+def _reachable_palms(
+    compiled: CompiledProblem, hands: Sequence[Values], palms: int
+) -> tuple[list[Values], list[ReachableSamples]]:
+    """Return the first ``palms`` poses from which all fingertips reach the body, and the samples in their reach."""
     tables, space = compiled.handless_variant.sample_tables, compiled.workspace
     clouds = [tables.samples(i) for i in range(len(compiled.problem.models))]
-    tree, hands, reaches = compiled.hand_functions.posed_hand.tree, list[Values](), list[ReachableSamples]()
-    for hand in palms:
+    tree, reaching, reaches = compiled.hand_functions.posed_hand.tree, list[Values](), list[ReachableSamples]()
+    for hand in hands:
         reach = space.reach(tree.palm_frame(hand), clouds)
         if reach is not None:
-            hands.append(hand)
+            reaching.append(hand)
             reaches.append(reach)
-        if len(hands) == PALMS:
+        if len(reaching) == palms:
             break
-    return hands, reaches
+    return reaching, reaches
 
 
 def _best_random_tuple(
@@ -195,13 +201,13 @@ class _HandPoses:
         return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(penalties, kind="stable").tolist()]
 
 
-def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator) -> _HandPoses:
+def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator, count: int) -> _HandPoses:
     """Return random poses with the fingertips' centre between the body's centroid and its surface."""
     body = compiled.problem.body
     samples = np.concatenate([compiled.surface.cloud(i).points for i in range(len(compiled.problem.models))])
-    target = samples[rng.integers(len(samples), size=POSES)]
-    centres = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    return _nearest_samples(compiled, *compiled.hand_functions.posed_hand.draw(POSES, centres, rng))
+    target = samples[rng.integers(len(samples), size=count)]
+    centres = body.centroid + rng.uniform(0.0, 0.8, (count, 1)) * (target - body.centroid)
+    return _nearest_samples(compiled, *compiled.hand_functions.posed_hand.draw(count, centres, rng))
 
 
 def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
