@@ -75,6 +75,10 @@ class CombinationRule:
             return None
         return np.asarray(square if self.power == 2.0 else square ** (0.5 * self.power))
 
+    def has_closed_form(self, contact: ContactModel) -> bool:
+        """Whether the support has a closed form, so that no projections are needed."""
+        return not self.lengths or contact.squared_support(Work(0.0, 0.0, 0.0), np) is not None
+
     def lipschitz(self, contact: ContactModel, components: int) -> float:
         """Return the Lipschitz constant of s in z, the length of the largest force of one unit."""
         if self.lengths:

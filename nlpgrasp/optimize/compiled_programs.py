@@ -5,6 +5,7 @@ One program serves every assignment of contacts to faces: the face of each conta
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from functools import cached_property
 
@@ -95,29 +96,32 @@ class CuttingPlaneProgram:
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
         self._problem, self._options = problem, options
-
-    @cached_property
-    def uses_linearised_steps(self) -> bool:
-        """Whether steps solve the program's linearisation: finger forces are not among its variables."""
-        return self.has_closed_form or has_pieces(self._problem) or self._problem.budget.follows_hand
+        self._changes: tuple[Callable[[CompiledProgram], CompiledProgram], ...] = ()  # of limits, since compilation
 
     @cached_property
     def has_closed_form(self) -> bool:
         """Whether the support has a smooth closed form."""
         return has_closed_form(self._problem)
 
+    @cached_property
+    def holds_supports(self) -> bool:
+        """Whether the program states the supports without finger forces; otherwise steps compute them outside it."""
+        return self.has_closed_form or has_pieces(self._problem)
+
     @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
-        return SLOTS if self.uses_linearised_steps else SLOTS_WITH_FORCES
+        return SLOTS if self.holds_supports else 0
+
+    @property
+    def final_slots(self) -> int:
+        """Number of cutting planes that the final program holds."""
+        return SLOTS if self.holds_supports else SLOTS_WITH_FORCES
 
     @cached_property
     def functions(self) -> CompiledProgram:
         """The compiled program with its solver."""
-        slots = 0 if self._problem.budget.follows_hand else self.slots
-        program = optimal_grasp_program(
-            self._problem, SUPPORT, slots, eliminated=True, pieces=self.uses_linearised_steps
-        )
+        program = optimal_grasp_program(self._problem, SUPPORT, self.slots, eliminated=True, pieces=True)
         return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     @cached_property
@@ -130,23 +134,30 @@ class CuttingPlaneProgram:
     def final_program(self) -> CompiledProgram:
         """The program for starts near a local optimum, with tight tolerances.
 
-        Where finger forces are variables it has no warm start: neither multipliers nor forces are known.
+        Without closed form of the supports finger forces are among its variables, and it has no warm start: neither
+        multipliers nor forces are known.
         """
-        settings: Ipopt = CLOSING if self.uses_linearised_steps else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
-        return self.functions.with_options(settings | dict(self._options.ipopt))
+        if self.holds_supports:
+            return self.functions.with_options(CLOSING | dict(self._options.ipopt))
+        program = optimal_grasp_program(self._problem, SUPPORT, SLOTS_WITH_FORCES)
+        settings: Ipopt = {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
+        result = _compile_program(program, self._options, settings)
+        for change in self._changes:
+            result = change(result)
+        return result
 
     def with_hand_bounds(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
         """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
-        return self._with_functions(self.functions.with_hand_bounds(name, bounds[0], bounds[1]))
+        return self._change_limits(lambda functions: functions.with_hand_bounds(name, bounds[0], bounds[1]))
 
     def with_raised_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
         """Return the program with raised lower limits; see ``Program.with_raised_lower_limits``."""
-        return self._with_functions(self.functions.with_raised_lower_limits(increase))
+        return self._change_limits(lambda functions: functions.with_raised_lower_limits(increase))
 
-    def _with_functions(self, functions: CompiledProgram) -> CuttingPlaneProgram:
-        """Return the cutting-plane program with functions that differ in their limits alone."""
+    def _change_limits(self, change: Callable[[CompiledProgram], CompiledProgram]) -> CuttingPlaneProgram:
+        """Return the cutting-plane program with changed limits, without recompiling."""
         result = copy(self)
-        result.functions = functions
+        result.functions, result._changes = change(self.functions), (*self._changes, change)
         for name in ("confirmation_program", "final_program"):
             result.__dict__.pop(name, None)
         return result

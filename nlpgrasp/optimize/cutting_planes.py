@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.budgets import L2Budget, SharedJointTorqueLimits
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.errors import InputError
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.compiled_programs import SLOTS
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
@@ -98,12 +98,14 @@ def missed_directions(
     return (None if certificate is None else weakest_in_polytope(certificate, value)), certificate
 
 
-def nearest_to_binding(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> FloatArray:
-    """Return the cuts (m, d) that are nearest to binding at a candidate, at most one for each slot of the program."""
-    if len(cuts) <= compiled.cutting_planes.slots:
+def nearest_to_binding(
+    compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray, most: int = SLOTS
+) -> FloatArray:
+    """Return the cuts (m, d) that are nearest to binding at a candidate, at most ``most``."""
+    if len(cuts) <= most:
         return cuts
     support = compiled.wrench_set(candidate).support(cuts)[0]
-    return cuts[np.sort(np.argsort(support, kind="stable")[: compiled.cutting_planes.slots])]
+    return cuts[np.sort(np.argsort(support, kind="stable")[:most])]
 
 
 def append_new(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> FloatArray:
@@ -121,32 +123,20 @@ def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: Floa
 
 def parameters_without_cuts(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
     """Return the program's parameters (q,) without cuts: for the placement constraints alone."""
-    return piece_parameters(compiled, candidate, np.zeros((0, compiled.problem.dimension)))
+    no_cuts = np.zeros((0, compiled.problem.dimension))
+    return cut_parameters(compiled, candidate, no_cuts, compiled.cutting_planes.slots)
 
 
-def piece_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> FloatArray:
-    """Return the program's parameters (q,) for cuts (m, d), with the contact whose support is largest along each."""
-    return slot_parameters(
-        compiled, candidate.faces, cuts, compiled.cutting_planes.pieces(compiled.grasp(candidate), cuts)
-    )
+def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray, slots: int) -> FloatArray:
+    """Return a program's parameters (q,) for cuts with ``phi_A = 1`` (m, d) in its slots; the others are empty.
 
-
-def slot_parameters(
-    compiled: CompiledProblem, faces: tuple[str, ...], cuts: FloatArray, pieces: FloatArray | None = None
-) -> FloatArray:
-    """Return the program's parameters (q,) for cuts with ``phi_A = 1``; the other slots are empty.
-
-    Parameters
-    ----------
-    compiled : CompiledProblem
-    faces : tuple of k str
-    cuts : (m, d) array
-    pieces : (m, k) array, optional
-        Supports of single contacts along the cuts, where the program takes the largest of them.
+    Where the program takes the largest of the contacts' supports, it is that of the contact which is largest along
+    each cut. Without slots they are those of the faces alone.
     """
-    if compiled.problem.budget.follows_hand:  # such a program has no cuts
-        return face_parameters(compiled.problem, faces)
-    slots = compiled.cutting_planes.slots
+    faces = face_parameters(compiled.problem, candidate.faces)
+    if not slots:
+        return faces
+    pieces = compiled.cutting_planes.pieces(compiled.grasp(candidate), cuts)
     directions = np.zeros((slots, compiled.problem.dimension))
     directions[: len(cuts)] = cuts
     reach = np.zeros(slots)
@@ -155,34 +145,4 @@ def slot_parameters(
     if pieces is not None:
         weights = np.zeros((slots, pieces.shape[1]))
         weights[np.arange(len(cuts)), np.argmax(pieces, axis=1)] = 1.0
-    return np.concatenate([directions.ravel(), reach, weights.ravel(), face_parameters(compiled.problem, faces)])
-
-
-def torque_cuts(
-    compiled: CompiledProblem, candidate: GraspCandidate, z: FloatArray, cuts: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the supports along cuts under the hand's torque limits, and their gradients, solver units.
-
-    They are (m,), and (m, n) in the program's variables.
-
-    Parameters
-    ----------
-    compiled : CompiledProblem
-    candidate : GraspCandidate
-    z : (n,) array
-        Variables of the cutting-plane program at the candidate.
-    cuts : (m, 6) array
-        Directions.
-    """
-    budget = compiled.budget(candidate)
-    if not isinstance(budget, SharedJointTorqueLimits):
-        raise InputError("force_budget", budget.kind, "a hand's torque limits")
-    grasp = compiled.grasp(candidate)
-    limits = budget.at(grasp.frames, grasp.contacts)
-    work = cuts @ grasp.G
-    x, prices = limits.maximise_with_prices(work)
-    wrenches = np.array([grasp.contact_wrenches(forces) for forces in x]).reshape(len(cuts), len(grasp), 6)
-    rates = prices[:, : len(budget.limits)] / budget.limits
-    normals = compiled.inward_normals(candidate)
-    slopes = compiled.virtual_work.slopes(z, normals, cuts, wrenches[:, :, :3], wrenches[:, :, 3:], rates)
-    return compiled.scaling.beta * np.sum(work * x, axis=1), slopes
+    return np.concatenate([directions.ravel(), reach, weights.ravel(), faces])

@@ -18,9 +18,9 @@ from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import (
     append_new,
+    cut_parameters,
     exact_minimisers,
     nearest_to_binding,
-    piece_parameters,
     weakest_directions_of,
 )
 from nlpgrasp.optimize.local_search import RefinementPoint, refine
@@ -75,15 +75,11 @@ def find_local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, dea
     if compiled.problem.budget.follows_hand:
         return None
     rounds = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
-    refined = refine(compiled, candidate, deadline, rounds if compiled.cutting_planes.uses_linearised_steps else 0, 0.0)
+    refined = refine(compiled, candidate, deadline, rounds, 0.0)
     if refined.point.value <= 0.0:
         return None
-    rng, step = (
-        np.random.default_rng(0),
-        LEAST_RADIUS if not compiled.cutting_planes.uses_linearised_steps else refined.length,
-    )
-    optimum = _solve_program(compiled, refined.point, max(LEAST_RADIUS, RADIUS * step), rng, deadline)
-    return replace(optimum, effort=refined.effort + optimum.effort)
+    radius = max(LEAST_RADIUS, RADIUS * refined.length)
+    return _solve_program(compiled, refined.point, radius, np.random.default_rng(0), deadline)
 
 
 def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
@@ -92,7 +88,7 @@ def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
         compiled, candidate, weakest_directions_of(compiled, candidate, np.random.default_rng(0)).directions
     )
     linear = Linearisation(compiled, candidate, cuts)
-    step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) and compiled.cutting_planes.uses_linearised_steps else None
+    step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) else None
     rows = linear.rows()
     zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
     multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
@@ -109,8 +105,8 @@ def _solve_program(
     """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS):
-        cuts = nearest_to_binding(compiled, point.candidate, cuts)
-        is_first = compiled.cutting_planes.uses_linearised_steps and not solutions
+        cuts = nearest_to_binding(compiled, point.candidate, cuts, compiled.cutting_planes.final_slots)
+        is_first = compiled.cutting_planes.holds_supports and not solutions
         functions = compiled.cutting_planes.confirmation_program if is_first else compiled.cutting_planes.final_program
         optimum = _solve_in_trust_region(compiled, functions, point, cuts, radius, rng)
         solutions.append(optimum)
@@ -134,7 +130,8 @@ def _solve_in_trust_region(
 ) -> LocalOptimum:
     """Return IPOPT's solution inside a trust region around a point."""
     faces, program, scale = point.candidate.faces, functions.program, compiled.scaling.beta
-    z, theta = pack_variables(compiled, program, point.candidate), piece_parameters(compiled, point.candidate, cuts)
+    z = pack_variables(compiled, program, point.candidate)
+    theta = cut_parameters(compiled, point.candidate, cuts, compiled.cutting_planes.final_slots)
     z[program.block("beta").range] = scale * min(
         point.value, float(np.min(compiled.wrench_set(point.candidate).support(cuts)[0]))
     )
@@ -186,7 +183,7 @@ def _initial_multipliers(
     compiled: CompiledProblem, point: RefinementPoint, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the multipliers of constraints and bounds of the linearised program at a point; None without a step."""
-    if not compiled.cutting_planes.uses_linearised_steps:
+    if not compiled.cutting_planes.holds_supports:
         return None
     step = Linearisation(compiled, point.candidate, cuts).quadratic_step(radius)
     return None if step is None else (step.multipliers, step.bound_multipliers)

@@ -2,20 +2,19 @@
 
 The support inequalities (Li and Sastry 1986, equation 3.4-3) hold in the directions where the current grasp is weakest.
 A step maximises beta in the linearised program plus the curvature of its Lagrangian; Newton steps return to the
-constraints, and the weakest directions are searched again, until no step helps. Where forces are variables of the
-program, IPOPT solves it inside the trust region instead.
+constraints, and the weakest directions are searched again, until no step helps.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.quadratic_program import QuadraticStep
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.candidate import GraspCandidate, SearchState, SolverEffort
+from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, pack_variables
 from nlpgrasp.optimize.cutting_planes import (
     exact_minimisers,
@@ -24,7 +23,7 @@ from nlpgrasp.optimize.cutting_planes import (
     new_directions,
     weakest_directions_of,
 )
-from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, TrustRegionStep, program_step, reduced_hessian
+from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, TrustRegionStep, reduced_hessian
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.weakest_directions import MISSED
 
@@ -77,8 +76,6 @@ class RefinementResult:
         Multipliers of the constraints on contacts and hand in the last step, solver units.
     history : tuple of float
         The least ratio initially and after each step.
-    effort : SolverEffort
-        SolverEffort of IPOPT.
     certificate : ResumableCertificate or None
         Certificate of the point, as far as it was needed to show that descents missed no direction.
     """
@@ -87,13 +84,12 @@ class RefinementResult:
     length: float
     multipliers: FloatArray
     history: tuple[float, ...] = ()
-    effort: SolverEffort = field(default_factory=SolverEffort)
     certificate: ResumableCertificate | None = None
 
     def state(self) -> SearchState:
         """Return the result as the state of a local search."""
         point = self.point
-        return SearchState(point.candidate, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
+        return SearchState(point.candidate, point.value, point.cuts, self.multipliers, history=list(self.history))
 
 
 def evaluate_candidate(
@@ -134,7 +130,7 @@ def refine(
             best = result = replace(result, point=corrected)
         else:
             cuts = np.concatenate([missed.directions, best.point.nearby_cuts])
-            best = result = replace(best, point=replace(best.point, nearby_cuts=cuts), effort=result.effort)
+            best = result = replace(best, point=replace(best.point, nearby_cuts=cuts))
         if deadline.should_stop():
             break
     return best
@@ -203,17 +199,13 @@ class _TrustRegionSearch:
         """Accept or reject one step from the current point; return whether there was one to try."""
         compiled, point = self.compiled, self.result.point
         cuts = nearest_to_binding(compiled, point.candidate, point.cuts)
-        step: TrustRegionStep | None
-        if compiled.cutting_planes.uses_linearised_steps:
-            linear = Linearisation(compiled, point.candidate, cuts)
+        linear = Linearisation(compiled, point.candidate, cuts)
+        first = linear.quadratic_step(self.radius, self.curvature)
+        if first is None or self._is_stationary(first):
+            return False
+        if self._renew_curvature(linear, cuts, first):
             first = linear.quadratic_step(self.radius, self.curvature)
-            if first is None or self._is_stationary(first):
-                return False
-            if self._renew_curvature(linear, cuts, first):
-                first = linear.quadratic_step(self.radius, self.curvature)
-            step = None if first is None else linear.step(first, self.radius)
-        else:
-            step = program_step(compiled, point.candidate, point.value, cuts, self.radius)
+        step = None if first is None else linear.step(first, self.radius)
         if step is None or compiled.violation(step.candidate) > FEASIBLE:
             self.radius, self.is_stale = CONTRACTION * self.radius, True
         else:
@@ -240,7 +232,6 @@ class _TrustRegionSearch:
         """Evaluate the candidate of a step, and accept or reject it."""
         compiled, point = self.compiled, self.result.point
         length = float(np.max(np.abs(_differences(compiled, step.candidate, point.candidate))))
-        self.result = replace(self.result, effort=self.result.effort + step.effort)
         trial = evaluate_candidate(compiled, step.candidate, point.minimisers, self.rng)
         self.is_near = self.is_near or trial.value - point.value < FAIR * step.predicted_gain
         accepted = trial.value >= point.value * (1.0 - NO_LOSS)

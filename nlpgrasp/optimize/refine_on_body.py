@@ -248,7 +248,7 @@ def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins
     """Return the mask of joints, (m,), whose margins are dropped to keep the cost in mu within ``room_price``."""
     point, program = result.point, compiled.cutting_planes.functions.program
     costly = np.zeros(len(margins), dtype=bool)
-    if point.value <= 0.0 or not compiled.cutting_planes.uses_linearised_steps:
+    if point.value <= 0.0:
         return costly
     linear = Linearisation(compiled, point.candidate, nearest_to_binding(compiled, point.candidate, point.cuts))
     step = linear.quadratic_step(NEARBY)

@@ -34,7 +34,7 @@ MESH_ANGLE = np.radians(30.0)  # largest angle between mesh normal and smooth no
 PAIRED_POINTS, PAIRING_BLOCK = 1200, 200  # sample points that are paired across the body; block size of the pairing
 ASIDE = 1.5  # largest distance of a partner from the line along the normal, in spacings of the points
 PARTNERS = 3  # partners per point, at most: those nearest to the line along its normal
-TABLE_SAMPLES = 2400  # samples of a contact in its support table, at most
+TABLE_SAMPLES, PROJECTED_SAMPLES = 2400, 800  # samples of a contact in its support table, at most; without closed form
 BAND = 0.05  # allowed violation of equations, relative to their scales; samples are projected afterwards
 NEGLIGIBLE = 1e-5  # violation beyond the band, relative to the constraint's scale, that counts as none
 METRIC_GRASPS = 256  # random grasps whose wrenches complete the metric of a degenerate task
@@ -212,7 +212,8 @@ class SampleTables:
         self.of_contact = [order.index(i) for i in first]
         self.distinct: list[SampleTable] = []
         for i in order:
-            samples = _table_samples(clouds[i], allowed[i])
+            most = TABLE_SAMPLES if rule.has_closed_form(models[i]) else PROJECTED_SAMPLES
+            samples = _table_samples(clouds[i], allowed[i], most)
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
             self.distinct.append(SampleTable(models[i], rule, samples, np.asarray(maps)))
         on_one_contact = ~rows.dependence_mask[:, -1] & (np.sum(rows.dependence_mask, axis=1) <= 1)
@@ -320,11 +321,11 @@ def _determines_direction(directions: Sequence[tuple[float, ...]], outward: Floa
     return np.asarray(np.all([is_off_normal(direction, outward) for direction in directions], axis=0))
 
 
-def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleCloud:
-    """Return at most ``TABLE_SAMPLES`` allowed points of a cloud; of all points where none is allowed."""
+def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_], most: int) -> SampleCloud:
+    """Return at most ``most`` allowed points of a cloud; of all points where none is allowed."""
     indices = np.flatnonzero(allowed if allowed.any() else ~allowed)
-    if len(indices) > TABLE_SAMPLES:
-        indices = np.random.default_rng(0).choice(indices, TABLE_SAMPLES, replace=False)
+    if len(indices) > most:
+        indices = np.random.default_rng(0).choice(indices, most, replace=False)
     return cloud.subset(indices)
 
 

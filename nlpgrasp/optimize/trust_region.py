@@ -1,10 +1,10 @@
-"""Trust-region steps, by the program's linearisation with the reduced Hessian or by IPOPT.
+"""Trust-region steps, by the program's linearisation with the reduced Hessian.
 
 Solving the whole program in each round would take tenths of a second (seconds with forces or a hand) for a step that
 the trust region limits. Instead a round linearises all constraints at the current contacts, maximises beta inside the
 trust region by Clarabel, and returns to the constraints by Newton steps (``Linearisation``). For the minimum of many
-smooth functions this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321). Only where forces are variables does
-IPOPT solve the program inside the trust region (``program_step``).
+smooth functions this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321). Supports without a closed form are
+linearised outside the program (``support_gradients``).
 
 A cut ``phi_G(y_j; p) >= beta`` touches ``psi_j(p) = min over y near y_j of phi_G(y; p) / phi_A(y)`` from above: the
 two have the same gradient, but not the same curvature, and at most local optima the cuts alone curve the wrong way.
@@ -30,9 +30,10 @@ from nlpgrasp.common.quadratic_program import (
 )
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT
-from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, contact_points, hand_of, pack_variables
-from nlpgrasp.optimize.cutting_planes import piece_parameters, slot_parameters, torque_cuts
+from nlpgrasp.optimize.cutting_planes import cut_parameters
+from nlpgrasp.optimize.support_gradients import support_gradients
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import principal_curvatures
@@ -63,7 +64,6 @@ class TrustRegionStep:
         Increase of mu predicted by the linearised or nonlinear program.
     multipliers : (rows,) array
         Multipliers of the constraints on contacts and hand, solver units.
-    effort : SolverEffort
     cut_multipliers : (m,) array
         Multipliers of the cuts, at least zero up to rounding.
     """
@@ -71,7 +71,6 @@ class TrustRegionStep:
     candidate: GraspCandidate
     predicted_gain: float
     multipliers: FloatArray
-    effort: SolverEffort
     cut_multipliers: FloatArray
 
 
@@ -98,11 +97,11 @@ class Linearisation:
         self.functions = compiled.cutting_planes.functions
         self.z = pack_variables(compiled, self.functions.program, candidate)
         self.beta = self.functions.program.block("beta").start
-        self.theta = piece_parameters(compiled, candidate, cuts)
+        self.theta = cut_parameters(compiled, candidate, cuts, compiled.cutting_planes.slots)
         # supports and gradients of the cuts that the program does not hold
         self.outside_cuts: tuple[FloatArray, FloatArray] | None = None
-        if compiled.problem.budget.follows_hand:
-            support, slopes = torque_cuts(compiled, candidate, self.z, cuts)
+        if not compiled.cutting_planes.holds_supports:
+            support, slopes = support_gradients(compiled, candidate, self.z, cuts)
             slopes[:, self.beta] = -1.0
             self.outside_cuts = support, slopes
         else:
@@ -127,7 +126,7 @@ class Linearisation:
     def evaluate_at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return all constraints at nearby variables, with the cuts replaced, and their Jacobian (rows, n)."""
         if self.outside_cuts is not None:
-            support, slopes = torque_cuts(self.compiled, self.candidate_at(z), z, cuts)
+            support, slopes = support_gradients(self.compiled, self.candidate_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
             g, J = self.functions.linearise(z, self.theta)
             return np.concatenate([g, support - z[self.beta]]), np.concatenate([J, slopes])
@@ -171,7 +170,6 @@ class Linearisation:
             candidate_of(self.compiled, program, self.faces, corrected.last),
             float(first.d[self.beta]) / self.compiled.scaling.beta,
             first.multipliers[program.placement],
-            SolverEffort(),
             self.cut_multipliers(first.multipliers),
         )
 
@@ -209,24 +207,6 @@ class Linearisation:
         low, high = self.functions.program.limits
         bounds = step_bounds(z, self.functions.program.bounds, size)
         return Linearised(g[selected], J[selected], low[selected], high[selected], *bounds)
-
-
-def program_step(
-    compiled: CompiledProblem, candidate: GraspCandidate, value: float, cuts: FloatArray, radius: float
-) -> TrustRegionStep:
-    """Return IPOPT's trust-region step from a candidate with a known quality; the radius is relative to the body."""
-    functions, faces = compiled.cutting_planes.functions, candidate.faces
-    program = functions.program
-    z = pack_variables(compiled, program, candidate)
-    z[program.block("beta").range] = value * compiled.scaling.beta
-    result = functions.solve(z, slot_parameters(compiled, faces, cuts), program.trust_region_bounds(z, radius))
-    return TrustRegionStep(
-        candidate_of(compiled, program, faces, result.z),
-        result.objective / compiled.scaling.beta - value,
-        result.multipliers[program.placement],
-        SolverEffort.of(result),
-        -result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)],
-    )
 
 
 def reduced_hessian(
