@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, contact_points, hand_of, pack_variables
-from nlpgrasp.optimize.cutting_planes import torque_cuts
+from nlpgrasp.optimize.support_gradients import support_gradients
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.grasp import Grasp
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
@@ -47,7 +47,7 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     program, candidate = compiled.cutting_planes.functions.program, GraspCandidate(faces, points, values)
     z = pack_variables(compiled, program, candidate)
     cuts = rng.standard_normal((6, 6)) * [1.0, 1.0, 1.0, 30.0, 30.0, 30.0]
-    value, slopes = torque_cuts(compiled, candidate, z, cuts)
+    value, slopes = support_gradients(compiled, candidate, z, cuts)
 
     def support(z):
         """From the definition: contacts and normals as the variables say, wherever that is."""
