@@ -15,7 +15,6 @@ enumerate; their support is the optimum of a conic program (``ConicTorqueSet``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import combinations
 
 import clarabel
@@ -36,6 +35,7 @@ from nlpgrasp.errors import InputError
 CONDITION_TOLERANCE = 1e-9  # relative tolerance of the conditions
 RAYS, WIDER = 600, 1.05  # rays of the cone that check boundedness, and their outward scaling
 TOLERANCE = 1e-10  # of the conic solver
+ACTIVE = 1e-7  # relative slack below which a condition is active at a maximiser
 SCALE_INSIDE = 1.0 - 1e-9  # scale of the maximiser, which keeps it within the limits despite the solver's tolerance
 MOST_LISTED = 4  # most components of a contact whose extreme points are enumerated
 
@@ -69,12 +69,12 @@ class TorqueSet(ForceSet):
     @property
     def costly(self) -> bool:
         """Whether some group of contacts needs a conic program per support evaluation."""
-        return any(isinstance(force_set, ConicTorqueSet) for _, force_set in self._groups)
+        return any(isinstance(force_set, ConicTorqueSet) for *_, force_set in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
         total, forces = np.zeros(len(z)), np.zeros_like(z)
-        for columns, force_set in self._groups:
+        for columns, _, force_set in self._groups:
             value, forces[:, columns] = force_set.support(z[:, columns])
             total += value
         return total, forces
@@ -85,8 +85,8 @@ class TorqueSet(ForceSet):
         Prices are positive at upper limits and negative at lower ones.
         """
         forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
-        for columns, rows, cone in self._cones:
-            forces[:, columns], prices[:, rows] = cone.maximise_with_prices(z[:, columns])
+        for columns, rows, force_set in self._groups:
+            forces[:, columns], prices[:, rows] = force_set.maximise_with_prices(z[:, columns])
         return forces, prices
 
     def gauge(self, x: FloatArray) -> FloatArray:
@@ -98,32 +98,23 @@ class TorqueSet(ForceSet):
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 
-    def _group(self, members: list[int]) -> tuple[NDArray[np.intp], EnumeratedTorqueSet | ConicTorqueSet]:
-        """Return component indices and force set of a group of coupled contacts."""
+    def _group(
+        self, members: list[int]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], EnumeratedTorqueSet | ConicTorqueSet]:
+        """Return component indices, rows of T and force set of a group of coupled contacts."""
         columns, rows = self._part(members)
         models = [self.contacts[i] for i in members]
         T = self.torques[np.ix_(rows, columns)]
         name = f"{self._name}, contact{'s' * (len(members) > 1)} {', '.join(map(str, members))}"
         single = len(members) == 1 and T.shape[1] <= MOST_LISTED
         if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
-            return columns, EnumeratedTorqueSet(models[0], T, self.space, name)
-        return columns, ConicTorqueSet(models, T, self.space, name)
+            return columns, rows, EnumeratedTorqueSet(models[0], T, self.space, name)
+        return columns, rows, ConicTorqueSet(models, T, self.space, name)
 
     def _part(self, members: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the component indices of contacts, and the rows of T that involve them."""
         columns = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in members])
         return columns, np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
-
-    @cached_property
-    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], ConicTorqueSet]]:
-        result = []
-        for members in _independent_groups(self.torques, self.ranges):
-            columns, rows = self._part(members)
-            models = [self.contacts[i] for i in members]
-            result.append(
-                (columns, rows, ConicTorqueSet(models, self.torques[np.ix_(rows, columns)], self.space, self._name))
-            )
-        return result
 
 
 def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
@@ -164,6 +155,7 @@ class EnumeratedTorqueSet:
             raise InputError(name, f"a {contact.kind} contact with {len(round_cones)} round cones", "at most one")
         check_bounded([contact], torques / self._units, space, name)
         flat = [-M for M in cones if len(M) == 1]
+        self._count = len(torques)
         self._linear = np.concatenate([torques, -torques, *flat])
         self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
         self._scale = np.maximum(np.linalg.norm(self._linear, axis=1), 1e-300)
@@ -190,6 +182,31 @@ class EnumeratedTorqueSet:
             is_better = section_value > value
             value, force = np.where(is_better, section_value, value), np.where(is_better[:, None], x, force)
         return value, force * self._units
+
+    def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return maximisers along z (b, n), and the shadow prices of the torque limits, (b, m).
+
+        Prices are positive at upper limits and negative at lower ones. With the cone's multipliers they combine the
+        gradients of the active conditions to z.
+        """
+        force = self.support(z)[1]
+        prices = np.zeros((len(z), self._count))
+        for i, (cost, x) in enumerate(zip(z * self._units, force / self._units, strict=True)):
+            if not x.any():
+                continue
+            tolerance = ACTIVE * (self._limits + self._scale * np.linalg.norm(x))
+            active = np.flatnonzero(self._linear @ x >= self._limits - tolerance)
+            gradients = self._linear[active]
+            if self._cone is not None:
+                y = self._cone @ x
+                size = float(np.linalg.norm(y[1:]))
+                if size >= (1.0 - ACTIVE) * y[0] > 0.0:
+                    gradients = np.concatenate([gradients, [(y[1:] / size) @ self._cone[1:] - self._cone[0]]])
+            multipliers = nnls(gradients.T, cost)[0][: len(active)] if len(gradients) else np.zeros(0)
+            both = np.zeros(len(self._linear))
+            both[active] = multipliers
+            prices[i] = both[: self._count] - both[self._count : 2 * self._count]
+        return force, prices
 
     def _stationary(self, sections: Sections, z: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest values above given ones, (m,), at stationary points of the sections, and the forces."""

@@ -24,7 +24,7 @@ from nlpgrasp.optimize.cutting_planes import (
     weakest_directions_of,
 )
 from nlpgrasp.optimize.local_search import RefinementPoint, refine
-from nlpgrasp.optimize.trust_region import Linearisation
+from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
 NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
@@ -70,15 +70,17 @@ class LocalOptimum:
 def find_local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> LocalOptimum | None:
     """Return the local optimum next to a candidate; its residuals are large where the solve did not converge.
 
-    None for a candidate that does not exert the task, and under joint torque limits, which the program does not hold.
+    None for a candidate that does not exert the task, and under a hand's torque limits, which the program does not
+    hold. Under other joint-torque limits there are no Newton steps: the support has kinks at most local optima.
     """
-    if compiled.problem.budget.follows_hand:
+    budget = compiled.problem.budget
+    if budget.follows_hand:
         return None
     rounds = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
-    refined = refine(compiled, candidate, deadline, rounds, 0.0)
+    refined = refine(compiled, candidate, deadline, 0 if budget.depends_on_frames else rounds, 0.0)
     if refined.point.value <= 0.0:
         return None
-    radius = max(LEAST_RADIUS, RADIUS * refined.length)
+    radius = LEAST_RADIUS if budget.depends_on_frames else max(LEAST_RADIUS, RADIUS * refined.length)
     return _solve_program(compiled, refined.point, radius, np.random.default_rng(0), deadline)
 
 
@@ -104,6 +106,10 @@ def _solve_program(
 ) -> LocalOptimum:
     """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
+    if not compiled.cutting_planes.holds_supports and (newton_point := _newton_point(compiled, point)) is not None:
+        if newton_point.kkt.is_small:
+            return newton_point
+        solutions.append(newton_point)
     for _ in range(PROGRAM_ROUNDS):
         cuts = nearest_to_binding(compiled, point.candidate, cuts, compiled.cutting_planes.final_slots)
         is_first = compiled.cutting_planes.holds_supports and not solutions
@@ -118,6 +124,36 @@ def _solve_program(
             point = replace(point, candidate=optimum.candidate, value=optimum.value)
         radius = WIDE
     return replace(min(solutions, key=lambda optimum: optimum.kkt.largest), effort=effort)
+
+
+def _newton_point(compiled: CompiledProblem, point: RefinementPoint) -> LocalOptimum | None:
+    """Return a point with the multipliers of a Newton step and its KKT residuals; None without a step.
+
+    Supports without a closed form are those of the best forces: the program's forces are eliminated.
+    """
+    linear, cuts = Linearisation(compiled, point.candidate, point.minimisers), point.minimisers
+    first = linear.quadratic_step(WIDE)
+    if first is None:
+        return None
+    curvature = reduced_hessian(linear, cuts, np.ones(len(cuts), dtype=bool), first.multipliers)
+    step = linear.quadratic_step(WIDE, curvature)
+    if step is None:
+        return None
+    program, scale, rows = linear.functions.program, compiled.scaling.beta, linear.rows()
+    constraints, multipliers = (rows.values, rows.lower, rows.upper), (step.multipliers, step.bound_multipliers)
+    weights = np.maximum(linear.cut_multipliers(step.multipliers), 0.0)
+    scales = np.array([constraint.scale for constraint in compiled.rows.named])
+    optimum = LocalOptimum(
+        point.candidate,
+        point.value,
+        cuts,
+        weights / max(float(weights.sum()), 1e-300),
+        step.multipliers[program.placement] / (scale * scales),
+        {name: step.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
+        _kkt(linear.z, linear.beta, rows.jacobian, constraints, program.bounds, multipliers),
+        SolverEffort(),
+    )
+    return replace(optimum, kkt=_full_kkt(compiled, optimum, float(linear.z[linear.beta]) / scale))
 
 
 def _solve_in_trust_region(

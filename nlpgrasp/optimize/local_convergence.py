@@ -20,7 +20,7 @@ from nlpgrasp.quality import mu
 
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
 FRAGILE = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
-STEP = "then IPOPT on the program"  # message of a start with a final step
+STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start with a final step
 
 
 def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
@@ -149,7 +149,7 @@ def _result_at_optimum(
         result.record,
         iterations=previous.iterations + optimum.effort.iterations,
         seconds=previous.seconds,
-        message=", ".join(part for part in (previous.message, STEP) if part),
+        message=", ".join(part for part in (previous.message, STEP if optimum.effort.calls else NEWTON) if part),
         history=previous.history,
     )
     robust = None

@@ -19,6 +19,7 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, JointTorqueLimits, SharedJointTorqueLimits
 from nlpgrasp.budgets.torque_sets import TorqueSet
+from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.candidate import GraspCandidate
@@ -66,9 +67,9 @@ def support_gradients(
 
 def _contact_wrenches(grasp: Grasp, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return forces and moments (m, k, 3) of the contacts in the body frame, for force components x (m, n)."""
-    wrenches = np.array([grasp.contact_wrenches(components) for components in x])
-    wrenches = wrenches.reshape(len(x), len(grasp), grasp.dimension)
     space = grasp.points.shape[1]
+    local = (x @ grasp.B.T).reshape(len(x), len(grasp), grasp.dimension)
+    wrenches = np.einsum("kij,mkj->mki", wrench_transform(np.zeros_like(grasp.points), grasp.frames), local)
     return _in_space(wrenches[..., :space]), _moments_in_space(wrenches[..., space:])
 
 
