@@ -29,7 +29,7 @@ DEEP = 0.5  # penetration of a link over the tolerated one above which it is mov
 WORTH_FREEING = 0.8  # least mu without the penetration over that with it
 ADDED_CLEARANCE = 2e-4  # metres beyond the depth of a link that touches
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
-MOST_COLLIDING = 2  # candidates that end in link collisions before a start gives up
+MOST_COLLIDING = 4  # candidates that end in link collisions before a start gives up
 
 
 def run_start(
