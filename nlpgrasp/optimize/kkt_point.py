@@ -28,7 +28,7 @@ from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
 NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
-PROGRAM_ROUNDS = 3  # solves by IPOPT, at most
+PROGRAM_ROUNDS = 4  # solves by IPOPT, at most
 RADIUS, LEAST_RADIUS = 10.0, 1e-5  # trust-region radius over the last step's length; at least, solver units
 WIDE = 0.01  # solver units, trust-region radius after the first solve
 BINDING = 1e-9  # least weight of a binding direction
@@ -104,21 +104,28 @@ def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
 def _solve_program(
     compiled: CompiledProblem, point: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
 ) -> LocalOptimum:
-    """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
+    """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small.
+
+    Where the first solve does not confirm the point, the multipliers of a Newton step may. They come first where finger
+    forces are among IPOPT's variables, since it knows neither multipliers nor forces.
+    """
+    planes, refined = compiled.cutting_planes, point
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
-    if not compiled.cutting_planes.holds_supports and (newton_point := _newton_point(compiled, point)) is not None:
-        if newton_point.kkt.is_small:
-            return newton_point
-        solutions.append(newton_point)
-    for _ in range(PROGRAM_ROUNDS):
-        cuts = nearest_to_binding(compiled, point.candidate, cuts, compiled.cutting_planes.final_slots)
-        is_first = compiled.cutting_planes.holds_supports and not solutions
-        functions = compiled.cutting_planes.confirmation_program if is_first else compiled.cutting_planes.final_program
+    for number in range(PROGRAM_ROUNDS):
+        if number == int(planes.holds_supports):
+            newton_point = _newton_point(compiled, refined)
+            if newton_point is not None:
+                solutions.append(newton_point)
+                if newton_point.kkt.is_small:
+                    break
+        cuts = nearest_to_binding(compiled, point.candidate, cuts, planes.final_slots)
+        is_confirming = planes.holds_supports and not number
+        functions = planes.confirmation_program if is_confirming else planes.final_program
         optimum = _solve_in_trust_region(compiled, functions, point, cuts, radius, rng)
         solutions.append(optimum)
         effort += optimum.effort
         if deadline.should_stop() or optimum.kkt.is_small:
-            return replace(optimum, effort=effort)
+            break
         cuts = append_new(compiled, cuts, exact_minimisers(compiled, optimum.candidate, rng, cuts).directions)
         if optimum.value > point.value:
             point = replace(point, candidate=optimum.candidate, value=optimum.value)
