@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -104,12 +105,13 @@ class _ShapeCheck:
     def __init__(self, links: PenetrationModel, grasp: Values) -> None:
         self._links, self._grasp = links, grasp
         self._on_approaches: list[LinkPenetration] = []
+        self._closings: list[tuple[Values, LinkPenetration]] = []  # open hands, and what closing from them shows
 
     def free_opening(self, open_hand: Callable[[float], OpeningPath]) -> float:
         """Return the largest share of the pregrasp's opening from which the fingers close freely; 1 where none is."""
         for share in OPENING_SHARES if self._links.has_shapes else ():
             opened = open_hand(share)
-            if opened.postures and self._links.on_approach([opened.values], self._grasp).is_free:
+            if opened.postures and self._while_closing(opened.values).is_free:
                 return share
         return 1.0
 
@@ -117,7 +119,10 @@ class _ShapeCheck:
         """Return what links run into on an approach with these corners, as text; empty where free, and for the last."""
         if not self._links.has_shapes:
             return ""
-        penetration = self._links.on_approach(corners, self._grasp)
+        *before, opened = corners
+        legs = self._links.on_approach(before, opened), self._while_closing(opened)
+        deepest = max(legs, key=lambda penetration: penetration.depth)
+        penetration = replace(deepest, postures=sum(leg.postures for leg in legs))
         self._on_approaches.append(penetration)
         return "" if penetration.is_free or len(self._on_approaches) == MOST_TOUCHING else penetration.words
 
@@ -125,7 +130,15 @@ class _ShapeCheck:
         """Return the penetration on the last approach, or while the fingers close where none is free."""
         if not self._links.has_shapes:
             return None
-        return self._on_approaches[-1] if has_approach else self._links.on_approach([opened], self._grasp)
+        return self._on_approaches[-1] if has_approach else self._while_closing(opened)
+
+    def _while_closing(self, opened: Values) -> LinkPenetration:
+        """Return the penetration while the fingers close from an open hand, computed once for each."""
+        for values, penetration in self._closings:
+            if all(np.array_equal(values[name], opened[name]) for name in opened):
+                return penetration
+        self._closings.append((opened, self._links.on_approach([opened], self._grasp)))
+        return self._closings[-1][1]
 
 
 def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:

@@ -140,7 +140,8 @@ def test_a_direction_whose_way_is_blocked_by_the_links_own_shapes_is_passed_over
     before = solve_phases(tmp_path)[0].hand["approach"]["direction"]
 
     def measured(_, waypoints, grasp):
-        moved = waypoints[-1]["palm_position"] - waypoints[0]["palm_position"]
+        first, second = [*waypoints, grasp][:2]
+        moved = second["palm_position"] - first["palm_position"]
         return DEEP if moved @ before > max(0.999 * np.linalg.norm(moved), 0.01) else LinkPenetration()
 
     monkeypatch.setattr(PenetrationModel, "on_approach", measured)
