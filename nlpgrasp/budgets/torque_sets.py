@@ -102,7 +102,8 @@ class TorqueSet(ForceSet):
         self, members: list[int]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], EnumeratedTorqueSet | ConicTorqueSet]:
         """Return component indices, rows of T and force set of a group of coupled contacts."""
-        columns, rows = self._part(members)
+        columns = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in members])
+        rows = np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
         models = [self.contacts[i] for i in members]
         T = self.torques[np.ix_(rows, columns)]
         name = f"{self._name}, contact{'s' * (len(members) > 1)} {', '.join(map(str, members))}"
@@ -110,11 +111,6 @@ class TorqueSet(ForceSet):
         if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
             return columns, rows, EnumeratedTorqueSet(models[0], T, self.space, name)
         return columns, rows, ConicTorqueSet(models, T, self.space, name)
-
-    def _part(self, members: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the component indices of contacts, and the rows of T that involve them."""
-        columns = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in members])
-        return columns, np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
 
 
 def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:

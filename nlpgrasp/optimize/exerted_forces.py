@@ -53,7 +53,7 @@ def compute_exerted_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBud
     if y is not None:
         wrenches = np.concatenate([wrenches, quality * problem.task.support(y[None])[1]])
     least = finger_forces(grasp, wrenches, force_budget=budget)
-    exerted = np.stack([grasp.contact_wrenches(x) for x in least.forces])
+    exerted = grasp.contact_wrenches(least.forces)
     forces, moments = exerted[:, :, :space], exerted[:, :, space:]
     has_moments = any(axis >= space for m in grasp.contacts for axis in m.axes(space))
     feasible = np.flatnonzero(least.feasible)

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.quadratic_program import QuadraticStep
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
+from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult, Program
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import (
@@ -91,14 +92,8 @@ def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
     )
     linear = Linearisation(compiled, candidate, cuts)
     step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) else None
-    rows = linear.rows()
-    zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
-    multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
-    constraints = rows.values, rows.lower, rows.upper
-    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.functions.program.bounds, multipliers)
-    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.cut_multipliers(step.multipliers), 0.0)
-    weights /= max(float(weights.sum()), 1e-300)
-    return _with_binding_directions(kkt, cuts, weights)
+    weights = np.zeros(len(cuts)) if step is None else _shares(linear.cut_multipliers(step.multipliers))
+    return _with_binding_directions(_step_residuals(linear, step), cuts, weights)
 
 
 def _solve_program(
@@ -146,21 +141,16 @@ def _newton_point(compiled: CompiledProblem, point: RefinementPoint) -> LocalOpt
     step = linear.quadratic_step(WIDE, curvature)
     if step is None:
         return None
-    program, scale, rows = linear.functions.program, compiled.scaling.beta, linear.rows()
-    constraints, multipliers = (rows.values, rows.lower, rows.upper), (step.multipliers, step.bound_multipliers)
-    weights = np.maximum(linear.cut_multipliers(step.multipliers), 0.0)
-    scales = np.array([constraint.scale for constraint in compiled.rows.named])
     optimum = LocalOptimum(
         point.candidate,
         point.value,
         cuts,
-        weights / max(float(weights.sum()), 1e-300),
-        step.multipliers[program.placement] / (scale * scales),
-        {name: step.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
-        _kkt(linear.z, linear.beta, rows.jacobian, constraints, program.bounds, multipliers),
+        _shares(linear.cut_multipliers(step.multipliers)),
+        *_prices(compiled, linear.functions.program, step.multipliers, step.bound_multipliers),
+        _step_residuals(linear, step),
         SolverEffort(),
     )
-    return replace(optimum, kkt=_full_kkt(compiled, optimum, float(linear.z[linear.beta]) / scale))
+    return replace(optimum, kkt=_full_kkt(compiled, optimum, float(linear.z[linear.beta]) / compiled.scaling.beta))
 
 
 def _solve_in_trust_region(
@@ -182,19 +172,31 @@ def _solve_in_trust_region(
         z, theta, program.trust_region_bounds(z, radius), _initial_multipliers(compiled, point, cuts, radius)
     )
     candidate = candidate_of(compiled, program, faces, result.z)
-    weights = np.maximum(-result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)], 0.0)
-    scales = np.array([constraint.scale for constraint in compiled.rows.named])
     optimum = LocalOptimum(
         candidate,
         exact_minimisers(compiled, candidate, rng, cuts).value,
         cuts,
-        weights / max(float(weights.sum()), 1e-300),
-        result.multipliers[program.placement] / (scale * scales),
-        {name: result.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
+        _shares(-result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)]),
+        *_prices(compiled, program, result.multipliers, result.bound_multipliers),
         _residuals(functions, result, theta),
         SolverEffort.of(result),
     )
     return replace(optimum, kkt=_full_kkt(compiled, optimum, result.objective / scale))
+
+
+def _shares(multipliers: FloatArray) -> FloatArray:
+    """Return the weights of cuts, (m,), whose sum is one, from their multipliers; zero where all of these are."""
+    weights = np.maximum(multipliers, 0.0)
+    return np.asarray(weights / max(float(weights.sum()), 1e-300))
+
+
+def _prices(
+    compiled: CompiledProblem, program: Program, multipliers: FloatArray, bound_multipliers: FloatArray
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the shadow prices of constraints and of the hand's bounds, in their own units, from multipliers."""
+    scale, scales = compiled.scaling.beta, np.array([constraint.scale for constraint in compiled.rows.named])
+    bounds = {name: bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks}
+    return multipliers[program.placement] / (scale * scales), bounds
 
 
 def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
@@ -230,6 +232,15 @@ def _initial_multipliers(
         return None
     step = Linearisation(compiled, point.candidate, cuts).quadratic_step(radius)
     return None if step is None else (step.multipliers, step.bound_multipliers)
+
+
+def _step_residuals(linear: Linearisation, step: QuadraticStep | None) -> KKT:
+    """Return the KKT residuals at a linearisation's point, with a step's multipliers; zero ones without a step."""
+    rows = linear.rows()
+    zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
+    multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
+    constraints = rows.values, rows.lower, rows.upper
+    return _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.functions.program.bounds, multipliers)
 
 
 def _residuals(functions: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:

@@ -19,7 +19,6 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, JointTorqueLimits, SharedJointTorqueLimits
 from nlpgrasp.budgets.torque_sets import TorqueSet
-from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.candidate import GraspCandidate
@@ -55,7 +54,7 @@ def support_gradients(
     support = compiled.scaling.beta * np.sum(work * x, axis=1)
     if compiled.problem.budget.follows_hand:
         return support, compiled.virtual_work.slopes(z, grasp.normals, cuts, forces, moments, rates[0])
-    joint_motions = _joint_motions(budget, rates, grasp.points.shape[1])
+    joint_motions = _joint_motions(budget, rates, grasp.space)
     by_position, by_normal = _contact_gradients(grasp, cuts, forces, moments, joint_motions)
     gradients, program = np.zeros((len(cuts), len(z))), compiled.cutting_planes.functions.program
     for i in range(len(grasp)):
@@ -67,10 +66,8 @@ def support_gradients(
 
 def _contact_wrenches(grasp: Grasp, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return forces and moments (m, k, 3) of the contacts in the body frame, for force components x (m, n)."""
-    space = grasp.points.shape[1]
-    local = (x @ grasp.B.T).reshape(len(x), len(grasp), grasp.dimension)
-    wrenches = np.einsum("kij,mkj->mki", wrench_transform(np.zeros_like(grasp.points), grasp.frames), local)
-    return _in_space(wrenches[..., :space]), _moments_in_space(wrenches[..., space:])
+    wrenches = grasp.contact_wrenches(x)
+    return _in_space(wrenches[..., : grasp.space]), _moments_in_space(wrenches[..., grasp.space :])
 
 
 def _contact_gradients(
@@ -92,7 +89,7 @@ def _contact_gradients(
     joint_motions : pair of (m, k, 3) arrays, optional
         Velocities and angular velocities of the contacts due to the joints.
     """
-    space = grasp.points.shape[1]
+    space = grasp.space
     angular = _moments_in_space(cuts[:, None, space:])
     velocity = _in_space(cuts[:, None, :space]) + np.cross(angular, _in_space(grasp.points - grasp.torque_origin)[None])
     by_position = np.cross(forces, angular)

@@ -210,16 +210,17 @@ class Grasp(ContactArrays):
 
         Parameters
         ----------
-        x : (n,) array
+        x : (..., n) array
             Force components in the contact frames, newtons and newton-metres, as ``finger_forces`` returns them.
 
         Returns
         -------
-        (k, d) array
+        (..., k, d) array
             Newtons and newton-metres, one finger per row.
         """
-        local = (self.B @ x).reshape(len(self), self.dimension)
-        return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
+        local = (x @ self.B.T).reshape(*np.shape(x)[:-1], len(self), self.dimension)
+        turned = wrench_transform(np.zeros_like(self.points), self.frames)
+        return np.asarray(np.einsum("kij,...kj->...ki", turned, local))
 
     def in_frame(self, pose: Pose) -> Grasp:
         """Return the grasp in another body frame, (2.5-4), with grasp map ``blockdiag(A, A) G``, (2.5-6).
