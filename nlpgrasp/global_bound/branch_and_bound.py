@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 
 import numpy as np
 
@@ -88,6 +89,12 @@ class BranchAndBound:
     def _target(self) -> float:
         """Bound at which a node is closed."""
         return self.incumbent * (1.0 + SHARE * self.gap)
+
+    def copy(self) -> BranchAndBound:
+        """Return an independent copy of the search, on the same problem."""
+        problem = self.scope.problem
+        shared = [problem, problem.body, problem.task, *problem.models, *problem.constraints]
+        return deepcopy(self, {id(part): part for part in shared})
 
     def update_incumbent(self, mu: float, weak: FloatArray | None = None) -> None:
         """Raise the incumbent's certified quality to mu, and add its weak directions (m, d) to the trial directions."""

@@ -97,8 +97,9 @@ def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[
 
 def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
     """Return signed distances between spheres of two links, (samples, m, n), metres, negative where they overlap."""
-    differences = centres[a][:, :, None] - centres[b][:, None]
-    distances = np.sqrt(np.einsum("bmnx,bmnx->bmn", differences, differences))
+    products = centres[a] @ centres[b].transpose(0, 2, 1)
+    squares = [np.einsum("bmx,bmx->bm", centres[link], centres[link]) for link in (a, b)]
+    distances = np.sqrt(np.maximum(squares[0][:, :, None] + squares[1][:, None] - 2.0 * products, 0.0))
     return np.asarray(distances - fits[a].radii[:, None] - fits[b].radii)
 
 

@@ -31,7 +31,7 @@ from nlpgrasp.quality import Bounds
 NODES, FLAT_NODES, MESH_NODES = 400, 1000, 160  # nodes with many starts: curved faces, flat faces, a mesh
 POSED_HAND_NODES = 100  # the same, with a hand that has a pose
 EVALUATIONS = 20_000_000  # supports evaluated in curved cells, at most, with many starts: about 3 seconds
-FIRST_SHARE, FIRST_SHARE_FLAT = 0.15, 0.65  # share of these limits for one start; on flat faces
+FIRST_SHARE_FLAT = 0.65  # share of these limits for one start on flat faces; elsewhere it has the root bound alone
 FURTHER_SHARE = 0.35  # share for each further start
 GAP = 0.01  # relative gap at which the tree stops where none is requested
 SHARE = 0.7  # share of the requested gap for the tree; the rest is for the answer's own certificate
@@ -150,14 +150,16 @@ def _better_certified(
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
 
 
-def new_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a branch and bound without nodes; None where the options omit it or it does not cover the problem."""
+def root_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
+    """Return a branch and bound of the root nodes; None where the options omit it or it does not cover the problem."""
     if not options.global_bound:
         return None
     try:
-        return BranchAndBound(problem, GAP if options.gap is None else SHARE * options.gap)
+        tree = BranchAndBound(problem, GAP if options.gap is None else SHARE * options.gap)
     except NotCoveredError:
         return None
+    tree.branch(0)
+    return tree
 
 
 def node_limit(problem: GraspProblem, starts: int) -> int:
@@ -178,7 +180,7 @@ def evaluation_limit(problem: GraspProblem, starts: int) -> float:
 def _limit_share(problem: GraspProblem, starts: int) -> float:
     """Return the share of the limits of the short branch and bound for a number of starts, at most 1."""
     flat = isinstance(problem.body, Box | Prism)
-    return min(1.0, (FIRST_SHARE_FLAT if flat else FIRST_SHARE) + FURTHER_SHARE * (starts - 1))
+    return min(1.0, (FIRST_SHARE_FLAT if flat else 0.0) + FURTHER_SHARE * (starts - 1))
 
 
 def missing_bound_reason(problem: GraspProblem) -> str:

@@ -19,8 +19,10 @@ from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.errors import InputError
+from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.global_search import root_branch_and_bound
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import Processes, WorkerPayload, cores
 from nlpgrasp.optimize.start import failed_start, run_start
@@ -72,6 +74,11 @@ class StartRunner:
     def keep_programs(self) -> None:
         """Keep the compiled programs for the next solve, in case that is of the same problem."""
         _kept_programs[:] = [self._programs]
+
+    def branch_and_bound(self) -> BranchAndBound | None:
+        """Return a new branch and bound of the root nodes, which are bounded once; None for problems not covered."""
+        root = self._programs.root
+        return None if root is None else root.copy()
 
     def prepare(self) -> None:
         """Begin to compile the problem in worker processes, where there are any."""
@@ -220,6 +227,11 @@ class _ProblemPrograms:
     def compiled(self) -> CompiledProblem:
         """Compiled problem of this process."""
         return CompiledProblem(self.problem, self.options)
+
+    @cached_property
+    def root(self) -> BranchAndBound | None:
+        """Branch and bound of the root nodes, without an incumbent; None where it does not cover the problem."""
+        return root_branch_and_bound(self.problem, self.options)
 
     @cached_property
     def payload(self) -> _Payload:

@@ -28,7 +28,6 @@ from nlpgrasp.optimize.global_search import (
     STRIDE,
     evaluation_limit,
     missing_bound_reason,
-    new_branch_and_bound,
     node_limit,
 )
 from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approach
@@ -151,10 +150,8 @@ class Multistart:
         """Compute the root bound of a branch and bound, where it covers the problem."""
         self._clock.mark("programs")
         problem, options = self.runner.problem, self.runner.options
-        self._tree = new_branch_and_bound(problem, options)
-        if self._tree is not None:
-            self._tree.branch(0)
-        elif options.gap is not None:
+        self._tree = self.runner.branch_and_bound()
+        if self._tree is None and options.gap is not None:
             warn(f"gap: {missing_bound_reason(problem)}; the answer is the best of its starts")
         self._clock.mark("bound")
 
@@ -231,7 +228,7 @@ class Multistart:
             Contacts of known grasps, from which candidates begin as well.
         """
         self._clock.restart()
-        nodes = node_limit(self.runner.problem, 1) // 2
+        nodes = node_limit(self.runner.problem, 2) // 4
         for _ in range(starts):
             self.certify_best(rtol)
             if self._branch_further(nodes) or self.deadline.should_stop():

@@ -9,7 +9,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.scope import scope_of
-from nlpgrasp.optimize.global_search import missing_bound_reason, new_branch_and_bound
+from nlpgrasp.optimize.global_search import missing_bound_reason, root_branch_and_bound
 from tests.quick import first
 from tests.studies.random_paths import random_path
 
@@ -149,7 +149,7 @@ def test_problems_that_are_not_covered():
     with pytest.raises(NotCoveredError, match=r"best_possible.body") as error:
         ng.best_possible(problem)
     assert isinstance(copy.copy(error.value), NotCoveredError)
-    assert new_branch_and_bound(problem, ng.SolveOptions()) is None
+    assert root_branch_and_bound(problem, ng.SolveOptions()) is None
     assert "best_possible.body: planar_implicit" in missing_bound_reason(problem)
 
 
@@ -163,5 +163,5 @@ class RejectingTask(ng.TaskEllipsoid):
 def test_an_error_of_the_input_is_not_a_problem_without_a_bound():
     problem = square(2).unchecked(task=RejectingTask([1.0, 1.0, 1.0]))
     with pytest.raises(ng.InputError, match="a damaged file") as error:
-        new_branch_and_bound(problem, ng.SolveOptions())
+        root_branch_and_bound(problem, ng.SolveOptions())
     assert not isinstance(error.value, NotCoveredError)

@@ -13,7 +13,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.formatting import format_upper
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.global_search import new_branch_and_bound, node_limit
+from nlpgrasp.optimize.global_search import node_limit, root_branch_and_bound
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.solution.records import CandidateOrigin
 from tests.hands.urdf import four_finger_hand
@@ -196,7 +196,7 @@ def test_beside_a_hand_placements_are_bounded():
     problem = ng.GraspProblem(
         ng.Sphere(0.03), ng.FrictionContact(0.7), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), hand=four_finger_hand()
     )
-    tree = new_branch_and_bound(problem, ng.SolveOptions())
+    tree = root_branch_and_bound(problem, ng.SolveOptions())
     tree.branch(node_limit(problem, 8))
     assert tree.scope.dropped == (f"the hand ({problem.hand.kind})",)
     free = ng.solve(replace(problem, hand=None, contacts=[ng.FrictionContact(0.7)] * 4), 2)
