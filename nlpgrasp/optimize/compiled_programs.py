@@ -27,7 +27,7 @@ from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
-SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes of the program; the same with finger forces as variables
+SLOTS, SLOTS_WITH_FORCES = 64, 80  # cutting planes of the program; the same with finger forces as variables
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
 CONFIRMING_ITERATIONS = 5  # the same, from a local optimum
 Ipopt = dict[str, Option]

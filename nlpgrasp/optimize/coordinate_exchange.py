@@ -8,7 +8,8 @@ optimal designs: Meyer and Nachtsheim 1995, "The coordinate-exchange algorithm f
 experimental designs", doi:10.1080/00401706.1995.10485889). Directions are well spread at first; the weakest directions
 of candidates are added.
 
-On a mesh the same exchange also improves a refined grasp, over dense samples near its contacts (``exchange_nearby``).
+On a mesh, whose triangles have steps between their normals, the best candidates are exchanged again over dense samples
+near their contacts (``exchange_nearby``).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import ParallelJaw
@@ -27,7 +29,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, project_onto_constraints
 from nlpgrasp.optimize.surface_samples import BAND, IntArray, SampleCloud, SampleTables
-from nlpgrasp.quality.grasp import Grasp, GraspStack
+from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screening_score
 from nlpgrasp.quality.weakest_directions import weakest_in_polytope
@@ -51,8 +53,8 @@ PER_CANDIDATE = 2  # tuples repaired and ranked per requested candidate
 MOST_COMPARED = 200  # tuples compared after the exchange, at most
 JAW_PAIRS = 12  # best pairs for jaws whose approach is checked; as many of the rest
 REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired by projection
-NEIGHBOURHOOD = 0.08  # over the body's size: radius of a contact's neighbourhood on a mesh
-MOST_NEIGHBOURS = 300  # samples of a neighbourhood, at most
+NEIGHBOURHOOD = 0.05  # over the body's size: radius of a contact's neighbourhood on a mesh
+DENSE_SAMPLES = 12000  # samples of a contact near known contacts, at most
 CONGRUENT = 0.05  # over the body's size: difference of distances between contacts below which placements are congruent
 
 
@@ -80,6 +82,8 @@ def exchanged_candidates(
         tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
         tuples = visited[select_incongruent(compiled, tables.contacts_of(visited)[0])[: PER_CANDIDATE * count]]
+    if isinstance(compiled.problem.body, Mesh):
+        search, tuples = exchange_nearby(compiled, tables.contacts_of(tuples)[0], search.directions, rng)
     candidates = [search.candidate(samples) for samples in tuples]
     if tables.coupled:
         repairs = (_repair(compiled, candidate) for candidate in candidates)
@@ -374,43 +378,47 @@ def _largest(values: FloatArray, count: int) -> IntArray:
 
 
 def exchange_nearby(
-    compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, cuts: FloatArray
-) -> GraspCandidate | None:
-    """Return contacts on a mesh improved by coordinate exchange over dense samples nearby; None without improvement.
+    compiled: CompiledProblem, contacts: FloatArray, directions: FloatArray, rng: np.random.Generator
+) -> tuple[CoordinateExchange, IntArray]:
+    """Return the tuples (b, k) exchanged from contacts on a mesh over its dense samples nearby, and their search.
 
     Parameters
     ----------
     compiled : CompiledProblem
         Problem with a mesh, whose hand, if any, follows its contacts.
-    candidate : GraspCandidate
-    grasp : Grasp
-        Grasp of the same contacts.
-    cuts : (m, d) array
-        Weak directions of the grasp, each with ``phi_A = 1``.
+    contacts : (b, k, 3) array
+        Metres, on the mesh.
+    directions : (m, d) array
+        Weak directions of grasps, each with ``phi_A = 1``.
+    rng : numpy.random.Generator
     """
-    rng, mesh = np.random.default_rng(0), compiled.surface.mesh_cloud
-    clouds = []
-    for face, point, normal in zip(candidate.faces, grasp.points, grasp.normals, strict=True):
-        neighbours = np.array(
-            sorted(mesh.tree.query_ball_point(point, NEIGHBOURHOOD * compiled.scaling.length)), dtype=np.intp
-        )
-        if len(neighbours) > MOST_NEIGHBOURS:
-            neighbours = np.sort(rng.choice(neighbours, MOST_NEIGHBOURS, replace=False))
-        points, normals = (
-            np.concatenate([current[None], samples[neighbours]])
-            for current, samples in ((point, mesh.points), (normal, mesh.normals))
-        )
-        faces = np.full(len(points), mesh.faces[0], dtype=object)
-        faces[0] = face
-        clouds.append(SampleCloud(faces, points, normals, cKDTree(points)))
-    directions = np.concatenate([cuts, compiled.sample_tables.directions])
-    tables = SampleTables(compiled.problem, clouds, compiled.rows, compiled.hand_functions, directions)
-    search = CoordinateExchange(compiled, tables, rng)
-    initial = np.zeros((1, len(clouds)), dtype=np.intp)
-    if search.values(initial)[0] <= 0.0:
-        return None
-    best = search.update_population(initial, search.exchange(initial))[0]
-    return search.candidate(best) if best.any() else None
+    dense, of_contact = compiled.surface.mesh_cloud, np.array(compiled.sample_tables.of_contact)
+    clouds = {
+        table: _nearby_samples(compiled, dense, contacts[:, of_contact == table].reshape(-1, 3))
+        for table in set(of_contact.tolist())
+    }
+    tables = SampleTables(
+        compiled.problem,
+        [clouds[table] for table in of_contact.tolist()],
+        compiled.rows,
+        compiled.hand_functions,
+        np.concatenate([directions, compiled.sample_tables.directions]),
+        DENSE_SAMPLES,
+    )
+    search = CoordinateExchange(compiled, tables, rng, len(contacts))
+    initial = tables.nearest(list(contacts))
+    best = search.update_population(initial, search.exchange(initial, LAST_TIE))
+    return search, search.update_population(best, search.exchange(best, LAST_TIE), certified=LAST_CERTIFIED)
+
+
+def _nearby_samples(compiled: CompiledProblem, dense: SampleCloud, contacts: FloatArray) -> SampleCloud:
+    """Return contacts (n, 3) on a mesh, with the dense samples of the mesh near any of them."""
+    points, outward, _ = compiled.surface.mesh.closest(contacts)
+    neighbours = dense.tree.query_ball_point(contacts, NEIGHBOURHOOD * compiled.scaling.length)
+    nearby = np.unique(np.concatenate([*neighbours, []]).astype(np.intp))
+    points = np.concatenate([points, dense.points[nearby]])
+    normals = np.concatenate([-outward, dense.normals[nearby]])
+    return SampleCloud(np.full(len(points), dense.faces[0], dtype=object), points, normals, cKDTree(points))
 
 
 def drop_congruent(

@@ -136,13 +136,20 @@ def refine(
     return best
 
 
-def advance(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rounds: int) -> RefinementResult:
-    """Return the result of at most ``rounds`` rounds of refinement, by whose value candidates can be compared.
+def advance(
+    compiled: CompiledProblem,
+    candidate: GraspCandidate,
+    deadline: Deadline,
+    rounds: int | None = None,
+    least: float = LEAST_GAIN,
+) -> RefinementResult:
+    """Return the result of at most ``rounds`` rounds of refinement, as ``refine`` without certificates.
 
-    No certificate shows whether descents missed directions in which it is weaker.
+    Its value is good enough to compare candidates, though descents may have missed directions in which they are weaker.
     """
-    rng, rounds = np.random.default_rng(0), min(rounds, compiled.options.rounds)
-    return _iterate_steps(compiled, _initial_result(compiled, candidate, rng), rng, deadline, rounds, LEAST_GAIN)
+    most = compiled.options.rounds if rounds is None else min(rounds, compiled.options.rounds)
+    rng = np.random.default_rng(0)
+    return _iterate_steps(compiled, _initial_result(compiled, candidate, rng), rng, deadline, most, least)
 
 
 def _initial_result(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> RefinementResult:

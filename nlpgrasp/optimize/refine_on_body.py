@@ -1,7 +1,7 @@
 """Refinement of candidates on the body itself, on a mesh on its triangles, and under joint-limit margins.
 
-On a mesh, refinement with each contact on its triangle alternates with coordinate exchange over mesh points nearby
-(``refine_on_body``).
+On a mesh each contact stays on its triangle. With a hand that has a pose, refinement around the smooth surface comes
+first, and coordinate exchange of fingers over mesh points alternates with refinement (``refine_on_body``).
 
 Where joints of a hand keep a margin from their limits, their ranges are narrowed by it (``refine_with_margins``).
 Joints that cannot keep it while the fingertips touch have their whole range; so have those whose margins cost more of
@@ -21,11 +21,10 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.coordinate_exchange import exchange_nearby
 from nlpgrasp.optimize.cutting_planes import nearest_to_binding
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
-from nlpgrasp.optimize.local_search import RefinementResult, advance, refine
+from nlpgrasp.optimize.local_search import LEAST_GAIN, RefinementResult, advance, refine
 from nlpgrasp.optimize.projection import (
     TOUCHING,
     fix_to_triangles,
@@ -40,31 +39,27 @@ SHARE = 0.1  # share of a joint's range: upper bound on its margin
 NEARBY = 1e-3  # trust-region radius over the body's size of the linearised program that prices the margins
 PASSES = 4  # refinements on triangles while contacts come too near to further sharp edges of a mesh, at most
 ROUNDS = 4  # rounds of refinement of a candidate before it is compared with others
-EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least relative gain of one
+COARSE = 2e-3  # relative gain below which a round around the smooth surface is idle: triangles change it by more
+EXCHANGES, GAIN = 4, 2e-3  # exchanges of a hand's fingers on a mesh, at most; least relative gain of one
 
 
 def refine_on_body(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
 ) -> tuple[GraspOnBody, RefinementResult]:
-    """Return a refined candidate, with its grasp on the body itself.
-
-    On a mesh, refinement on triangles alternates with coordinate exchange over mesh points nearby.
-    """
+    """Return a refined candidate, with its grasp on the body itself."""
     body = compiled.problem.body
     if not isinstance(body, Mesh):
         return refine_on_triangles(compiled, compiled.projected_onto_faces(candidate), deadline)
     if compiled.follows_contacts:
-        candidate = replace(candidate, points=body.closest(candidate.points)[0])
-    else:
-        candidate = _around_smooth_surface(
-            compiled, replace(candidate, faces=body.face_names * len(candidate.faces)), deadline
-        )
+        return refine_on_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0]), deadline)
+    faces = body.face_names * len(candidate.faces)
+    candidate = _around_smooth_surface(compiled, replace(candidate, faces=faces), deadline)
     on_body, result = refine_on_triangles(compiled, candidate, deadline)
     for _ in range(EXCHANGES):
         value = result.point.value
         if deadline.should_stop() or value <= 0.0 or not compiled.options.rounds:
             break
-        moved = _exchange_contacts(compiled, on_body, result, deadline)
+        moved = exchange_fingers(compiled, on_body.candidate, on_body.grasp.normals, np.random.default_rng(0), deadline)
         if moved is None:
             break
         trial, improved = refine_on_triangles(compiled, moved, deadline)
@@ -135,9 +130,11 @@ def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadli
 
 
 def refine_with_margins(
-    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
+    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, least: float = LEAST_GAIN
 ) -> tuple[CompiledProblem, RefinementResult]:
     """Return the refined candidate, and the compiled problem with the joint limits used.
+
+    A hand that keeps margins is refined several times in a start, so no certificates look for missed directions yet.
 
     Parameters
     ----------
@@ -146,6 +143,8 @@ def refine_with_margins(
     candidate : GraspCandidate
         Contacts and hand, whose joints may be anywhere in their ranges.
     deadline : Deadline
+    least : float
+        Relative gain below which a round is idle.
     """
     hand, options = compiled.problem.hand, compiled.options
     if not isinstance(hand, URDFHand) or not options.seeks_room:
@@ -153,11 +152,11 @@ def refine_with_margins(
     margins = JointLimitMargins.of(hand, options.joint_margin)
     keeps_margin, candidate = _joints_with_margin(compiled, margins, candidate)
     narrowed = compiled.with_joint_limits(margins.narrow_limits(keeps_margin))
-    result = refine(narrowed, candidate, deadline)
+    result = advance(narrowed, candidate, deadline, least=least)
     costly = _costly_margins(narrowed, result, keeps_margin * margins.wanted)
     if np.any(costly):
         narrowed = compiled.with_joint_limits(margins.narrow_limits(keeps_margin & ~costly))
-        result = refine(narrowed, result.point.candidate, deadline)
+        result = advance(narrowed, result.point.candidate, deadline, least=least)
     return narrowed, result
 
 
@@ -216,16 +215,7 @@ def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate,
     moved, violation = project_onto_constraints(compiled, compiled.projected_onto_faces(candidate))
     if violation > TOUCHING:
         return candidate
-    return refine_with_margins(compiled, compiled.projected_onto_faces(moved), deadline)[1].point.candidate
-
-
-def _exchange_contacts(
-    compiled: CompiledProblem, on_body: GraspOnBody, result: RefinementResult, deadline: Deadline
-) -> GraspCandidate | None:
-    """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
-    if compiled.follows_contacts:
-        return exchange_nearby(compiled, result.point.candidate, on_body.grasp, result.point.cuts)
-    return exchange_fingers(compiled, on_body.candidate, on_body.grasp.normals, np.random.default_rng(0), deadline)
+    return refine_with_margins(compiled, compiled.projected_onto_faces(moved), deadline, COARSE)[1].point.candidate
 
 
 def _joints_with_margin(

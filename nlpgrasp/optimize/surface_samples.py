@@ -170,6 +170,8 @@ class SampleTables:
     hand : HandFunctions
     directions : (j, d) array, optional
         Each with ``phi_A = 1``; well spread for the task if not given.
+    most : int
+        Samples of a contact whose support has a closed form, at most.
 
     Attributes
     ----------
@@ -198,6 +200,7 @@ class SampleTables:
         rows: ConstraintValues,
         hand: HandFunctions,
         directions: FloatArray | None = None,
+        most: int = TABLE_SAMPLES,
     ) -> None:
         self.budget: ForceBudget = problem.budget if type(problem.budget) in COMBINATION_RULES else L2Budget()
         rule = CombinationRule.of(self.budget)
@@ -212,8 +215,8 @@ class SampleTables:
         self.of_contact = [order.index(i) for i in first]
         self.distinct: list[SampleTable] = []
         for i in order:
-            most = TABLE_SAMPLES if rule.has_closed_form(models[i]) else PROJECTED_SAMPLES
-            samples = _table_samples(clouds[i], allowed[i], most)
+            limit = most if rule.has_closed_form(models[i]) else PROJECTED_SAMPLES
+            samples = _table_samples(clouds[i], allowed[i], limit)
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
             self.distinct.append(SampleTable(models[i], rule, samples, np.asarray(maps)))
         on_one_contact = ~rows.dependence_mask[:, -1] & (np.sum(rows.dependence_mask, axis=1) <= 1)

@@ -23,7 +23,7 @@ from nlpgrasp.global_bound.marginal_bound import nearest_face_names
 from nlpgrasp.hands.base import PosedHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.coordinate_exchange import sampled_quality
+from nlpgrasp.optimize.coordinate_exchange import exchange_nearby, sampled_quality
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, surface_differences
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.refine_on_body import refine_on_body
@@ -139,11 +139,21 @@ def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, de
         return None
     with single_thread():
         try:
-            on_body, result = refine_on_body(compiled, warm.candidate, deadline)
+            on_body, result = refine_on_body(compiled, _exchanged_on_mesh(compiled, warm.candidate), deadline)
         except SOLVER_ERRORS:
             return None
         message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
         return _certify_start(compiled, on_body, result.state(), index, message, started)
+
+
+def _exchanged_on_mesh(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandidate:
+    """Return contacts on a mesh exchanged over dense samples nearby, or unchanged where no tuple there is feasible."""
+    if not (isinstance(compiled.problem.body, Mesh) and compiled.follows_contacts):
+        return candidate
+    search, tuples = exchange_nearby(
+        compiled, candidate.points[None], compiled.sample_tables.directions[:0], np.random.default_rng(0)
+    )
+    return search.candidate(tuples[0]) if search.values(tuples)[0] > 0.0 else candidate
 
 
 def adapt_grasp(compiled: CompiledProblem, source: FoundGrasp, origin: str) -> WarmStart | None:

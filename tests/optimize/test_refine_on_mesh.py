@@ -63,11 +63,12 @@ def test_contacts_are_on_triangles_with_their_normals_and_off_edges(body):
 def test_exchanges_nearby_lead_to_other_triangles():
     """On a ball of 1,280 triangles refinement alone keeps the contacts on their initial triangles."""
     compiled = compiled_problem(ball())
-    candidate = around(compiled, 1)
-    first, result = refine_on_triangles(compiled, candidate, Deadline())
-    moved = exchange_nearby(compiled, first.candidate, first.grasp, result.point.cuts)
-    assert np.max(np.linalg.norm(moved.points - first.candidate.points, axis=1)) <= NEIGHBOURHOOD * ball().size + 1e-9
-    exchanged = refine_on_body(compiled, candidate, Deadline())[0]
+    first, result = refine_on_triangles(compiled, around(compiled, 1), Deadline())
+    contacts = first.candidate.points
+    search, tuples = exchange_nearby(compiled, contacts[None], result.point.cuts, np.random.default_rng(0))
+    moved = search.candidate(tuples[0])
+    assert np.max(np.linalg.norm(moved.points[:, None] - contacts, axis=2).min(axis=1)) <= NEIGHBOURHOOD * ball().size
+    exchanged = refine_on_triangles(compiled, moved, Deadline())[0]
     assert ng.mu(exchanged.grasp, TASK).lower > 1.01 * ng.mu(first.grasp, TASK).upper
 
 
