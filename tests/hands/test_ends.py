@@ -60,6 +60,7 @@ def test_a_radius_is_a_guess_where_no_link_of_the_rigid_group_has_a_shape(tmp_pa
     assert suggest_tip(read_robot(path), "bare") == SuggestedTip("bare", "bare=0.01", "0.01", guessed=True)
 
 
+@pytest.mark.slow
 def test_a_guess_is_proposed_where_hardly_any_link_has_a_shape(tmp_path):
     path = write_hand(tmp_path)
     path.write_text(re.sub("<collision>.*?</collision>", "", path.read_text()))

@@ -9,6 +9,7 @@ from nlpgrasp.hands.inspection import findings, inspection_data
 from tests.hands.robots import SHADOW, model, robot
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER, PADS, THREE, THREE_TIPS, four_finger_hand, gripper
 from tests.hands.urdf import three_finger_hand as three
+from tests.quick import every
 
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
 PANDA = "panda_description/urdf/panda.urdf"
@@ -30,7 +31,7 @@ def test_a_grippers_fingers_lie_where_it_faces():
     assert mean_finger_direction(gripper().tree) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
-@pytest.mark.parametrize("wrong", AXES)
+@pytest.mark.parametrize("wrong", every(3, AXES))
 @pytest.mark.parametrize(
     ("path", "tips", "right"),
     [(FOUR, FOUR_TIPS, [1, 0, 0]), (THREE, THREE_TIPS, [0, 0, 1]), (GRIPPER, PADS, [0, 0, 1])],

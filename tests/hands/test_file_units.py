@@ -171,6 +171,7 @@ def test_followers_in_degrees(tmp_path):
             assert joint.upper == 0.05
 
 
+@pytest.mark.slow
 def test_an_inspection_asks_and_suggests_with_the_units(tmp_path):
     path = write_fingers(tmp_path, limit=35.0)
     lines = inspect(inspect_without_tips(path, None, [0.0, 0.0, 1.0])).lines

@@ -248,6 +248,7 @@ def test_equal_fingers_are_fitted_once(tmp_path, monkeypatch):
     assert fit_hull_tips(read_robot(path), ["f1", "f2"])["f1"] == tips["f1"]
 
 
+@pytest.mark.slow
 def test_a_bridged_hollow_is_no_warning_where_the_hand_is_inspected(tmp_path):
     """Load and inspection warn of the same overhangs: a hull from 2 mm on, any other fingertip from 1 mm on."""
     path, corners = two_fingers(tmp_path), trimesh.creation.box(FINGER).vertices + np.array([0.0, -0.003, 0.02])

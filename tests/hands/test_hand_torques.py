@@ -33,7 +33,7 @@ def solved():
 @pytest.mark.parametrize(
     ("hand", "contact"),
     [
-        (four_finger_hand(), ng.FrictionContact(0.6)),
+        pytest.param(four_finger_hand(), ng.FrictionContact(0.6), marks=pytest.mark.slow),
         (SHARED_JOINTS, ng.SoftContact(0.6, 0.004, model="elliptic")),
         pytest.param(four_finger_hand(), ng.SoftContact(0.6, 0.004, model="elliptic"), marks=pytest.mark.slow),
         pytest.param(SHARED_JOINTS, ng.FrictionContact(0.6), marks=pytest.mark.slow),

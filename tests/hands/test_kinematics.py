@@ -20,6 +20,7 @@ from tests.hands.urdf import (
     gripper,
     three_finger_hand,
 )
+from tests.quick import first
 
 HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), "gripper": (gripper, GRIPPER)}
 
@@ -187,7 +188,7 @@ CHAIN = """<robot name="chain"><link name="palm"/><link name="a"/><link name="ti
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 @pytest.mark.parametrize("other", ["revolute", "prismatic"])
 @pytest.mark.parametrize("rpy", ["0 0 0", "0 0 1", "0.7 -1.1 2.3"])
-@pytest.mark.parametrize("axis", ["1 0 0", "1 2 0.5", "0 -3 0"])
+@pytest.mark.parametrize("axis", first(1, ["1 2 0.5", "1 0 0", "0 -3 0"]))
 def test_every_kind_of_joint_with_every_origin_and_axis(tmp_path, kind, other, rpy, axis, rng):
     path = tmp_path / "chain.urdf"
     path.write_text(CHAIN.format(kind, rpy, axis, other).replace('name="a"/>', 'name="a">' + SPHERE_AT_A + "</link>"))

@@ -177,6 +177,7 @@ def test_collada_is_read():
     np.testing.assert_allclose(mesh.extents, [0.063, 0.1085, 0.1204], atol=1e-4)  # of the file, which is in metres
 
 
+@pytest.mark.slow
 @needs_collada
 def test_fixed_fingers_are_named():
     with pytest.raises(ng.InputError, match=r"no movable joints below j2s6s200_link_6 \(fixed: .*expected a hand"):

@@ -37,7 +37,12 @@ def proposal(path, palm=None):
 
 @pytest.mark.parametrize(
     ("lower", "upper", "expected"),
-    [(-0.002, 0.05, WIDTHS), (-0.002, 0.036, WIDTHS[2:]), (0.018, 0.05, WIDTHS[:5]), (0.046, 0.0465, ())],
+    [
+        (-0.002, 0.036, WIDTHS[2:]),
+        (0.046, 0.0465, ()),
+        pytest.param(-0.002, 0.05, WIDTHS, marks=pytest.mark.slow),
+        pytest.param(0.018, 0.05, WIDTHS[:5], marks=pytest.mark.slow),
+    ],
 )
 def test_jaws_close_on_the_widths_between_their_limits(tmp_path, lower, upper, expected):
     hand = ng.URDFHand.load(write_jaws(tmp_path, lower, upper), ["left", "right"])
@@ -46,6 +51,7 @@ def test_jaws_close_on_the_widths_between_their_limits(tmp_path, lower, upper, e
     assert closing.box == closing.cylinder == expected == tuple(openings)
 
 
+@pytest.mark.slow
 def test_with_the_palm_between_the_jaws_they_close_on_nothing(tmp_path):
     path = write_jaws(tmp_path, -0.002, 0.05)
     text = path.read_text()

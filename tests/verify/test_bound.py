@@ -13,6 +13,7 @@ from nlpgrasp.common.files import write_text
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import SourceFolders
+from tests.once import GRASP, solve_once
 from tests.quick import every
 from tests.verify.edits import put
 
@@ -263,7 +264,7 @@ OTHER_EDITS = {
 }
 
 
-@pytest.mark.parametrize("name", every(2, OTHER_EDITS))
+@pytest.mark.parametrize("name", every(4, OTHER_EDITS))
 def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
     which, edit, check = OTHER_EDITS[name]
     data = bound_data(which)
@@ -351,6 +352,6 @@ def bound_of_square():
 
 def with_bound(tmp_path, certificate, upper):
     """Return the file of a solution of the square that states this bound."""
-    solution = ng.solve(PROBLEMS["square"], starts=1)
+    solution = solve_once(PROBLEMS["square"], 1, GRASP)
     bound = GlobalBound(upper, 10, (), certificate)
     return replace(solution, bound=bound).save(tmp_path / "solution.json")

@@ -49,8 +49,12 @@ def said(data):
 
 @pytest.mark.parametrize(
     ("make", "edits"),
-    [(honest.planar, 30), pytest.param(honest.solved, 25, marks=pytest.mark.slow)],
-    ids=["plane", "space"],
+    [
+        (honest.planar, 10),
+        pytest.param(honest.planar, 30, marks=pytest.mark.slow),
+        pytest.param(honest.solved, 25, marks=pytest.mark.slow),
+    ],
+    ids=["plane", "plane, more", "space"],
 )
 def test_no_edit_ends_in_a_traceback(make, edits):
     rng, data = np.random.default_rng(5), make()
