@@ -12,3 +12,8 @@ def first(count, values):
 def every(nth, values):
     """Return the parameters, every n-th as it is and those between marked as slow."""
     return [v if i % nth == 0 else pytest.param(v, marks=pytest.mark.slow) for i, v in enumerate(values)]
+
+
+def every_row(nth, rows):
+    """Return rows of several parameters each, every n-th as it is and those between marked as slow."""
+    return [row if i % nth == 0 else pytest.param(*row, marks=pytest.mark.slow) for i, row in enumerate(rows)]

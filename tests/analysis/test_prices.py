@@ -34,7 +34,6 @@ PROBLEMS = {
         BODY, FOUR, TASK, constraints=[ng.Constraint("low", lambda p, n: sum(q[0] ** 2 for q in p), 0.0, 0.001)]
     ),
 }
-FAST = ("reach and table",)  # a price is checked by two more solves
 EXPECTED = {
     "spread of a hand": {"Fingertips.spread (greatest)", "friction of all contacts"},
     "reach and table": {"Fingertips.reach", "Table.height", "friction of all contacts"},
@@ -56,7 +55,8 @@ def best_of(compiled, starts):
     return converge_to_optimum(compiled, best, Deadline())
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in PROBLEMS])
+@pytest.mark.slow  # a price is checked by two more solves
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_prices_predict_solving_again(name):
     problem = PROBLEMS[name]()
     compiled, best = searched(name, 3)

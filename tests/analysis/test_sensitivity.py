@@ -49,6 +49,7 @@ def agree(rate, step, change, solution):
     assert change[0] - slack <= rate * step <= change[1] + slack
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_rates_are_those_of_certified_mu(seed):
     solution = on_ellipsoid(seed)

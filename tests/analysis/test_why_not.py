@@ -128,14 +128,14 @@ def test_rows_are_grouped_by_constraint_and_by_kind():
 RECTANGLE = [[-0.06, -0.006], [0.06, -0.006], [0.06, 0.006], [-0.06, 0.006]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plate", "contact", "obstacle"),
     [
         (ng.Polygon(RECTANGLE), ng.FrictionContact(0.6), ng.Obstacle(ng.Polygon(RECTANGLE), position=[0.2, 0.0])),
-        pytest.param(
+        (
             *(ng.Box([0.12, 0.1, 0.012]), ng.SoftContact(0.6, 0.005)),
             ng.Obstacle(ng.Sphere(0.01), position=[0.2, 0.0, 0.0]),
-            marks=pytest.mark.slow,
         ),
     ],
     ids=["plane", "space"],

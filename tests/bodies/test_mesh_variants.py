@@ -8,7 +8,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh
 from tests.bodies.good_meshes import good_meshes, move_mesh, pose_of, reverse_triangles, split_vertices, triangle_set
-from tests.quick import first
+from tests.quick import every, first
 
 GOOD = good_meshes()
 TURNED = ("turned inside out: the triangles faced inwards",)
@@ -53,14 +53,14 @@ def test_there_are_more_than_two_hundred():
     assert in_memory + 2 * len(FORMATS) * len(GOOD) >= 200
 
 
-@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("name", every(2, GOOD))
 def test_variants_in_memory_load_alike(name):
     for pose in POSES:
         for variant, repairs in variants(GOOD[name], pose):
             loads_like(GOOD[name], variant, pose, repairs)
 
 
-@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("name", every(2, GOOD))
 def test_variants_in_files_load_alike(name, tmp_path):
     mesh = GOOD[name]
     for kind in FORMATS:

@@ -27,7 +27,7 @@ def test_there_are_forty():
     assert len(FORTY) + 1 >= 40  # and the one of 200,000 triangles
 
 
-@pytest.mark.parametrize("name", every(3, HELD))
+@pytest.mark.parametrize("name", every(6, HELD))
 def test_all_of_the_surface_is_outside(name, rng):
     case = FORTY[name]
     body = coarse_body(soup(case.mesh))
@@ -38,7 +38,7 @@ def test_all_of_the_surface_is_outside(name, rng):
         assert words in note
 
 
-@pytest.mark.parametrize("name", every(3, HELD))
+@pytest.mark.parametrize("name", every(6, HELD))
 def test_all_of_the_outer_surface_is_there(name, rng):
     """Points of each solid that are outside all others are on the body, but for slits along seams."""
     case = FORTY[name]
@@ -52,7 +52,7 @@ def test_all_of_the_outer_surface_is_there(name, rng):
         assert np.sum(missing) <= (0.02 * len(points) if name == "ball with a hole, and a bar" else 0)
 
 
-@pytest.mark.parametrize("name", every(3, HELD))
+@pytest.mark.parametrize("name", every(6, HELD))
 def test_inside_is_inside(name, rng):
     case = FORTY[name]
     body = coarse_body(soup(case.mesh))

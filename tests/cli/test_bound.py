@@ -2,15 +2,19 @@
 
 import json
 
+import pytest
+
 from nlpgrasp.common.formatting import format_upper
 from tests.cli.test_cli import SMALL, refused, run, run_here
+from tests.quick import first
 
 HOPELESS = SMALL.replace("ng.FrictionContact(0.5)] * 2", "ng.PointContact()] * 2")
 
 
-def test_a_bound_is_printed_kept_and_verified(tmp_path):
+@pytest.mark.parametrize("run_command", first(1, [run_here, run]), ids=["here", "own process"])
+def test_a_bound_is_printed_kept_and_verified(tmp_path, run_command):
     (tmp_path / "square.py").write_text(SMALL)
-    process = run("bound", "square.py", "--gap", "0.05", "--out", "bound.json", cwd=tmp_path)
+    process = run_command("bound", "square.py", "--gap", "0.05", "--out", "bound.json", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert process.stderr == ""
     first, second, *rest = process.stdout.splitlines()

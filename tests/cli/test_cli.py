@@ -86,9 +86,10 @@ def test_solve_writes_a_file_and_says_what_it_found(solved):
     assert json.loads((folder / "square.json").read_text())["status"] == "solved"
 
 
-def test_verify_agrees(solved):
+@pytest.mark.parametrize("run_command", first(1, [run_here, run]), ids=["here", "own process"])
+def test_verify_agrees(solved, run_command):
     folder, _ = solved
-    result = run("verify", "square.json", cwd=folder)
+    result = run_command("verify", "square.json", cwd=folder)
     assert result.returncode == 0
     assert re.search(r"^verified: \d+ checks passed$", result.stdout.splitlines()[-1])
 

@@ -38,6 +38,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_grasp_that_is_not_verified_is_exit_code_1(folder, monkeypatch):
     monkeypatch.setattr(ng, "solve", lambda *_, **__: ng.GraspSolution.from_dict(honest.jaws()))
     code, output = demo()

@@ -111,6 +111,7 @@ def test_what_a_new_entry_says_is_refused_for_one_that_is_there(call, tmp_path, 
     assert "--tag: got ['x'], expected a new --name with it" in line
 
 
+@pytest.mark.slow
 def test_a_broken_entry_is_one_line_in_a_process_of_its_own(tmp_path):
     (tmp_path / "lib").mkdir()
     (tmp_path / "lib" / "peg.json").write_text('{"schema": "nlpgrasp-task/1", "name": "p')

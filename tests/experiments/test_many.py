@@ -25,7 +25,7 @@ def solved(problems, out, **settings):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     out = tmp_path_factory.mktemp("many") / "out"
-    return solved({"rough": square(0.8), "smooth": partial(square, 0.5)}, out, workers=2)
+    return solved({"rough": square(0.8), "smooth": partial(square, 0.5)}, out)
 
 
 def test_each_problem_has_a_file_with_its_grasps(finished):
@@ -51,7 +51,7 @@ def test_a_folder_is_gone_on_with(finished, tmp_path):
     folder = shutil.copytree(finished.folder, tmp_path / "out")
     before = {file: file.stat().st_mtime_ns for file in map(folder.joinpath, finished.files.values())}
     problems = {"rough": square(0.8), "smooth": partial(square, 0.5), "new": square(0.6)}
-    resumed = solved(problems, folder)
+    resumed = solved(problems, folder, workers=2)
     assert {file: file.stat().st_mtime_ns for file in before} == before
     assert resumed.new == len(resumed.load("new").grasps)
     assert resumed.grasps == finished.grasps + resumed.new

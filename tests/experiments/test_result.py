@@ -23,13 +23,14 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.report.experiment_page import wilson_interval
 from nlpgrasp.solution.records import ConstraintReport
 from tests.experiments.small import experiment
-from tests.quick import every
+from tests.quick import every, first
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
+def result(finished, tmp_path_factory):
+    folder = shutil.copytree(finished.folder, tmp_path_factory.mktemp("result") / "out")
     plan = experiment({"rough": {"friction": 0.8}, "smooth": {}, "same": {}, "broken": lambda: 1 / 0})
-    run_result = ng.run_experiment(plan, tmp_path_factory.mktemp("result") / "out", workers=1)
+    run_result = ng.run_experiment(plan, folder, workers=1, resume=True)
     assert write_outputs(run_result) == []
     return run_result
 
@@ -121,7 +122,7 @@ WRONG = [None, 3, "x", [], {}, 1e300]
 
 
 @pytest.mark.parametrize("wrong", every(6, WRONG), ids=repr)
-@pytest.mark.parametrize("field", ["seconds", "iterations", "seed"])
+@pytest.mark.parametrize("field", first(1, ["seconds", "iterations", "seed"]))
 def test_a_wrong_entry_in_one_file_costs_that_solve_alone(result, tmp_path, field, wrong):
     folder = tmp_path / "out"
     shutil.copytree(result.folder, folder)

@@ -15,6 +15,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from tests.experiments.small import QUICK, SCRIPT, base, experiment
+from tests.quick import every
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -40,12 +41,6 @@ def grasps(result):
         for s in result.solves
         if s.done
     }
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("finished") / "out"
-    return ng.run_experiment(experiment(), folder, workers=2)
 
 
 def test_every_solve_is_a_verified_solution_file(finished):
@@ -166,7 +161,7 @@ RAISED = {
 }
 
 
-@pytest.mark.parametrize("name", RAISED)
+@pytest.mark.parametrize("name", every(4, RAISED))
 def test_whatever_a_solve_raises_is_its_own_failure(name, tmp_path):
     def broken(make=RAISED[name]):
         raise make()

@@ -17,16 +17,19 @@ def bound(contacts=3, gap=0.01, **more):
     return ng.best_possible(problem, gap=gap, time_limit=None)
 
 
-def test_a_file_holds_the_whole_bound(tmp_path):
-    best = bound()
+@pytest.fixture(scope="module")
+def best():
+    return bound()
+
+
+def test_a_file_holds_the_whole_bound(tmp_path, best):
     again = ng.BestPossible.load(best.save(tmp_path / "bound.json"))
     assert again.to_dict() == best.to_dict()
     assert again.grasp.points.tolist() == best.grasp.points.tolist()
     assert again.gap == best.gap
 
 
-def test_the_bound_claimed_is_the_largest_of_the_leaves():
-    best = bound()
+def test_the_bound_claimed_is_the_largest_of_the_leaves(best):
     assert best.upper == max(leaf[2] for leaf in best.certificate["leaves"])
     assert best.certificate["complete"]
 
@@ -42,8 +45,7 @@ def test_a_search_with_more_leaves_than_are_kept_claims_what_follows_from_those(
     assert not coarse.closed
 
 
-def test_a_small_certificate_goes_into_another_file_and_a_large_one_beside_it(tmp_path, monkeypatch):
-    best = bound()
+def test_a_small_certificate_goes_into_another_file_and_a_large_one_beside_it(tmp_path, monkeypatch, best):
     assert best.kept() == best.certificate
     file = best.save(tmp_path / "bound.json")
     assert best.kept(file) == {"file": "bound.json", "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
@@ -60,8 +62,7 @@ def test_what_is_no_bound_file_is_refused_in_a_sentence(tmp_path, text):
         ng.BestPossible.load(file)
 
 
-def test_weights_have_few_digits():
-    best = bound()
+def test_weights_have_few_digits(best):
     text = json.dumps([weights for _, weights in best.certificate["mixtures"]])
     assert max(len(word) for word in text.replace("[", "").replace("]", "").split(", ")) <= 10
 

@@ -58,7 +58,7 @@ def test_parts_cover_their_node():
         assert sorted(places) in cells.tolist()
 
 
-@pytest.mark.parametrize(("body", "nodes"), [("box", 400), ("mesh", 4000)])
+@pytest.mark.parametrize(("body", "nodes"), [("box", 400), pytest.param("mesh", 4000, marks=pytest.mark.slow)])
 def test_a_record_that_ends_before_the_search_is_verified(body, nodes, tmp_path, monkeypatch):
     monkeypatch.setattr(branch_and_bound, "MOST_LEAVES", 30)
     monkeypatch.setattr(shared_weights, "MOST_LEAVES", 30)

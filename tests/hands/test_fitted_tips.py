@@ -219,6 +219,7 @@ def test_pads_of_robosuites_rethink_gripper_carry_the_patches(tmp_path):
         assert side * np.asarray(tip.facing)[1] >= np.cos(tip.angle)
 
 
+@pytest.mark.slow
 def test_fingers_of_robosuites_robotiq_140_face_each_other(tmp_path):
     """Its pads tilt towards each other as they close: the patches have the pad's front edge, and the tips meet."""
     hand = ng.URDFHand.load(

@@ -47,13 +47,13 @@ BODIES = {
     "cylinder": ng.Cylinder(0.03, 0.1),
 }
 
-FAST = ("box",)
 QUALITY = {"sphere": 0.5044, "box": 0.7211, "ellipsoid": 0.4036, "cylinder": 0.5246}
 STARTS = {"cylinder": 3}  # its best contacts are on the rims, where hardly a sample is; one start in four gets there
 SAME = 5e-3  # relative: what rounding of another machine may change; a better grasp is no fault
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in BODIES])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BODIES)
 def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
     body = BODIES[name]
     solution = solve_grasp(body, four_finger_hand(), starts=STARTS.get(name, 1))

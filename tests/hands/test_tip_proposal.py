@@ -63,6 +63,7 @@ def test_with_the_palm_between_the_jaws_they_close_on_nothing(tmp_path):
     assert closing_widths(hand.tree, hand.unshrunk_spheres) == ClosingWidths((), ())
 
 
+@pytest.mark.slow
 def test_panda_closes_up_to_its_opening():
     hand = ng.hands.panda(robot("panda_description/urdf/panda.urdf"))
     closing = closing_widths(hand.tree, hand.unshrunk_spheres)
@@ -79,6 +80,7 @@ def test_widths_as_text():
     assert str(parts) == "cylinders of 20 mm and boxes of 10 to 20 and 60 mm"
 
 
+@pytest.mark.slow
 def test_links_that_are_only_seen_and_those_that_face_no_other_are_left_out(tmp_path):
     """A camera on a joint of its own, without a shape, and a pusher of box shape that slides along the palm's back."""
     extra = SLIDE.format(name="camera", shape="", y=0.0, side=1, lower=0.0, upper=0.01)

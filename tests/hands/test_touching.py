@@ -21,6 +21,7 @@ from nlpgrasp.report.key_figures import solution_figures
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from nlpgrasp.solution.obstructions import LinkPenetration
 from tests.hands.described import in_millimetres, two_fingers
+from tests.quick import every
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])
 QUICK = ng.SolveOptions(workers=1, global_bound=False)
@@ -120,13 +121,19 @@ def test_verify_finds_a_way_in_that_is_called_free(blocked):
 
 @pytest.mark.parametrize(
     "lie",
-    [
-        lambda d: d.update(status="solved"),
-        lambda d: (d.update(status="solved"), d["hand"]["link_depth"].update(depth=0.0)),
-        lambda d: (d.update(status="solved"), d["hand"].pop("link_depth")),
-        lambda d: (d["hand"]["link_depth"].update(tolerance=0.01), d["solver"]["options"].update(link_tolerance=0.01)),
-        lambda d: (d.update(status="solved"), d["hand"]["link_depth"].update(tolerance=0.01)),
-    ],
+    every(
+        4,
+        [
+            lambda d: d.update(status="solved"),
+            lambda d: (d.update(status="solved"), d["hand"]["link_depth"].update(depth=0.0)),
+            lambda d: (d.update(status="solved"), d["hand"].pop("link_depth")),
+            lambda d: (
+                d["hand"]["link_depth"].update(tolerance=0.01),
+                d["solver"]["options"].update(link_tolerance=0.01),
+            ),
+            lambda d: (d.update(status="solved"), d["hand"]["link_depth"].update(tolerance=0.01)),
+        ],
+    ),
 )
 def test_lies_about_the_links_are_found(deep, lie):
     folder, _, solution = deep

@@ -12,6 +12,7 @@ from nlpgrasp.motion.finger_kinematics import FingerJoints
 from nlpgrasp.motion.finger_motion import LinkedMotions
 from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.straight_path import follow_straight_path
+from tests.quick import every_row, first
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, inverse, two_fingers, urdf
 
 BODY = ng.Box([0.06, 0.2, 0.06])
@@ -100,7 +101,7 @@ def test_clearances_are_those_of_balls_and_box(tmp_path):
         assert least == pytest.approx(wanted, abs=1e-6)
 
 
-@pytest.mark.parametrize(("joint", "share"), [(1, 0.5), (2, 0.3), (2, 0.8)])
+@pytest.mark.parametrize(("joint", "share"), every_row(3, [(1, 0.5), (2, 0.3), (2, 0.8)]))
 def test_a_narrowed_limit_stops_the_finger_where_a_dense_search_says(tmp_path, joint, share):
     end = np.array([0.01, -0.045, 0.03])
     q, along = joint_path(inverse("a", HERE - TIP * INWARD, PALM, BENT), end)
@@ -118,7 +119,7 @@ def test_a_narrowed_limit_stops_the_finger_where_a_dense_search_says(tmp_path, j
     assert path.joints[-1, joint] == pytest.approx(limit, abs=1e-3)
 
 
-@pytest.mark.parametrize("link", [0.004, 0.0005])
+@pytest.mark.parametrize("link", first(1, [0.0005, 0.004]))
 def test_an_obstacle_stops_the_finger_where_a_dense_search_says(tmp_path, link):
     """A ball in the way of the middle link; and a plate of 1 um, which steps of 16 tolerances would jump over."""
     thick = link == 0.004

@@ -17,6 +17,7 @@ def problem():
     return ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand(clearance=0.002))
 
 
+@pytest.mark.slow
 def test_more_clearance_moves_the_limits_of_these_rows_alone():
     compiled = CompiledProblem(problem(), ng.SolveOptions(workers=1))
     rows = compiled.rows.clearances

@@ -168,6 +168,7 @@ def test_a_file_that_lies_about_the_bound_is_not_verified(changes, check, bounde
     assert check in [c.name for c in verification.checks if not c.passed]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_answer_and_bound():
     options = ng.SolveOptions(**QUICK)
     first, again = (ng.solve(square(3), starts=1, seed=5, options=options) for _ in range(2))

@@ -35,6 +35,7 @@ def solution(walled):
     return ng.solve(walled, starts=1, keep=2, options=OPTIONS, warm_starts=[blocked])
 
 
+@pytest.mark.slow
 def test_the_answer_has_a_free_way_though_a_blocked_one_is_better(solution):
     assert solution.status is ng.Status.SOLVED
     assert solution.has_free_way
@@ -45,6 +46,7 @@ def test_the_answer_has_a_free_way_though_a_blocked_one_is_better(solution):
     assert all("the gripper's way in leads" in start.obstruction for start in blocked)
 
 
+@pytest.mark.slow
 def test_it_is_said_why_a_better_start_is_passed_over(solution):
     best = max(solution.starts, key=lambda start: start.mu.upper)
     assert f"start {best.index} found mu-tilde in {best.mu}: passed over, as the gripper's way in leads" in str(
@@ -52,6 +54,7 @@ def test_it_is_said_why_a_better_start_is_passed_over(solution):
     )
 
 
+@pytest.mark.slow
 def test_grasps_kept_are_in_this_order_too(solution):
     free = [not float(grasp.hand["approach"]["depth"]) > 1e-3 for grasp in solution.grasps]
     assert free == sorted(free, reverse=True)
@@ -59,6 +62,7 @@ def test_grasps_kept_are_in_this_order_too(solution):
     assert False in free
 
 
+@pytest.mark.slow
 def test_it_is_verified_and_a_lie_about_the_passed_over_start_is_found(solution):
     assert ng.verify(solution)
     cleared = tuple(replace(start, obstruction="") for start in solution.starts)

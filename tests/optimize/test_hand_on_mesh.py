@@ -69,6 +69,7 @@ def test_links_keep_their_clearance_from_the_mesh_itself(posed):
     assert np.all(clearances >= np.array(lower) - 1e-5)
 
 
+@pytest.mark.slow
 def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
     """The sign is that of the mesh itself: the spline through its distances errs by some tenths of a millimetre."""
     half, palm = np.array([0.03, 0.025, 0.004]), posed[1].hand

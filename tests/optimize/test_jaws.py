@@ -53,6 +53,7 @@ def best_of_a_grid(case, step=0.002):
     return ng.mu_tilde(grasp, case.task).lower
 
 
+@pytest.mark.slow
 def test_candidates_are_on_the_mesh_and_keep_the_constraints(angle):
     compiled = CompiledProblem(problem(angle), ng.SolveOptions(workers=1))
     candidates = propose(compiled, np.random.default_rng(0))

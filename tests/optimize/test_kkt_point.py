@@ -21,6 +21,7 @@ from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, refine_by_newton
 from tests.hands.urdf import four_finger_hand
 from tests.kkt_by_differences import kkt_by_differences
+from tests.once import solve_once
 
 OPTIONS = ng.SolveOptions(workers=1, global_bound=False, joint_margin=0.0)
 TASK = ng.TaskEllipsoid([1.0, 0.8, 0.9, 0.03, 0.02, 0.03])
@@ -41,7 +42,7 @@ PROBLEMS = {
     "mesh": lambda: ng.GraspProblem(ng.Mesh(POTATO), FOUR, TASK),
     "hand": lambda: ng.GraspProblem(ng.Ellipsoid([0.05, 0.03, 0.03]), FOUR, TASK, hand=four_finger_hand()),
 }
-SLOW = ("hand", "mesh", "cylinder", "one-sided")
+SLOW = ("hand", "mesh", "cylinder", "one-sided", "box")
 
 
 @cache
@@ -54,7 +55,7 @@ def started(name):
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in PROBLEMS])
 def test_residuals_by_differences(name):
     problem = PROBLEMS[name]()
-    solution = ng.solve(problem, starts=1, options=OPTIONS)
+    solution = solve_once(problem, 1, OPTIONS)
     assert solution.kkt.is_small
     assert solution.kkt.reason == ""
     residuals = kkt_by_differences(problem, solution)
@@ -84,6 +85,7 @@ def test_no_grasp_beside_it_is_better(name, rng):
     assert max(gains) < 1e-4
 
 
+@pytest.mark.slow
 def test_minimisers_by_newton_are_stationary(rng):
     compiled, start = started("ellipsoid")
     problem, _ = make_containment(compiled.wrench_set(start.on_body.candidate), compiled.problem.task)

@@ -9,6 +9,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.local_search import refine
 from nlpgrasp.optimize.start import run_start
+from tests.quick import every
 
 OPTIONS = ng.SolveOptions(workers=1)
 BENT = ng.Polygon([[-1, -1], [1.4, -1], [1, 1], [-1, 1.2], [-1.3, 0]])
@@ -21,7 +22,7 @@ def compiled_problem(budget, task=None):
     return CompiledProblem(ng.GraspProblem(BENT, [ng.FrictionContact(0.5)] * 3, task, force_budget=budget), OPTIONS)
 
 
-@pytest.mark.parametrize("budget", BUDGETS)
+@pytest.mark.parametrize("budget", every(2, BUDGETS))
 def test_the_refined_value_is_certified(budget):
     compiled = compiled_problem(budget)
     result = refine(compiled, compiled.projected_onto_faces(INITIAL), Deadline())
@@ -33,6 +34,7 @@ def test_the_refined_value_is_certified(budget):
     assert compiled.violation(result.point.candidate) <= FEASIBLE
 
 
+@pytest.mark.slow
 def test_no_candidate_near_the_result_is_better():
     compiled = compiled_problem("l2")
     end = refine(compiled, compiled.projected_onto_faces(INITIAL), Deadline(), least=0.0).point

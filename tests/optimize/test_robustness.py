@@ -131,6 +131,7 @@ def fragile():
     return solve_once(TINY, 1, options=OPTIONS)
 
 
+@pytest.mark.slow
 def test_fragile_grasps_are_stated(fragile, ellipsoid, tmp_path):
     message = "fragile: nothing of mu is left when contacts are 1 mm off and friction 10 % less"
     assert str(fragile).startswith(f"grasp: Solved, but {message}; a grasp with")

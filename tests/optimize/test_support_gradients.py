@@ -39,8 +39,10 @@ CASES = {
     "planar lines": (QUADRANGLE, [ng.LineContact(0.01, friction=0.6)] * 3, ng.JointTorqueLimits(jacobians(4, 3, 3), 1)),
 }
 
+LONG = ("lines", "mixed", "joints", "joints with moments", "planar lines")
 
-@pytest.mark.parametrize("case", CASES)
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow if c in LONG else ()) for c in CASES])
 def test_gradients_are_those_of_the_support(case):
     body, contacts, budget = CASES[case]
     task = ng.TaskEllipsoid([1.0, 1.0, 0.03] if body.space == 2 else [1.0, 1.0, 1.0, 0.02, 0.02, 0.02])

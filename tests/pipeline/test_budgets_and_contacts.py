@@ -32,7 +32,7 @@ def solved_and_verified(problem, path, starts=3):
     return solution
 
 
-LONG = ("joint_torques", "shared")
+LONG = ("joint_torques", "shared", "per_finger_size")
 
 
 @pytest.mark.parametrize("budget", [pytest.param(b, marks=[pytest.mark.slow] if b in LONG else []) for b in BUDGETS])

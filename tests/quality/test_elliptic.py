@@ -6,6 +6,7 @@ import pytest
 from scipy import sparse
 
 import nlpgrasp as ng
+from tests.quick import first
 from tests.samples import closed_ellipsoid_grasp
 
 FRICTION, TORSION = 0.6, 0.2
@@ -83,7 +84,7 @@ def test_least_forces_and_the_reach_of_the_wrench_set(budget):
     np.testing.assert_allclose(1.0 / forces.used, [conic.reach(w) for w in wrenches], rtol=2e-7)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first(1, range(2)))
 @pytest.mark.parametrize("budget", BUDGETS)
 def test_a_certified_interval_contains_the_truth(budget, seed):
     """A flat task has a boundary one can walk along: mu is how far the set reaches along the worst of its wrenches."""
@@ -110,7 +111,7 @@ def test_a_certified_interval_contains_the_truth(budget, seed):
     assert truth <= bounds.upper * (1 + 1e-4)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first(1, range(2)))
 @pytest.mark.parametrize("budget", BUDGETS)
 def test_no_wrench_and_no_direction_contradicts_a_certificate(budget, seed):
     """Of a full ellipsoid: the worst direction attains the upper bound; every wrench is within the lower."""

@@ -7,6 +7,7 @@ from scipy.optimize import linprog
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.paper_algorithms import inscribed_polytope, mu_by_steps
+from tests.quick import first
 from tests.samples import closed_ellipsoid_grasp, square_pair
 
 BUDGETS = ["l2", "per_finger", "shared", "per_finger_size"]
@@ -75,7 +76,7 @@ def test_the_error_goes_down_in_space():
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
-@pytest.mark.parametrize("center", [[0.0, 0.0, 0.0], [0.1, -0.2, 0.05]])
+@pytest.mark.parametrize("center", first(1, [[0.1, -0.2, 0.05], [0.0, 0.0, 0.0]]))
 def test_mu_by_steps_in_the_plane(budget, center):
     grasp, task = three_on_a_circle(), ng.TaskEllipsoid([1.0, 0.5, 0.3], center=center)
     certified = ng.mu(grasp, task, 1e-3, force_budget=budget)

@@ -8,6 +8,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.budgets.registry import BUDGETS, NAMED
 from tests.memberships import inside
+from tests.quick import every_row
 from tests.samples import EVERY
 
 BY_NAME = ["l2", "per_finger", "shared", "per_finger_size"]
@@ -80,7 +81,7 @@ def test_every_named_budget_is_tested():
     assert {*BY_NAME, *BY_TORQUES, "hand_torques"} == set(BUDGETS.names)
 
 
-@pytest.mark.parametrize(("name", "budget"), list(product(EVERY, BUDGET_KINDS))[::5])  # each model, each budget
+@pytest.mark.parametrize(("name", "budget"), every_row(3, list(product(EVERY, BUDGET_KINDS))[::5]))
 def test_forces_are_in_the_cones(name, budget):
     check(name, budget, 300 if budget == "l2" else 50)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from tests.quick import first
+from tests.quick import every, first
 from tests.samples import EVERY as CONTACTS
 from tests.samples import ellipsoid_grasp
 
@@ -12,7 +12,7 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.
 
 
 @pytest.mark.parametrize("space", [2, 3])
-@pytest.mark.parametrize("friction", [0.001, 0.01, 0.05])
+@pytest.mark.parametrize("friction", every(2, [0.001, 0.01, 0.05]))
 def test_forces_from_inside_narrow_cones_are_found_again(space, friction):
     for seed in range(10):
         rng = np.random.default_rng(seed)
@@ -137,6 +137,7 @@ def test_planar_volumes_of_polytopes(budget):
         assert exact <= volume.upper * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first(1, range(2)))
 def test_two_soft_fingers_have_a_volume(seed):
     u = np.random.default_rng(seed).standard_normal((2, 3))

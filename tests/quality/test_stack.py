@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from tests.quick import first
 from tests.samples import EVERY as CONTACTS
 from tests.samples import ellipsoid_grasp
 
@@ -65,7 +66,7 @@ def test_measures_of_a_stack_are_those_of_its_grasps(rng):
         np.testing.assert_array_equal(one.used, ng.finger_forces(grasp, wrenches).used)
 
 
-@pytest.mark.parametrize("budget", ["l2", "shared", "per_finger"])
+@pytest.mark.parametrize("budget", first(1, ["l2", "shared", "per_finger"]))
 @pytest.mark.parametrize(
     "task", [BALL, ng.TaskEllipsoid([1, 1, 1, 0, 0, 0], center=[0, 0, 1, 0, 0, 0])], ids=["ball", "weight"]
 )

@@ -100,6 +100,7 @@ def test_hexagonal_prism(rng):
     assert values["a"].value - values["a"].error > values["b"].value + values["b"].error
 
 
+@pytest.mark.slow
 def test_nu_is_bi_invariant():
     """Theorem 3-2: neither the body frame nor the torque origin matters; delta is another matter."""
     rng = np.random.default_rng(0)

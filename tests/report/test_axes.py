@@ -61,6 +61,7 @@ def test_axes_are_named_at_their_ends_until_they_are_switched_off(browser, mug):
     assert browser.execute_script(LABELS) == []
 
 
+@pytest.mark.slow
 def test_axes_are_in_the_picture_from_all_around(browser, mug):
     opened(browser, mug)
     ends = np.array(browser.execute_script(AROUND))

@@ -99,6 +99,7 @@ def test_what_the_page_says(tmp_path):
     assert "http" not in re.sub(r"//.*", "", text)
 
 
+@pytest.mark.slow
 def test_a_hand_without_fingertips_lists_the_links_at_the_ends(tmp_path):
     page = write_hand(inspect_without_tips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
     text, drawn = page.read_text(encoding="utf-8"), page_data(page)["drawn"]

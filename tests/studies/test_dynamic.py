@@ -68,6 +68,7 @@ def test_every_step_is_a_solution_that_verifies(cup, tmp_path):
         assert step.solution.mu.gap <= 0.0101
 
 
+@pytest.mark.slow
 def test_each_step_s_file_verifies_on_its_own(tmp_path):
     """With its constraints, seed, options and versions, as a solve's file has them."""
     square = ng.Polygon([[0, 0], [0.1, 0], [0.1, 0.06], [0, 0.06]])
@@ -233,6 +234,7 @@ def test_a_hand_with_a_pose_is_followed_with_its_posture():
     assert ng.verify(second.solution).passed
 
 
+@pytest.mark.slow
 def test_without_the_search_random_starts_are_followed():
     followed = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=replace(ONE, global_bound=False))
     searched = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=ONE)

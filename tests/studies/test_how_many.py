@@ -131,6 +131,7 @@ def test_the_fewest_are_proved_where_the_bounds_rule_out_fewer(curve):
     assert ng.ContactCurve(unbounded(curve)).fewest_possible(force) == 2
 
 
+@pytest.mark.slow
 def test_a_grasp_with_fewer_contacts_bounds_every_larger_number():
     """Whatever the starts find: the grasp with two contacts, and two added anywhere, is one with four."""
     curve = ng.how_many_contacts(square, (2, 4), starts=1, seed=5, options=QUICK)

@@ -160,7 +160,7 @@ EDITS = {
 }
 
 
-@pytest.mark.parametrize("name", every(2, EDITS))
+@pytest.mark.parametrize("name", every(4, EDITS))
 def test_an_edit_of_a_mesh_bound_fails_at_its_check(name, folder):
     edit, check = EDITS[name]
     data = few_pieces(folder, "friction")

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from tests.once import solve_once
+from tests.optimize.test_kkt_point import OPTIONS, PROBLEMS
 from tests.quick import first
 
-TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-BODIES = {"ellipsoid": ng.Ellipsoid([0.04, 0.03, 0.025]), "box": ng.Box([0.08, 0.05, 0.04])}
 
-
-@pytest.fixture(scope="module", params=first(1, BODIES))
+@pytest.fixture(scope="module", params=first(1, ["ellipsoid", "box"]))
 def stated(request):
-    problem = ng.GraspProblem(BODIES[request.param], [ng.FrictionContact(0.5)] * 4, TASK)
-    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
+    solution = solve_once(PROBLEMS[request.param](), 1, OPTIONS)
     assert solution.kkt.is_small
     return solution
 
