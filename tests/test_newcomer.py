@@ -409,6 +409,7 @@ def test_pictures_of_a_report_miss_matplotlib_before_the_work(tmp_path, monkeypa
     assert 'needs the extra "viz"' in told
 
 
+@pytest.mark.slow
 def test_warnings_of_the_command_line_are_lines_without_source(tmp_path):
     rows = "p_x,p_y,p_z,n_x,n_y,n_z\n0.04,0,0,1,0,0\n-0.04,0,0,-1,0,0\n0,0.04,0,0,1,0\n"
     table = written(tmp_path, "contacts.csv", rows)

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import nlpgrasp as ng
 
 README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
@@ -15,6 +17,7 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
+@pytest.mark.slow
 def test_the_script_runs_as_printed(tmp_path):
     (script,) = blocks("python")
     path = tmp_path / "readme.py"

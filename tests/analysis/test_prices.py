@@ -114,6 +114,7 @@ def test_no_prices_of_an_optimum_far_from_the_grasp():
     assert shadow_prices(compiled, replace(best, record=half), Deadline()) == ()
 
 
+@pytest.mark.slow
 def test_prices_are_in_the_solution_and_its_file(tmp_path):
     solution = ng.solve(
         PROBLEMS["reach and table"](), 1, options=replace(OPTIONS, global_bound=False, analyses=["prices"])

@@ -1,5 +1,7 @@
 """Conformance tests of every force budget: supports against a conic solver, the program's constraints, files."""
 
+from itertools import product
+
 import casadi as ca
 import clarabel
 import numpy as np
@@ -35,10 +37,10 @@ def shared_torque_limits(contacts, rng, joints=4):
 TORQUES = {"joint_torques": torque_limits, "shared_joint_torques": shared_torque_limits}
 
 
-def cases(models=MODELS):
-    for name in models:
-        for budget in [*NAMED, *TORQUES]:
-            yield pytest.param(name, budget, id=f"{name}, {budget}")
+def cases(models=MODELS, nth=1):
+    """Yield every model with every budget; all but every n-th case with the slow tests."""
+    for i, (name, budget) in enumerate(product(models, [*NAMED, *TORQUES])):
+        yield pytest.param(name, budget, id=f"{name}, {budget}", marks=pytest.mark.slow if i % nth else ())
 
 
 def make_case(name, budget, rng, k=2):
@@ -80,7 +82,7 @@ def largest_work(grasp, bound, z):
     return -solution.obj_val
 
 
-@pytest.mark.parametrize(("name", "budget"), list(cases(MODELS + PADS)))
+@pytest.mark.parametrize(("name", "budget"), list(cases(MODELS + PADS, nth=5)))
 def test_support_is_exact_and_attained(name, budget, rng):
     grasp, _, bound = make_case(name, budget, rng)
     z = rng.standard_normal((25, grasp.G.shape[1]))

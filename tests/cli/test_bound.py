@@ -35,6 +35,7 @@ def test_a_bound_is_printed_kept_and_verified(tmp_path, run_command):
     assert "FAIL upper:" in lower.stdout
 
 
+@pytest.mark.slow
 def test_json_lines_are_the_bound_without_its_certificate(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
     process = run_here("bound", "square.py", "--gap", "0.2", "--json", cwd=tmp_path)

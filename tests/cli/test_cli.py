@@ -227,6 +227,7 @@ def test_a_quick_solve_is_without_analyses(script, tmp_path):
     assert ng.GraspSolution.load(copy).drawing.body.faces.tolist() == completed.drawing.body.faces.tolist()
 
 
+@pytest.mark.slow
 def test_analyses_come_after_the_grasp(script, tmp_path):
     result = run_here(
         "solve", script, "--with", "nu,drawing", "--starts", 1, "--out", tmp_path / "f.json", cwd=tmp_path

@@ -7,6 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.contacts.cone_inclusion import assign_contacts, contains
+from tests.quick import every_row
 
 MODELS = {
     "point": ng.PointContact(),
@@ -49,7 +50,7 @@ def can_exert(model, normal, body_wrenches):
     return is_spanned & (np.linalg.norm(model.project(x) - x, axis=1) <= 1e-9)
 
 
-@pytest.mark.parametrize(("wide", "narrow"), PAIRS, ids=[f"{b} in {a}" for a, b in PAIRS])
+@pytest.mark.parametrize(("wide", "narrow"), every_row(4, PAIRS), ids=[f"{b} in {a}" for a, b in PAIRS])
 def test_a_wider_contact_can_exert_every_wrench_of_the_other(wide, narrow):
     normal, rng = np.array([0.6, 0.0, 0.8]), np.random.default_rng(0)
     samples = wrenches(MODELS[narrow], normal, rng)

@@ -23,7 +23,7 @@ def square(contacts, budget="l2", **more):
     )
 
 
-@pytest.mark.parametrize(("contacts", "known"), [(2, 0.44721), (3, 0.71556)])
+@pytest.mark.parametrize(("contacts", "known"), [(2, 0.44721), pytest.param(3, 0.71556, marks=pytest.mark.slow)])
 def test_a_square_in_the_plane(contacts, known):
     best = ng.best_possible(square(contacts), gap=0.005, time_limit=None)
     assert best.closed

@@ -67,6 +67,7 @@ def test_halved_triangles_are_the_surface_again():
     assert not halves[1] & halves[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "contacts", "more"),
     [

@@ -69,6 +69,7 @@ def test_a_guess_is_proposed_where_hardly_any_link_has_a_shape(tmp_path):
     assert notice.endswith(" A radius of 0.01 m stands for a link without a collision shape. To use them:")
 
 
+@pytest.mark.slow
 def test_the_lines_to_paste_state_the_same_hand(tmp_path):
     inspection = inspect(inspect_without_tips(write_hand(tmp_path), "palm", [0.0, -1.0, 0.0]))
     command, line = inspection.usage_lines

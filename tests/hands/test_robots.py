@@ -170,6 +170,7 @@ def test_mended_as_told_it_loads(tmp_path):
     assert not hand.robot.missing
 
 
+@pytest.mark.slow
 @needs_collada
 def test_collada_is_read():
     hand = ng.URDFHand.load(robot(KINOVA), ["j2s6s200_link_finger_tip_1"])

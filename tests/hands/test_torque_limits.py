@@ -16,15 +16,23 @@ def solution():
     return solve_grasp(ng.Box([0.08, 0.04, 0.04]), four_finger_hand())
 
 
-def mujoco_jacobians(solution):
+@pytest.fixture(scope="module")
+def drawn():
+    """A random posture, as files state it, and points 10 mm beside the fingertips' centres."""
+    hand, rng = four_finger_hand(), np.random.default_rng(3)
+    values, tips = hand.draw(1, np.zeros((1, 3)), rng)
+    return hand.describe({name: value[0] for name, value in values.items()}), tips[0] + [0.0, 0.01, 0.0]
+
+
+def mujoco_jacobians(posture, points):
     """Return velocity per joint rate of each contact, body frame, by joint name."""
     simulator = Mujoco(FOUR)
-    simulator.link_poses(solution.hand["joint_positions"])
+    simulator.link_poses(posture["joint_positions"])
     mujoco.mj_comPos(simulator.model, simulator.data)
-    base = body_frame(solution.hand["palm_pose"])
+    base = body_frame(posture["palm_pose"])
     names = [mujoco.mj_id2name(simulator.model, mujoco.mjtObj.mjOBJ_JOINT, j) for j in range(simulator.model.njnt)]
     result = []
-    for link, point in zip(LINKS, solution.grasp.points, strict=True):
+    for link, point in zip(LINKS, points, strict=True):
         local = base[:3, :3].T @ (point - base[:3, 3])
         jacobian = np.zeros((3, simulator.model.nv))
         body = mujoco.mj_name2id(simulator.model, mujoco.mjtObj.mjOBJ_BODY, link)
@@ -33,16 +41,17 @@ def mujoco_jacobians(solution):
     return names, result
 
 
-def test_jacobians_are_mujocos(solution):
+def test_jacobians_are_mujocos(drawn):
     hand = four_finger_hand()
-    budget = ng.hand_torque_limits(hand, solution.hand, solution.grasp.points)
-    names, expected = mujoco_jacobians(solution)
+    budget = ng.hand_torque_limits(hand, *drawn)
+    names, expected = mujoco_jacobians(*drawn)
     columns = [names.index(joint) for joint in hand.loaded_joints]
     for i in range(len(LINKS)):
         np.testing.assert_allclose(budget.jacobians[i][:3], expected[i][:, columns], atol=1e-9)
     np.testing.assert_allclose(budget.limits, 0.7)
 
 
+@pytest.mark.slow
 def test_quality_under_torque_limits_scales_with_them(solution):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     weak, strong = (
@@ -59,17 +68,19 @@ def test_quality_under_torque_limits_scales_with_them(solution):
     assert 2.0 * weak.lower <= strong.upper * (1 + 1e-9)
 
 
-def test_joints_without_limits_are_refused(solution):
+def test_joints_without_limits_are_refused(drawn):
+    posture, points = drawn
     missing = ng.URDFHand.load(FOUR, FOUR_TIPS, {"index_abduction": 0.7})
     with pytest.raises(ng.InputError, match=r"none for .*index_proximal_flexion"):
-        ng.hand_torque_limits(missing, solution.hand, solution.grasp.points)
+        ng.hand_torque_limits(missing, posture, points)
     with pytest.raises(ng.InputError, match="posture"):
-        ng.hand_torque_limits(four_finger_hand(), {}, solution.grasp.points)
+        ng.hand_torque_limits(four_finger_hand(), {}, points)
 
 
-def test_a_joint_that_moves_two_contacts_feels_both(solution):
+def test_a_joint_that_moves_two_contacts_feels_both(drawn):
+    posture, points = drawn
     hand = ng.URDFHand.load(FOUR, {"index_tip": 0.011, "index_middle": 0.009})
-    budget = ng.hand_torque_limits(hand, solution.hand, solution.grasp.points[:2])
+    budget = ng.hand_torque_limits(hand, posture, points[:2])
     moved = [np.any(J != 0.0, axis=0) for J in budget.jacobians]
     joints = ("index_abduction", "index_proximal_flexion", "index_middle_flexion", "index_distal_flexion")
     assert hand.loaded_joints == joints

@@ -94,6 +94,7 @@ def blocked(tmp_path_factory):
         return folder, solve_grasp(two_fingers(folder, tip_frames=False), FLUSH, UNREFINED)[1]
 
 
+@pytest.mark.slow
 def test_links_inside_the_body_on_the_way_in_are_said_first(blocked):
     folder, solution = blocked
     words = "on the way in link f1 is 2.1 mm inside the body"

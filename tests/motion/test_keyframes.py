@@ -118,6 +118,7 @@ def test_what_alone_blocks_a_direction_is_named_with_the_room_that_it_takes(tmp_
 DEEP = LinkPenetration(2e-3, "a0")  # of a link in the body, measured by its own shape
 
 
+@pytest.mark.slow
 def test_fingers_open_less_where_their_own_shapes_run_into_something(tmp_path, monkeypatch):
     full = solve_phases(tmp_path)[0].phases[1].joints
 

@@ -174,6 +174,7 @@ def test_a_grasp_that_is_in_the_way_itself_has_no_waypoint(tmp_path):
     assert path.stopped_at == 0.0
 
 
+@pytest.mark.slow
 def test_out_of_reach(tmp_path):
     """The straight finger's 80 mm after the second joint, which its first turn carries 20 mm out."""
     path = move_finger(motions(tmp_path, there=(0.03, 0.1, 0.03), lower=[-3.0] * 3, upper=[3.0] * 3))

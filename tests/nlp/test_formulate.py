@@ -111,6 +111,7 @@ def test_kkt_residuals_by_central_differences(compact):
     assert np.max(np.abs(residual * scale)) / result.beta < 1e-6
 
 
+@pytest.mark.slow
 def test_multiplier_is_the_difference_of_solved_problems(compact):
     program, result = ng.formulate(box_problem(), forces=False), compact[1]
     width = program["position 0"][1] - program["position 1"][1]
@@ -166,6 +167,7 @@ def test_a_hand_has_joints_and_palm():
     assert result.values["palm position"][2] >= -1e-7
 
 
+@pytest.mark.slow
 def test_constraints_of_the_problem_name_joints_and_palm():
     constraints = [
         ng.Constraint("palm above", lambda p, n, hand: hand["palm position"][2], 0.05),

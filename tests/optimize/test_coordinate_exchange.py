@@ -140,6 +140,7 @@ def test_a_constraint_on_one_contact_limits_its_samples_alone():
     assert np.min(tables.samples(1).points[:, 2]) < -0.02
 
 
+@pytest.mark.slow
 def test_candidates_depend_on_the_seed_alone():
     problem = ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.4)] * 3, ng.TaskEllipsoid([1.0, 0.8, 0.4]))
     first, second = (CompiledProblem(problem, QUICK) for _ in range(2))

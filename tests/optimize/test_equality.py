@@ -31,6 +31,7 @@ def test_starts_keep_an_equality_and_resist(tolerance):
         }  # on one vertical side the equality holds, and nothing resists
 
 
+@pytest.mark.slow
 def test_an_equality_on_any_face_is_solved_like_one_on_named_faces():
     solution = ng.solve(level_problem(0.0), starts=1, options=QUICK)
     # brute force: bottom and top at one x

@@ -70,6 +70,7 @@ def test_walks_lead_to_better_grasps(held, compiled):
     assert np.mean(gains) > 1.08
 
 
+@pytest.mark.slow
 def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
     """Distances by trimesh, from fingertips that are where MuJoCo says."""
     compiled, _, end = held

@@ -48,6 +48,7 @@ def posed():
     return compiled, next(candidate for candidate, violation in projected if violation <= TOUCHING)
 
 
+@pytest.mark.slow
 def test_a_hand_touches_the_mesh(posed):
     compiled, candidate = posed
     on_faces, moved, violation = project_onto_body(compiled, candidate)
@@ -60,6 +61,7 @@ def test_a_hand_touches_the_mesh(posed):
     np.testing.assert_allclose(on_faces.inward_normals(moved), towards / distance[:, None], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_links_keep_their_clearance_from_the_mesh_itself(posed):
     compiled, candidate = posed
     on_body, _ = refine_on_triangles(compiled, candidate, Deadline())

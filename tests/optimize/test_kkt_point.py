@@ -173,6 +173,7 @@ def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
     assert "the local optimum next to this grasp has less mu" in unchanged.kkt.reason
 
 
+@pytest.mark.slow
 def test_other_bodies_keep_their_workbench():
     compiled, start = started("box")
     assert fix_to_triangles(compiled, start.on_body.candidate) == (compiled, start.on_body.candidate)

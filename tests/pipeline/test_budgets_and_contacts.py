@@ -32,10 +32,8 @@ def solved_and_verified(problem, path, starts=3):
     return solution
 
 
-LONG = ("joint_torques", "shared", "per_finger_size")
-
-
-@pytest.mark.parametrize("budget", [pytest.param(b, marks=[pytest.mark.slow] if b in LONG else []) for b in BUDGETS])
+@pytest.mark.slow
+@pytest.mark.parametrize("budget", BUDGETS)
 def test_planar_problems_with_every_budget(budget, tmp_path):
     task = ng.TaskEllipsoid([1.0, 1.0, 0.5])
     problem = ng.GraspProblem(ELLIPSE, [ng.FrictionContact(0.5)] * 3, task, force_budget=BUDGETS[budget])

@@ -249,6 +249,7 @@ def test_workbench_directions_for_a_flat_task():
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), 1.0)
 
 
+@pytest.mark.slow
 def test_a_flat_task_without_torque(capfd):
     """Smooth fingers on a sphere: no torque is asked for and none can be exerted; more equations than unknowns."""
     problem = ng.GraspProblem(ng.Sphere(0.03), [ng.PointContact()] * 4, ng.TaskEllipsoid([1, 1, 1, 0, 0, 0]))

@@ -42,6 +42,7 @@ def test_small_bodies_in_si_units(name):
         assert ng.finger_forces(grasp, x @ grasp.G.T).feasible.all()
 
 
+@pytest.mark.slow
 def test_answers_do_not_depend_on_the_batch():
     n = np.array([[1, 0, 0], [-0.5, 3**0.5 / 2, 0], [-0.5, -(3**0.5) / 2, 0]])
     grasp = ng.Grasp(0.05 * n, -n, ng.SoftContact(0.5, 0.01))

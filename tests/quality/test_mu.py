@@ -213,6 +213,7 @@ def test_lifting_from_below_resists_weight_but_is_not_closed():
     assert ng.mu(grasp, BALL).upper == 0.0
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.01, 100.0))
 def test_mu_is_homogeneous(seed, factor):
@@ -238,6 +239,7 @@ def test_mu_is_invariant_when_the_task_is_carried_along(seed):
     assert carried.lower <= original.upper + 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6))
 def test_more_friction_and_more_contacts_never_hurt(seed):

@@ -89,6 +89,7 @@ def test_other_budgets_in_space(rng):
     assert shared.value == pytest.approx(ng.pyramid_volume(grasp, edges=24), rel=0.08)
 
 
+@pytest.mark.slow
 def test_hexagonal_prism(rng):
     """Example 3-3 (a) on a regular prism of inradius 1: 6.46 (docs/corrections.md: the paper's dimensions are lost)."""
     values = {}
@@ -121,6 +122,7 @@ def test_no_rank_no_volume():
     assert (volume.lower, volume.value, volume.upper) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_grasp_that_is_not_closed_has_a_volume_all_the_same():
     """Section 3.2: nu does not reflect stability."""
     points = [[1, 0, 0], [-1, 0.5, 0], [0, -1, 0]]

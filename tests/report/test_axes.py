@@ -50,6 +50,7 @@ def mug(tmp_path_factory):
     return write_body(ng.Mesh(mesh, resolution=16), tmp_path_factory.mktemp("axes") / "mug.html")
 
 
+@pytest.mark.slow
 def test_axes_are_named_at_their_ends_until_they_are_switched_off(browser, mug):
     opened(browser, mug)
     labels = {text: np.mean([box[:2], box[2:]], axis=0) for text, *box in browser.execute_script(LABELS)}

@@ -26,7 +26,8 @@ def placed(body, rng, count):
     return points, normals
 
 
-@pytest.mark.parametrize(("budget", "power"), [("l2", 2), pytest.param("per_finger", 1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("budget", "power"), [("l2", 2), ("per_finger", 1)])
 def test_contacts_add_up_to_no_less_than_mu(budget, power):
     problem, rng = box_problem(force_budget=budget), np.random.default_rng(0)
     worth = MarginalBound.of(problem)

@@ -14,6 +14,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.inspection import inspect_without_tips
 from nlpgrasp.report import write_hand
 from tests.hands.urdf import FOUR, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
+from tests.quick import every
 from tests.report.test_body import page_in_frame
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -77,7 +78,7 @@ def in_palm(hand, joints):
     )
 
 
-@pytest.mark.parametrize("name", HANDS)
+@pytest.mark.parametrize("name", every(2, HANDS))
 def test_the_joint_tree_gives_the_poses_of_the_kinematics(name, tmp_path):
     hand = HANDS[name](tmp_path)
     tree = page_data(write_hand(hand, tmp_path / "hand.html"))["tree"]

@@ -117,6 +117,7 @@ def test_it_draws_without_an_error(browser, page):
     assert problems == []
 
 
+@pytest.mark.slow
 @needs_browser
 def test_every_arrow_is_in_the_picture(browser, page):
     """From all around: the ends of the arrows are inside the canvas, as the viewer projects them."""
@@ -139,6 +140,7 @@ def test_every_arrow_is_in_the_picture(browser, page):
     assert np.max(ends) < 0.97
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_scene_follows_light_and_dark_as_they_change(browser, page):
     shown_as(browser, "light")
@@ -188,6 +190,7 @@ def test_the_slider_moves_the_arrows_and_says_so(browser, page):
     assert texts == [f["words"] for f in data["fingers"][1]]
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_scene_turns_by_mouse_and_keys_and_returns(browser, page):
     from selenium.webdriver.common.keys import Keys
@@ -203,6 +206,7 @@ def test_the_scene_turns_by_mouse_and_keys_and_returns(browser, page):
     assert np.array_equal(drawn(browser, 1), before)
 
 
+@pytest.mark.slow
 @needs_browser
 def test_a_phone_shows_the_scene_first(browser, page):
     metrics = {"width": 400, "height": 860, "deviceScaleFactor": 2, "mobile": True}
@@ -218,6 +222,7 @@ def test_a_phone_shows_the_scene_first(browser, page):
     assert card["left"] < stage["left"] + 1  # cards from edge to edge, to be swiped
 
 
+@pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("width", [400, 1600])
 def test_it_fits_narrow_and_wide_windows(browser, page, width):

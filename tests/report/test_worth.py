@@ -47,6 +47,7 @@ def test_a_face_that_no_contact_may_be_on_is_grey(loaded):
     assert FORBIDDEN_COLOUR not in colours[x < -0.0399]
 
 
+@pytest.mark.slow
 def test_the_brightest_triangles_are_worth_most(loaded):
     """By the problem itself, at points of the sides that the file knows nothing of."""
     colours, at = coloured_middles(loaded)

@@ -40,6 +40,7 @@ def simulated(held):
         return ng.simulate_hand(held, HAND, progress=messages.append), messages
 
 
+@pytest.mark.slow
 def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
     simulation, messages = simulated
     assert simulation.confirmed
@@ -66,6 +67,7 @@ def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
     json.dumps(data)
 
 
+@pytest.mark.slow
 def test_what_the_verdict_says(simulated):
     simulation, _ = simulated
     lost = replace(simulation.trials[0], squeezed=Motion(), motion=Motion(0.02, 0.0))
@@ -79,6 +81,7 @@ def test_what_the_verdict_says(simulated):
     assert not replace(simulation, trials=caged).confirmed
 
 
+@pytest.mark.slow
 def test_what_the_squeeze_moves_counts_but_not_where_the_object_stood_elsewhere(simulated):
     simulation, _ = simulated
     moved = replace(
@@ -96,6 +99,7 @@ def test_what_the_squeeze_moves_counts_but_not_where_the_object_stood_elsewhere(
         assert ", then at most " in line
 
 
+@pytest.mark.slow
 def test_what_is_printed_says_what_was_done(simulated):
     """Which rows are lifted, what held means, where the mass comes from, what the control is for."""
     simulation, _ = simulated
@@ -117,6 +121,7 @@ def test_what_is_printed_says_what_was_done(simulated):
     assert str(replace(uneven, normal_forces=(2.0, 2.0004))).splitlines()[0].endswith("at least 2 N")
 
 
+@pytest.mark.slow
 def test_rows_of_what_was_lost(simulated):
     simulation, _ = simulated
     seven = simulation.of("as solved")

@@ -92,6 +92,7 @@ def test_mass_and_inertia_of_a_box(box):
     assert mass.scaled(1.0).inertia[0, 0] == pytest.approx(mass.inertia[0, 0] / mass.mass)
 
 
+@pytest.mark.slow
 def test_a_planar_grasp_stays_in_its_plane():
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0]))

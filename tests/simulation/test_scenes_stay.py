@@ -56,10 +56,12 @@ def test_an_object_in_a_hand_stays(by_hand):
     assert creep(by_hand, "squeeze", 3.0) <= 3.0 * A_MINUTE
 
 
+@pytest.mark.slow
 def test_an_object_between_jaws_stays(by_jaws):
     assert creep(by_jaws, "grasp", 1.0, settle=0.5) <= 1.0 * A_MINUTE
 
 
+@pytest.mark.slow
 def test_scenes_say_what_keeps_it_there(by_hand, by_jaws):
     for scene in (by_hand, by_jaws):
         assert 'noslip_iterations="10"' in scene

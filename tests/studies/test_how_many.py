@@ -139,6 +139,7 @@ def test_a_grasp_with_fewer_contacts_bounds_every_larger_number():
     assert all(ng.verify(solution) for _, solution in curve.solutions)
 
 
+@pytest.mark.slow
 def test_a_gap_that_is_asked_for_is_closed_for_each_number():
     curve = ng.how_many_contacts(square, (2,), starts=1, options=ng.SolveOptions(workers=1, gap=0.05))
     assert curve.solutions[0][1].status is ng.Status.OPTIMAL

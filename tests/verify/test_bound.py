@@ -264,7 +264,7 @@ OTHER_EDITS = {
 }
 
 
-@pytest.mark.parametrize("name", every(6, OTHER_EDITS))
+@pytest.mark.parametrize("name", every(9, OTHER_EDITS))
 def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
     which, edit, check = OTHER_EDITS[name]
     data = bound_data(which)

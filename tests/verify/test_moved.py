@@ -43,6 +43,7 @@ def stated(path, value):
     return ng.GraspSolution.from_dict(data)
 
 
+@pytest.mark.slow
 def test_grasps_without_their_files_are_partly_verified(moved, tmp_path, monkeypatch):
     path, sources = moved
     monkeypatch.chdir(tmp_path)
@@ -54,6 +55,7 @@ def test_grasps_without_their_files_are_partly_verified(moved, tmp_path, monkeyp
     assert verification_with_sources.missing == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("off", "passed"), [(5e-5, True), (-5e-5, True), (2e-3, False)])
 def test_a_stated_value_is_judged_by_what_a_solve_promises(moved, tmp_path, monkeypatch, off, passed):
     """Over a mesh a unit direction is off by a ten thousandth at most, of the answer and of those kept beside it."""
