@@ -17,7 +17,6 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
-@pytest.mark.slow
 def test_the_script_runs_as_printed(tmp_path):
     (script,) = blocks("python")
     path = tmp_path / "readme.py"
