@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 import nlpgrasp as ng
 
 README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
