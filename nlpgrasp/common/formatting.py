@@ -165,7 +165,7 @@ def format_headroom(gap: float, digits: int = DIGITS) -> str:
     if not math.isfinite(gap):
         return "nothing is known of how much better the best possible is"
     if gap > 1.0:
-        return f"the best possible is at most {format_upper(1.0 + gap, digits)} times as good"
+        return f"the best possible is at most {format_upper(1.0 + gap, digits)} times better"
     return f"no placement is more than {format_upper(100.0 * gap, digits)}% better"
 
 

@@ -61,8 +61,8 @@ def test_moments_and_forces_that_rounding_leaves_are_not_worth_a_word():
         (0.0, "no placement is more than 0% better"),
         (0.01511, "no placement is more than 1.52% better"),
         (1.0, "no placement is more than 100% better"),
-        (3.2, "the best possible is at most 4.2 times as good"),
-        (3.2011, "the best possible is at most 4.21 times as good"),
+        (3.2, "the best possible is at most 4.2 times better"),
+        (3.2011, "the best possible is at most 4.21 times better"),
         (np.inf, "nothing is known of how much better the best possible is"),
     ],
 )
