@@ -100,6 +100,15 @@ class ContactModel(ABC):
         del rotation
         return self
 
+    def isotropic_relaxation(self, space: int) -> ContactModel | None:
+        """Return a contact with the same components or more, whose force domain contains this one's.
+
+        The larger force domain is the same in all directions around the normal, so that the global bound needs no
+        tangents. It is the contact itself where its own force domain is; ``None`` if none is known.
+        """
+        del space
+        return None
+
     @abstractmethod
     def project(self, z: FloatArray) -> FloatArray:
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks, Work, unit_tangential_forces
+from nlpgrasp.contacts.base import MISSING, Blocks, ContactModel, Work, unit_tangential_forces
 from nlpgrasp.contacts.cones import RangeContact
 
 
@@ -40,6 +40,10 @@ class FrictionContact(RangeContact):
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the indices of normal and tangential forces: 3 in space, 2 in the plane."""
         return tuple(range(space))
+
+    def isotropic_relaxation(self, space: int) -> ContactModel:
+        """Return the contact itself, which is the same in all directions around the normal."""
+        return self
 
     def blocks(self, components: int) -> Blocks:
         """Return the block of tangential forces with the friction coefficient."""

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks
+from nlpgrasp.contacts.base import MISSING, Blocks, ContactModel
 from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, rotate_direction, tangents_along
+from nlpgrasp.contacts.plane import enclosing_disc
 
 MORE, HALVINGS = 1e-7, 40  # correction of projections: largest relative increase of forces; bisection steps
 
@@ -72,6 +73,10 @@ class LineContact(PadContact):
         if space == 2:
             return (0, 2) if self.friction is None else (0, 1, 2)
         return (0, 5) if self.friction is None else (0, 1, 2, 3, 5)
+
+    def isotropic_relaxation(self, space: int) -> ContactModel:
+        """Return the disc around the line in space; the contact itself in the plane."""
+        return self if space == 2 else enclosing_disc(self)
 
     def blocks(self, components: int) -> Blocks:
         """Return blocks of friction, torsion and moment; under Coulomb's law, the range of each alone."""

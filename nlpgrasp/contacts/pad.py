@@ -18,6 +18,7 @@ from nlpgrasp.errors import InputError
 
 LEAST_SINE = 0.1  # least sine of the angle between direction and normal at initial contact points
 PARALLEL = 1e-6  # sine of the angle between direction and normal below which the tangent is undefined
+PAD_SHAPES = "the shape of lines and rectangles"  # omitted from global bounds: these take the disc around each
 MODELS = ("coulomb", "box")  # friction models, the default first
 
 Friction = tuple[float | None, float | None, str]  # coefficient, torsion, model

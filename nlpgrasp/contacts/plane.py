@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts.base import Blocks
+from nlpgrasp.contacts.base import Blocks, ContactModel
 from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, rotate_direction, tangents_along
 from nlpgrasp.errors import InputError
 
@@ -94,6 +94,10 @@ class PlaneContact(PadContact):
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts on a planar body")
         return (0, 4, 5) if self.friction is None else (0, 1, 2, 3, 4, 5)
+
+    def isotropic_relaxation(self, space: int) -> ContactModel:
+        """Return the disc itself, or the disc around the rectangle."""
+        return self if self.extents is None else enclosing_disc(self)
 
     def blocks(self, components: int) -> Blocks:
         """Return blocks of friction, torsion and tilting moments; under Coulomb's law, the range of each alone."""
@@ -179,3 +183,15 @@ class PlaneContact(PadContact):
         names = ("radius", "extents", "friction", "torsional_friction", "direction")
         model = data.get("friction_model")
         return cls(**{name: data.get(name) for name in names}, model="box" if model is None else model)
+
+
+def enclosing_disc(pad: PadContact) -> PlaneContact:
+    """Return the disc around a line or rectangle, whose force domain contains the pad's.
+
+    With the largest arm r of the pad's ends or corners, ``|m_t| <= r f_n`` follows from their normal forces, and
+    ``|m_n| <= mu r f_n`` from their friction; the box states its torsion.
+    """
+    radius, torsion = max(float(np.hypot(*arm)) for arm in pad.arms), pad.torsional_friction
+    if pad.friction is not None and torsion is None:
+        torsion = pad.friction * radius
+    return PlaneContact(radius=radius, friction=pad.friction, torsional_friction=torsion)

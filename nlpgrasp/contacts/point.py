@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import Blocks, Work
+from nlpgrasp.contacts.base import Blocks, ContactModel, Work
 from nlpgrasp.contacts.cones import RangeContact
 
 
@@ -22,6 +22,10 @@ class PointContact(RangeContact):
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the index of the only component, the normal force."""
         return (0,)
+
+    def isotropic_relaxation(self, space: int) -> ContactModel:
+        """Return the contact itself, which is the same in all directions around the normal."""
+        return self
 
     def blocks(self, components: int) -> Blocks:
         """Return no blocks: there is only the normal force."""

@@ -18,7 +18,7 @@ from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.cells.cell import CurvedParts, IntArray, SurfaceCell
 
 SHARED_POWER = 8.0  # power of the norm that bounds the largest of the contacts' supports from above
-TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space
+TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space; beyond it tilting
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,18 @@ class CombinationRule:
         """Whether the support has a closed form, so that no projections are needed."""
         return not self.lengths or contact.squared_support(Work(0.0, 0.0, 0.0), np) is not None
 
-    def lipschitz(self, contact: ContactModel, components: int) -> float:
-        """Return the Lipschitz constant of s in z, the length of the largest force of one unit."""
-        if self.lengths:
-            return 1.0
-        return float(np.sqrt(1.0 + sum(c**2 for _, c in contact.blocks(components))))
+    def lipschitz(self, contact: ContactModel, space: int) -> tuple[float, float]:
+        """Return the Lipschitz constants of s in the force and moment parts of z.
+
+        These are the lengths of the force, and of the moment in metres, of the largest contact force of one unit: with
+        ``|f_t| <= c f_n`` and ``|m| <= r f_n`` they are ``sqrt(1 + c^2)`` and r per unit of normal force, 1 and
+        ``r / sqrt(1 + r^2)`` per unit of length.
+        """
+        axes, squares = contact.axes(space), [1.0, 0.0]
+        for block, c in contact.blocks(len(axes)):
+            squares[axes[block.start] >= space] += c**2
+        force, moment = np.sqrt(squares).tolist()
+        return (1.0, moment / float(np.hypot(1.0, moment))) if self.lengths else (force, moment)
 
     def combine(self, supports: FloatArray, axis: int) -> FloatArray:
         """Return the exact support of the grasp from those of its contacts."""
@@ -114,6 +121,7 @@ class Supports:
     Parameters
     ----------
     contact : ContactModel
+        The same in all directions around the normal (``ContactModel.isotropic_relaxation``).
     rule : CombinationRule
     origin : (space,) array
         Torque origin, metres, body frame.
@@ -132,8 +140,7 @@ class Supports:
         space = len(origin)
         self.contact, self.rule, self.origin, self.space = contact, rule, origin, space
         components = contact.components(space)
-        self.lipschitz = rule.lipschitz(contact, components)
-        self.torsion_factor = float(space == 3 and TORSION in contact.axes(space))
+        self.lipschitz = rule.lipschitz(contact, space)
         d = 3 if space == 2 else 6
         self.points = np.zeros((0, space))
         self.normals = np.zeros((0, space))
@@ -219,12 +226,13 @@ class Supports:
         along = vx * nx + vy * ny + vz * nz
         square = vx**2 + vy**2 + vz**2
         across = np.sqrt(np.maximum(square - along**2, 0.0))
-        about = tx * nx + ty * ny + tz * nz if self.maps.shape[2] > 3 else np.zeros(1)
+        turning, axes = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2)), self.contact.axes(3)
+        about = tx * nx + ty * ny + tz * nz if axes[-1] >= TORSION else np.zeros(1)
         powers = self.rule.powers_of(self.contact, Work(along, across, np.abs(about)))
         if powers is None:
-            work = np.stack(np.broadcast_arrays(along, across, 0.0, about), axis=3)[..., : self.maps.shape[2]]
-            powers = self.rule.powers(self.contact, work)
-        turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
+            tilting = np.sqrt(np.maximum(turning[:, None] ** 2 - about**2, 0.0))
+            parts = np.broadcast_arrays(along, across, 0.0, about, tilting, 0.0)
+            powers = self.rule.powers(self.contact, np.stack([parts[axis] for axis in axes], axis=3))
         return powers, np.sqrt(square), turning
 
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:

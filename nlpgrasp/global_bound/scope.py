@@ -13,6 +13,8 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.scalar_constraints import EDGES
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.pad import PAD_SHAPES
 from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.allowed_regions import AllowedRegion, allowed_regions
 from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
@@ -22,7 +24,6 @@ from nlpgrasp.global_bound.contact_cells import BundleLevel, ContactCells, Conta
 from nlpgrasp.global_bound.symmetry import RotatedRoots, Symmetry, restrict_by_rotation, symmetries
 from nlpgrasp.problem.problem import GraspProblem
 
-KINDS = ("point", "friction", "soft")  # contact models without a tangential direction, as curved cells require
 MOST_ROOTS = 300  # largest number of root nodes; beyond it root cells are united
 
 
@@ -82,11 +83,11 @@ def scope_of(problem: GraspProblem) -> BoundScope:
         On a body, a contact model or a force budget that the bound does not cover, or constraints that leave a contact
         no place.
     """
-    rule, faces = _check_coverage(problem)
-    regions, dropped = _relax(problem)
+    rule, faces, contacts = _check_coverage(problem)
+    regions, dropped = _relax(problem, contacts)
     rotated = restrict_by_rotation(problem, faces, regions)
     for level in BundleLevel:
-        cells = _create_cells(problem, faces, regions, rule, level, rotated)
+        cells = _create_cells(problem, faces, contacts, regions, rule, level, rotated)
         group = symmetries(problem.body, problem.task, problem.origin, cells)
         choices = prod(comb(len(own.roots) + len(own.contact_indices) - 1, len(own.contact_indices)) for own in cells)
         if choices <= MOST_ROOTS * (1 + len(group)):
@@ -102,33 +103,42 @@ def whole_scope(problem: GraspProblem) -> BoundScope:
     NotCoveredError
         As ``scope_of``.
     """
-    rule, faces = _check_coverage(problem)
-    regions, dropped = _relax(problem)
-    cells = _create_cells(problem, faces, regions, rule, BundleLevel.ALL, [])
+    rule, faces, contacts = _check_coverage(problem)
+    regions, dropped = _relax(problem, contacts)
+    cells = _create_cells(problem, faces, contacts, regions, rule, BundleLevel.ALL, [])
     return BoundScope(problem, rule, tuple(cells), (), dropped)
 
 
-def _relax(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...]]:
-    """Return the region of each contact, and the names of dropped parts: on a mesh the edge margin too."""
+def _relax(problem: GraspProblem, contacts: Sequence[ContactModel]) -> tuple[list[AllowedRegion], tuple[str, ...]]:
+    """Return the region of each contact, and the names of dropped parts.
+
+    These are also the edge margin of a mesh, and what relaxed contacts ignore.
+    """
     regions, dropped, _ = allowed_regions(problem)
     has_margin = isinstance(problem.body, Mesh) and problem.margin > 0.0
-    return regions, (*dropped, EDGES) if has_margin else dropped
+    is_relaxed = any(contact is not model for contact, model in zip(contacts, problem.models, strict=True))
+    return regions, (*dropped, *([EDGES] if has_margin else []), *([PAD_SHAPES] if is_relaxed else []))
 
 
-def _check_coverage(problem: GraspProblem) -> tuple[CombinationRule, Sequence[CellFace]]:
-    """Return the combination rule and the body's faces; raise for a problem that the bound does not cover."""
+def _check_coverage(problem: GraspProblem) -> tuple[CombinationRule, Sequence[CellFace], list[ContactModel]]:
+    """Return the combination rule, the body's faces and the relaxed contacts; raise for a problem not covered."""
     rule, faces = CombinationRule.of(problem.budget), cell_faces(problem.body, problem.margin)
     if faces is None:
         raise NotCoveredError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
-    for i, contact in enumerate(problem.models):
-        if contact.kind not in KINDS:
-            raise NotCoveredError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
-    return rule, faces
+    contacts = list[ContactModel]()
+    for i, model in enumerate(problem.models):
+        contact = model.isotropic_relaxation(problem.body.space)
+        if contact is None:
+            allowed = "point, friction, soft, line or plane contacts for a global bound"
+            raise NotCoveredError(f"contacts[{i}]", model.kind, allowed)
+        contacts.append(contact)
+    return rule, faces, contacts
 
 
 def _create_cells(
     problem: GraspProblem,
     faces: Sequence[CellFace],
+    contacts: Sequence[ContactModel],
     regions: Sequence[AllowedRegion],
     rule: CombinationRule,
     level: BundleLevel,
@@ -136,15 +146,15 @@ def _create_cells(
 ) -> list[ContactCells]:
     """Return the cells of each group of identical contacts; a contact restricted by rotation has its own."""
     groups, create = list[ContactCells](), ContactClusters if isinstance(problem.body, Mesh) else ContactCells
-    for contacts in identical_contacts(problem, regions):
-        region = regions[contacts[0]]
-        roots = [([i], RootCells(rotated[i][1], rotated[i][0])) for i in contacts if i < len(rotated)]
-        free = [i for i in contacts if i >= len(rotated)]
+    for identical in identical_contacts(contacts, regions):
+        region = regions[identical[0]]
+        roots = [([i], RootCells(rotated[i][1], rotated[i][0])) for i in identical if i < len(rotated)]
+        free = [i for i in identical if i >= len(rotated)]
         if free:
             clipped = [region.allowed.clip_face(face) for face in faces if face.name in region.faces]
             roots.append((free, RootCells({face: face.cells() for face in clipped if face is not None}, None, level)))
         for indices, root_cells in roots:
-            supports = Supports(problem.models[indices[0]], rule, problem.origin)
+            supports = Supports(contacts[indices[0]], rule, problem.origin)
             groups.append(create(indices, root_cells, region.allowed, supports, problem.body.size))
             if not groups[-1].roots:
                 allowed = "constraints that leave every contact some part of the body"
@@ -152,9 +162,9 @@ def _create_cells(
     return groups
 
 
-def identical_contacts(problem: GraspProblem, regions: Sequence[AllowedRegion]) -> list[list[int]]:
+def identical_contacts(contacts: Sequence[ContactModel], regions: Sequence[AllowedRegion]) -> list[list[int]]:
     """Return the indices of contacts, grouped by contact model and region."""
     groups: dict[object, list[int]] = {}
-    for i, (contact, region) in enumerate(zip(problem.models, regions, strict=True)):
+    for i, (contact, region) in enumerate(zip(contacts, regions, strict=True)):
         groups.setdefault((contact, region.faces, region.key), []).append(i)
     return list(groups.values())

@@ -8,7 +8,9 @@ Inside a part of a curved cell the work z of a contact deviates from a linear in
 Z, and from any corner's by at most X (``CurvedSurface.deviations``). ``s^p`` is convex in z, with Lipschitz constant
 ``p M^(p-1) L`` where no support exceeds M, with L the length of the largest force of one unit. So over a part
 
-    s^p  <=  max over corners of  min(s^p + p (s + L X)^(p-1) L Z, (s + L X)^p) .
+    s^p  <=  max over corners of  min(s^p + p (s + L X)^(p-1) L Z, (s + L X)^p) ,
+
+where ``L Z`` and ``L X`` are sums over the force and moment parts of z, each with its own L.
 
 Z falls with the square of a part's size: parts that could exceed the largest known support by more than a tolerance are
 quartered. Optimal dual weights level the largest supports, so that all parts of a cell may need it: the tolerance falls
@@ -223,11 +225,13 @@ def excess_inside_parts(
     largest, speed, turning : (..., j) arrays
         Upper bounds on s, ``|v|`` and ``|tau|`` at the corners along each direction.
     """
-    p, L = supports.rule.power, supports.lipschitz
-    linear = deviations[..., 1] + supports.torsion_factor * deviations[..., 2]
-    deviation, corner_deviation = (deviations[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1))
-    largest_inside = largest + L * corner_deviation
-    return np.asarray(np.minimum(p * largest_inside ** (p - 1.0) * L * deviation, largest_inside**p - largest**p))
+    p, (force, moment) = supports.rule.power, supports.lipschitz
+    linear = force * deviations[..., 1] + moment * deviations[..., 2]
+    change, corner_change = (
+        force * deviations[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1)
+    )
+    largest_inside = largest + corner_change
+    return np.asarray(np.minimum(p * largest_inside ** (p - 1.0) * change, largest_inside**p - largest**p))
 
 
 def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

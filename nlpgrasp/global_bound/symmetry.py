@@ -65,8 +65,6 @@ class Symmetry:
 def symmetries(body: Body, task: Task, origin: FloatArray, groups: Sequence[ContactCells]) -> list[Symmetry]:
     """Return the symmetries of a problem without the identity."""
     result = []
-    if any(group.supports.contact.turned(np.eye(body.space)) is not group.supports.contact for group in groups):
-        return []
     for rotation, translation in motions_of(body):
         if np.array_equal(rotation, np.eye(body.space)):
             continue

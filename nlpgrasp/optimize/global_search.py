@@ -62,10 +62,10 @@ def best_possible(
     ----------
     problem : GraspProblem
         A body of flat faces (box, prism, polygon), a sphere, an ellipsoid, a cylinder, a torus, or a mesh, whose
-        contacts are on the triangles themselves; point, friction or soft contacts; the ``"l2"``, ``"per_finger"``,
-        ``"per_finger_size"`` or ``"shared"`` budget (the last with a looser bound). Constraints on single contacts
-        reduce their regions. A hand and constraints between contacts are left out: they only lower mu, and the result
-        names them.
+        contacts are on the triangles themselves; point, friction, soft, line or plane contacts; the ``"l2"``,
+        ``"per_finger"``, ``"per_finger_size"`` or ``"shared"`` budget (the last with a looser bound). A line or a
+        rectangle in space is bounded by the disc around it. Constraints on single contacts reduce their regions. A hand
+        and constraints between contacts are left out: they only lower mu, and the result names them.
     gap : float
         Relative gap between bound and best grasp at which to stop, above 0, at most 1.
     time_limit : float, optional

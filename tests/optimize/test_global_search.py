@@ -106,11 +106,11 @@ def test_a_mesh_has_an_answer_and_a_bound_where_time_is_short(tmp_path):
 
 @pytest.mark.slow
 def test_a_gap_where_nothing_is_bounded_is_said():
-    pads = [ng.PlaneContact(0.005, friction=0.6)] * 2
-    problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), pads, ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3))
+    glued = [ng.BilateralContact(ng.FrictionContact(0.6))] * 2
+    problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), glued, ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3))
     options = ng.SolveOptions(gap=0.2, workers=1, rounds=0, rtol=0.5, final_rtol=0.5)
     with pytest.warns(
-        UserWarning, match=r"^gap: there is no bound .* \(contacts\[0\]: plane\); the answer is the best"
+        UserWarning, match=r"^gap: there is no bound .* \(contacts\[0\]: bilateral\); the answer is the best"
     ):
         assert ng.solve(problem, 1, options=options).bound is None
 

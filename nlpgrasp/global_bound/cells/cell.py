@@ -27,8 +27,8 @@ class CurvedSurface(Protocol):
         """Return coefficients of two bounds on a contact's work inside parts over its interpolation, (n, 2, 3).
 
         The first bounds the deviation of z from a linear interpolation between the corners, the second that from any
-        corner. Coefficients are of ``|v|``, ``|tau|`` and, for a contact with a moment about its normal, of ``|tau|``
-        once more, where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
+        corner. Coefficients are of ``|v|`` and ``|tau|`` for the force part of z, and of ``|tau|`` for its moment part
+        ``R^T tau``, where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
         """
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -6,7 +6,8 @@ For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w p
 
 The support s of a contact is the largest work of one unit of force. For the velocity v of the contact point and the
 twist's angular velocity tau, a force with normal part n does the work ``n v_n + f_t . v_t + m tau_n``. Its largest
-value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each with a coefficient c.
+value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each with a coefficient c. A pad also tilts, with
+``|tau_t|``; a line or a rectangle is taken for the disc around it.
 """
 
 from __future__ import annotations
@@ -252,43 +253,56 @@ class WeightedPower:
 
 @dataclass(frozen=True)
 class StatedContact:
-    """Contact model: normal force, friction, torsion.
+    """Contact model: normal force, friction, torsion, tilting.
 
     Parameters
     ----------
-    coefficients : tuple of float
-        Coefficients of friction, and of torsion in metres, if any.
+    coefficients : (friction, torsion, tilting)
+        Coefficients of friction, and of the moments about the normal and along the surface in metres; 0 for none.
     elliptic : bool
         Whether friction and torsion share one ellipse.
     budget : StatedBudget
     """
 
-    coefficients: tuple[float, ...]
+    coefficients: tuple[float, float, float]
     elliptic: bool
     budget: StatedBudget
 
     @classmethod
     def of(cls, data: Json, budget: StatedBudget) -> StatedContact:
-        """Return the contact of its JSON data; raise ``NotCheckedError`` on other models than point, friction, soft."""
+        """Return the contact of its JSON data, for a line or a rectangle the disc around it.
+
+        Raises
+        ------
+        NotCheckedError
+            On another model than point, friction, soft, line or plane.
+        """
+        if data["model"] in ("line", "plane"):
+            return cls(_disc_coefficients(data), False, budget)
         names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
         if names is None:
             raise NotCheckedError(f"nothing recomputes bounds for a {data['model']} contact")
+        friction, torsion, *_ = (*(number(name, data[name], above=0.0) for name in names), 0.0, 0.0)
         elliptic = len(names) == 2 and data.get("torsion_model", "box") == "elliptic"
-        return cls(tuple(number(name, data[name], above=0.0) for name in names), elliptic, budget)
+        return cls((friction, torsion, 0.0), elliptic, budget)
 
     @property
-    def longest_force(self) -> float:
-        """Length of the longest force that uses one unit."""
-        return 1.0 if self.budget.lengths else float(np.sqrt(1.0 + sum(c**2 for c in self.coefficients)))
+    def longest_parts(self) -> tuple[float, float]:
+        """Lengths of the longest force, and of the longest moment in metres, of one unit."""
+        friction, torsion, tilting = self.coefficients
+        moment = float(np.hypot(torsion, tilting))  # with a normal force of 1, or of 1 / hypot(1, moment) at most
+        if self.budget.lengths:
+            return 1.0, moment / float(np.hypot(1.0, moment))
+        return float(np.hypot(1.0, friction)), moment
 
     def work(self, normal: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
         """Return the largest work of one unit, given velocities along the normal and magnitudes in each other part."""
-        parts = list(zip(self.coefficients, sizes, strict=False))
+        parts = [(c, a) for c, a in zip(self.coefficients, sizes, strict=True) if c > 0.0]
         if not self.budget.lengths:
             limited = [c * a for c, a in parts]
             tangential = np.hypot(*limited) if self.elliptic else sum(limited)
             return np.maximum(normal + tangential, 0.0)
-        return self._elliptic(normal, *sizes) if self.elliptic else self._longest(normal, parts)
+        return self._elliptic(normal, *sizes[:2]) if self.elliptic else self._longest(normal, parts)
 
     def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
         """Return the length of the projection onto ``a <= c n`` for every part.
@@ -304,7 +318,7 @@ class StatedContact:
 
     def _elliptic(self, normal: FloatArray, sliding: FloatArray, torsion: FloatArray) -> FloatArray:
         """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``, by search over the cone's rim."""
-        c, d = self.coefficients
+        c, d, _ = self.coefficients
 
         def work(angle: FloatArray) -> FloatArray:
             x, y = c * np.cos(angle), d * np.sin(angle)
@@ -341,8 +355,10 @@ class StatedContact:
         velocity = twists[None, :, :space] + _cross_products(twists[:, space:], points - origin)
         normal = np.einsum("mjs,ms->mj", velocity, normals)
         sliding = np.linalg.norm(velocity - normal[..., None] * normals[:, None], axis=2)
+        turning = np.linalg.norm(twists[:, space:], axis=1)
         torsion = np.abs(normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
-        return self.work(normal, [sliding, torsion]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
+        tilting = np.sqrt(np.maximum(turning**2 - torsion**2, 0.0))
+        return self.work(normal, [sliding, torsion, tilting]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
     def upper_bounds(
         self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray
@@ -350,7 +366,8 @@ class StatedContact:
         """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
 
         The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the length L of the longest force, the interpolation error z
-        of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less.
+        of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less. The work
+        of forces and that of moments have their own L, and their products are added.
 
         Parameters
         ----------
@@ -360,11 +377,34 @@ class StatedContact:
             Interpolation coefficients of the part that it is a corner of.
         twists : (j, 6) array
         """
-        angular_speeds, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.longest_force
-        angular = errors[..., 1] + (errors[..., 2] if len(self.coefficients) == 2 else 0.0)
-        error, difference = (errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1))
-        largest = powers ** (1.0 / p) + L * difference
-        return np.asarray(np.minimum(powers + p * largest ** (p - 1.0) * L * error, largest**p))
+        angular_speeds, p = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power
+        force, moment = self.longest_parts
+        angular = force * errors[..., 1] + moment * errors[..., 2]
+        error, difference = (
+            force * errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1)
+        )
+        largest = powers ** (1.0 / p) + difference
+        return np.asarray(np.minimum(powers + p * largest ** (p - 1.0) * error, largest**p))
+
+
+def _disc_coefficients(data: Json) -> tuple[float, float, float]:
+    """Return the coefficients of friction, torsion and tilting of the disc around a line or a pad.
+
+    Friction at its ends or corners gives it a torsion of at most friction times radius.
+    """
+    if data["model"] == "line":
+        radius = 0.5 * number("length", data["length"], above=0.0)
+    elif data["extents"] is None:
+        radius = number("radius", data["radius"], above=0.0)
+    else:
+        length, width = (number("extents", side, above=0.0) for side in data["extents"])
+        radius = 0.5 * float(np.hypot(length, width))
+    if data["friction"] is None:
+        return 0.0, 0.0, radius
+    friction, torsion = number("friction", data["friction"], above=0.0), data["torsional_friction"]
+    if torsion is None or data["friction_model"] == "coulomb":
+        return friction, friction * radius, radius
+    return friction, number("torsional_friction", torsion, above=0.0), radius
 
 
 def _cross_products(angular_velocities: FloatArray, arms: FloatArray) -> FloatArray:

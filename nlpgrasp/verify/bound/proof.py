@@ -11,7 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.verify.bound.face_cover import TOLERANCE, Faces, faces_of, uncovered_faces
-from nlpgrasp.verify.bound.leaves import StatedBudget, StatedLeaves
+from nlpgrasp.verify.bound.leaves import StatedBudget, StatedContact, StatedLeaves
 from nlpgrasp.verify.bound.node_cover import StatedGroup, StatedNodes
 from nlpgrasp.verify.bound.stated_cells import StatedMeshCell
 from nlpgrasp.verify.bound.stated_regions import StatedRegion, allowed_regions
@@ -132,12 +132,13 @@ class Proof:
     def _check_alike(self) -> tuple[str, str]:
         """Return the error if contacts of a group are not interchangeable, else empty, and a summary."""
         regions, contacts = self.regions, self.problem["contacts"]
+        models = [StatedContact.of(contact, self.budget) for contact in contacts]
         numbers = [i for group in self.groups for i in group.contacts]
         if sorted(numbers) != list(range(len(contacts))):
             return f"cells for the contacts {numbers}, of {len(contacts)}", ""
         for contact, *others in (group.contacts for group in self.groups):
             for other in others:
-                if contacts[contact] != contacts[other] or not regions[contact].equals(regions[other]):
+                if models[contact] != models[other] or not regions[contact].equals(regions[other]):
                     return f"contacts {contact} and {other} are not alike", ""
         return "", f"{len(contacts)} contacts in {len(self.groups)} groups"
 
@@ -188,10 +189,14 @@ class Proof:
         return error, f"{len(self.data['motions'])} motions, {len(self.nodes.copies)} twins"
 
     @cached_property
+    def budget(self) -> StatedBudget:
+        """Force budget of the bound."""
+        return StatedBudget.of(self.problem["force_budget"])
+
+    @cached_property
     def leaves(self) -> StatedLeaves:
         """The leaves, with the data of their bounds."""
-        budget = StatedBudget.of(self.problem["force_budget"])
-        return StatedLeaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, budget)
+        return StatedLeaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, self.budget)
 
     def _check_directions(self) -> tuple[str, str]:
         """Return the error if the task's support along a direction is not 1, else empty, and a summary."""

@@ -68,7 +68,7 @@ class StatedCurvedFace(Protocol):
     def interpolation_errors(self, parts: FloatArray) -> FloatArray:
         """Return the interpolation coefficients of the work in each part, (n, 2, 3).
 
-        They multiply ``|v|``, ``|tau|`` and, for contacts with a moment about the normal, ``|tau|`` again: bounds on
+        They multiply ``|v|`` and ``|tau|`` for the work of forces, and ``|tau|`` again for that of moments: bounds on
         the difference of a contact's work from the linear interpolation of the corners' work, and from that of any
         corner.
         """

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.scalar_constraints import EDGES
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts.pad import PAD_SHAPES
 from nlpgrasp.verify.bound.stated_cells import StatedCell, bounding_ball
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.numeric_constraints import corners, unit
@@ -109,7 +110,14 @@ def allowed_regions(
             dropped.append(str(data.get("name", data["type"])))
     if problem["body"]["type"] == "mesh" and problem.get("edge_margin", 0.0) > 0.0:
         dropped.append(EDGES)
+    if any(_has_shape(contact, space) for contact in contacts):
+        dropped.append(PAD_SHAPES)
     return regions, dropped
+
+
+def _has_shape(contact: Json, space: int) -> bool:
+    """Return whether a contact is a line or a rectangle in space: the bound takes the disc around it."""
+    return space == 3 and (contact["model"] == "line" or contact.get("extents") is not None)
 
 
 def _single_contact_limits(
