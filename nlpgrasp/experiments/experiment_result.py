@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 EXTRA = "tables"
 TABLE_NOTE = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "
-    "better. Gap: how much better than the best of them any grasp could be, at most, or how many times as good; "
+    "better. Gap: how much better than the best of them any grasp could be, at most, or how many times better; "
     "loose where the bound is too far above to say."
 )
 NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
