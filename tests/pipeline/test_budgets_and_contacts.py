@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from tests.quick import first
 
 ONE = ng.SolveOptions(workers=1, analyses=("delta", "nu"))
 ELLIPSE = ng.PlanarImplicit(lambda p: (p[0] / 2.0) ** 2 + p[1] ** 2 - 1.0, [[-2.1, -1.1], [2.1, 1.1]])
@@ -32,8 +33,7 @@ def solved_and_verified(problem, path, starts=3):
     return solution
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("budget", BUDGETS)
+@pytest.mark.parametrize("budget", first(1, BUDGETS))
 def test_planar_problems_with_every_budget(budget, tmp_path):
     task = ng.TaskEllipsoid([1.0, 1.0, 0.5])
     problem = ng.GraspProblem(ELLIPSE, [ng.FrictionContact(0.5)] * 3, task, force_budget=BUDGETS[budget])
