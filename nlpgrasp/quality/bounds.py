@@ -105,6 +105,8 @@ class StackBounds:
         The measure, as in ``Bounds``.
     task_beta : float, optional
         As in ``Bounds``.
+    limits : tuple of b str
+        As ``limit`` in ``Bounds``, one entry per grasp; empty if no interval is wider than the tolerance.
     """
 
     lower: FloatArray
@@ -113,6 +115,7 @@ class StackBounds:
     torque_scale: float | None = None
     kind: str = ""
     task_beta: float | None = None
+    limits: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, bounds: Sequence[Bounds]) -> StackBounds:
@@ -124,7 +127,10 @@ class StackBounds:
             np.array([b.lower for b in bounds], dtype=float),
             np.array([b.upper for b in bounds], dtype=float),
             np.array(rows).reshape(len(bounds), size),
-            *((bounds[0].torque_scale, bounds[0].kind, bounds[0].task_beta) if bounds else ()),
+            bounds[0].torque_scale if bounds else None,
+            bounds[0].kind if bounds else "",
+            bounds[0].task_beta if bounds else None,
+            tuple(b.limit for b in bounds) if any(b.limit for b in bounds) else (),
         )
 
     def __len__(self) -> int:
@@ -133,8 +139,17 @@ class StackBounds:
     def __getitem__(self, index: int) -> Bounds:
         y = self.worst_directions[index]
         direction = None if not y.size or np.isnan(y).any() else y
-        bounds = Bounds(float(self.lower[index]), float(self.upper[index]), direction, torque_scale=self.torque_scale)
+        limit = self.limits[index] if self.limits else ""
+        scale, lower, upper = self.torque_scale, float(self.lower[index]), float(self.upper[index])
+        bounds = Bounds(lower, upper, direction, torque_scale=scale, limit=limit)
         return bounds.of_measure(self.kind, self.task_beta)
 
     def __iter__(self) -> Iterator[Bounds]:
         return (self[i] for i in range(len(self)))
+
+    def __repr__(self) -> str:
+        kind = f" of {self.kind}" if self.kind else ""
+        scale = "" if self.torque_scale is None else f", torque_scale={self.torque_scale:g} m"
+        positive = int(np.sum(self.lower > 0.0))
+        largest = f", the largest in {self[int(np.argmax(self.lower))]}" if positive else ""
+        return f"StackBounds({len(self)} intervals{kind}, {positive} above 0{largest}{scale})"

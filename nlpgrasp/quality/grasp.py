@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from nlpgrasp.common.spatial import (
     UNIT_TOLERANCE,
@@ -18,12 +18,13 @@ from nlpgrasp.common.spatial import (
     wrench_transform,
 )
 from nlpgrasp.common.user_warnings import is_called_by_user, warn
-from nlpgrasp.common.validation import FloatArray, array, number, read_only
+from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
 ROUNDING = 1e-15  # deviation from unit norm within which normals are kept unchanged
 AWAY = np.cos(np.pi / 4.0)  # cosine of the angle within which a normal points away from the mean
+UNIT_RATIO = 100.0  # ratio of a grasp's size to the median above which units seem to be mixed
 
 
 class ContactArrays:
@@ -104,13 +105,42 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
     return np.asarray(normals / np.where(deviation <= ROUNDING, 1.0, length)[..., None])
 
 
-def do_all_point_away(points: FloatArray, normals: FloatArray) -> bool:
-    """Return whether all normals (k, space) point away from the points' mean, within 45 degrees.
+def do_all_point_away(points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+    """Return whether all normals (..., k, space) of a grasp point away from the points' mean, within 45 degrees.
 
     This also holds for contacts in a cavity gripped from inside.
     """
-    outward = points - points.mean(axis=0)
-    return len(points) > 1 and bool(np.all(np.sum(normals * outward, axis=1) > AWAY * np.linalg.norm(outward, axis=1)))
+    outward = points - points.mean(axis=-2, keepdims=True)
+    is_away = np.sum(normals * outward, axis=-1) > AWAY * np.linalg.norm(outward, axis=-1)
+    return np.asarray(np.all(is_away, axis=-1) & (points.shape[-2] > 1))
+
+
+def warn_of_units_and_normals(name: str, points: FloatArray, normals: FloatArray) -> None:
+    """Warn of grasps (b, k, space) whose points seem not to be in metres, or whose normals seem to point outwards.
+
+    Warns
+    -----
+    UserWarning
+        One sentence each: contacts of a grasp more than 10 m apart, grasps more than 100 times as large as the median,
+        and normals of a grasp that all point away from the mean of its contacts.
+    """
+    if not len(points):
+        return
+    span = np.linalg.norm(np.ptp(points, axis=1), axis=1)
+    is_long, median = span > LONGEST_BODY, float(np.median(span))
+    is_mixed = span > UNIT_RATIO * median
+    if np.all(is_long):
+        warn(f"{name}.points: contacts {median:.3g} m apart, in the median; they have to be in metres, not millimetres")
+    elif np.any(is_long | is_mixed):
+        numbers = np.flatnonzero(is_long | is_mixed)
+        first = f"grasp {numbers[0]} has contacts {span[numbers[0]]:.3g} m apart, the median {median:.3g} m"
+        warn(f"{name}.points: units seem to be mixed, in {len(numbers)} of {len(points)} grasps: {first}")
+    is_away = np.flatnonzero(do_all_point_away(points, normals))
+    if is_away.size:
+        share = f"of {is_away.size} of {len(points)} grasps, first {is_away[0]},"
+        warn(
+            f"{name}.normals: {share} all point away from the middle of the contacts; they have to point into the body"
+        )
 
 
 class Grasp(ContactArrays):
@@ -271,6 +301,19 @@ class Grasp(ContactArrays):
         return int(self.points.shape[0])
 
 
+def _grasp_ids(ids: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    """Return the validated names of a stack's grasps."""
+    if ids is None:
+        return tuple(str(i) for i in range(count))
+    names = tuple(str(name) for name in ids)
+    if len(names) != count:
+        raise InputError("GraspStack.ids", f"{len(names)} names", f"{count}, one for each grasp")
+    if len(set(names)) < count:
+        repeated = next(name for i, name in enumerate(names) if name in names[:i])
+        raise InputError("GraspStack.ids", f"{repeated!r} twice", "a name of its own for each grasp")
+    return names
+
+
 class GraspStack(ContactArrays):
     """A stack of b grasps with the same k contact models; a sequence of ``Grasp``.
 
@@ -284,11 +327,22 @@ class GraspStack(ContactArrays):
         One model for all contacts, or one each.
     torque_origin : (2,) or (3,) array, optional
         Reference point of moments, metres; by default the frame's origin.
+    ids : sequence of b str, optional
+        Names of the grasps in tables; by default their numbers.
+
+    Attributes
+    ----------
+    ids : tuple of b str
 
     Raises
     ------
     InputError
-        On shapes that do not match, NaN, or normals without unit norm (with the deviation).
+        On shapes that do not match, NaN, normals without unit norm (with the deviation), or ids that are repeated.
+
+    Warns
+    -----
+    UserWarning
+        On points that seem not to be in metres, and on normals that seem to point outwards.
     """
 
     _name = "GraspStack"
@@ -301,8 +355,12 @@ class GraspStack(ContactArrays):
         normals: ArrayLike,
         contacts: ContactModel | Sequence[ContactModel],
         torque_origin: ArrayLike | None = None,
+        ids: Sequence[str] | None = None,
     ) -> None:
         super().__init__(points, normals, contacts, torque_origin)
+        self.ids = _grasp_ids(ids, len(self.points))
+        if is_called_by_user():
+            warn_of_units_and_normals("GraspStack", self.points, self.normals)
         tangents = [m.tangents(self.normals[:, i]) for i, m in enumerate(self.contacts)]
         self.tangents = read_only(np.stack(tangents, axis=1))  # (b, k, space - 1, space), unit rows
 
@@ -319,7 +377,11 @@ class GraspStack(ContactArrays):
         """Return the grasps in another body frame, (2.5-4); the pose as in ``Grasp.in_frame``."""
         A, b = rigid_transform("pose", pose, self.space)
         models = [c.turned(A) for c in self.contacts]
-        return GraspStack(self.points @ A.T + b, self.normals @ A.T, models, self.torque_origin @ A.T + b)
+        return GraspStack(self.points @ A.T + b, self.normals @ A.T, models, self.torque_origin @ A.T + b, self.ids)
+
+    def with_contacts(self, contacts: ContactModel | Sequence[ContactModel]) -> GraspStack:
+        """Return the grasps with other contact models, one for all contacts or k of them."""
+        return GraspStack(self.points, self.normals, contacts, self.torque_origin, self.ids)
 
     def __repr__(self) -> str:
         kinds = ", ".join(c.kind for c in self.contacts)

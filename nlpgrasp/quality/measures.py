@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets import force_budget as find_budget
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
@@ -16,10 +17,13 @@ from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.sandwich import sandwich
+from nlpgrasp.quality.screening import fixed_force_set
+from nlpgrasp.quality.stack_certificates import certify_side_by_side
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
 
 ROUNDING = 1e-9  # relative guard against rounding
+FINEST = 5e-3  # least relative width for certificates side by side: narrower ones need many vertices
 
 
 @overload
@@ -91,13 +95,25 @@ def mu(
     task = task_for(task, grasp)
     seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
     deadline = None if deadline is None else number("deadline", deadline)
-    if isinstance(grasp, GraspStack):
-        return StackBounds.of(
-            [mu(g, task, rtol, force_budget=force_budget, seed=seed, deadline=deadline) for g in grasp]
-        )
     rtol = number("rtol", rtol, above=0.0)
+    if isinstance(grasp, GraspStack):
+        return _certify_stack(grasp, task, rtol, force_budget, seed, deadline)
     bounds = _certify(grasp, task, rtol, force_budget, seed, deadline)
     return bounds.of_measure(task.measure, task.paper_beta)
+
+
+def _certify_stack(
+    stack: GraspStack, task: Task, rtol: float, budget: str | ForceBudget, seed: int, deadline: float | None
+) -> StackBounds:
+    """Return the certified bounds of each grasp of a stack, side by side where that settles them."""
+    force_bound = find_budget(budget)
+    force_bound.check(stack.contacts, stack.space)
+    bounds: list[Bounds | None] = [None] * len(stack)
+    is_alike = not force_bound.depends_on_frames and any(c.unilateral for c in stack.contacts)
+    if is_alike and deadline is None and rtol >= FINEST and len(stack) > 1:
+        bounds = certify_side_by_side(stack, task, rtol, fixed_force_set(stack, force_bound), seed)
+    each = [_certify(stack[i], task, rtol, budget, seed, deadline) if b is None else b for i, b in enumerate(bounds)]
+    return StackBounds.of([b.of_measure(task.measure, task.paper_beta) for b in each])
 
 
 def _certify(

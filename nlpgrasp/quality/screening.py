@@ -7,6 +7,7 @@ that choose the directions themselves.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
@@ -52,13 +53,11 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     if not isinstance(stack, GraspStack):
         raise InputError("stack", stack, "a GraspStack")
     task = task_for(task, stack)
-    force_set = _fixed_force_set(stack, _budget(stack, force_budget))
+    force_set = fixed_force_set(stack, _budget(stack, force_budget))
     if not len(stack):
         return np.zeros(0)
     y = spread_directions(stack, task)
-    bounds = [
-        _descend(_GraspBatch(stack, slice(a, a + CHUNK), force_set), task, y) for a in range(0, len(stack), CHUNK)
-    ]
+    bounds = [_descend(GraspBatch(stack.G[a : a + CHUNK], force_set), task, y) for a in range(0, len(stack), CHUNK)]
     return np.concatenate(bounds)
 
 
@@ -71,7 +70,7 @@ def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
     return budget
 
 
-def _descend(view: _GraspBatch, task: Task, y: FloatArray) -> FloatArray:
+def _descend(view: GraspBatch, task: Task, y: FloatArray) -> FloatArray:
     """Return each grasp's least ratio over the directions and over descents from the weakest."""
     ratios = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least_sampled = ratios.min(axis=1)
@@ -84,12 +83,12 @@ def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
     """Return directions (m, d) well spread in the task's metric, regularised by the grasps' where it is flat."""
     planar = stack.dimension == 3
     spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
-    y = spread @ np.linalg.inv(np.linalg.cholesky(_second_moment(stack, task)))
+    y = spread @ np.linalg.inv(np.linalg.cholesky(second_moment(stack, task)))
     reach = task.support(y)[0]
     return np.asarray(y[reach > 1e-9 * np.max(reach)])
 
 
-def _second_moment(stack: GraspStack, task: Task) -> FloatArray:
+def second_moment(stack: GraspStack, task: Task) -> FloatArray:
     """Return the task's second moment (d, d), regularised by the grasps' if the task is flat."""
     G = stack.G[:CHUNK]
     grasp_moment = np.mean(G @ G.transpose(0, 2, 1), axis=0)
@@ -120,7 +119,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     """
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
-    view = _GraspBatch(stack, slice(None), _fixed_force_set(stack, budget))
+    view = GraspBatch(stack.G, fixed_force_set(stack, budget))
     return np.asarray(view.support(np.broadcast_to(y, (len(stack), *y.shape)))[0] / reach)
 
 
@@ -153,22 +152,32 @@ def minimise_locally(
     directions : (b, m, d) array
     ratios : (b, m) array
     """
-    view = _GraspBatch(stack, slice(None), _fixed_force_set(stack, budget))
+    view = GraspBatch(stack.G, fixed_force_set(stack, budget))
     return minimise_by_inverse_iteration(lambda u: view.quadratic(u, task), y, steps)
 
 
-class _GraspBatch:
-    """Batched support functions of some grasps of a stack."""
+class GraspBatch:
+    """Batched support functions of grasps with maps G (b, d, n) and one force set."""
 
-    def __init__(self, stack: GraspStack, grasps: slice, force_set: ForceSet) -> None:
-        self.G = stack.G[grasps]
+    def __init__(self, G: FloatArray, force_set: ForceSet) -> None:
+        self.G = G
         self._set = force_set
+
+    def of(self, rows: NDArray[np.bool_]) -> GraspBatch:
+        """Return the batch of some of its grasps."""
+        return GraspBatch(self.G[rows], self._set)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (b, m) and maximisers (b, m, d) for directions of each grasp (b, m, d)."""
         z = y @ self.G
         phi, x = self._set.support(z.reshape(-1, z.shape[2]))
         return phi.reshape(z.shape[:2]), x.reshape(z.shape) @ self.G.transpose(0, 2, 1)
+
+    def positive_share(self, y: FloatArray) -> FloatArray:
+        """Return ``|P_K(z)| / |z|`` (b, m) with ``z = G^T y``, as ``force_closure.positive_share``, for y (b, m, d)."""
+        z = y @ self.G
+        x = project(z.reshape(-1, z.shape[2]), self._set.contacts, self._set.space).reshape(z.shape)
+        return np.asarray(np.linalg.norm(x, axis=2) / np.maximum(np.linalg.norm(z, axis=2), 1e-300))
 
     def quadratic(self, y: FloatArray, task: Task) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return ``phi / phi_A``, the task's maximisers and the Hessian of a quadratic model of ``phi^2 / 2``.
@@ -194,7 +203,7 @@ class _GraspBatch:
         return value, wrench.reshape(y.shape), H + REGULAR * scale * np.eye(y.shape[2])
 
 
-def _fixed_force_set(stack: GraspStack, budget: ForceBudget) -> ForceSet:
+def fixed_force_set(stack: GraspStack, budget: ForceBudget) -> ForceSet:
     """Return the force set of a budget that does not depend on the grasps' frames."""
     frames = np.broadcast_to(np.eye(stack.space), (len(stack.contacts), stack.space, stack.space))
     return budget.at(frames, stack.contacts)

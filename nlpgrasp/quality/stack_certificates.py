@@ -1,0 +1,349 @@
+"""Certified bounds on mu for stacks: the sandwich algorithm on the inner hulls of many grasps side by side.
+
+The method is that of ``sandwich``: support points span an inner polytope whose cells, cones around a centre, bound mu
+from below. All grasps of a chunk take a step together, as arrays of shape (grasps, cells, ...), and a step gives each
+of them one new vertex. Ridges are matched by keys, without neighbours, and the inverse of a cell's vertex matrix is
+kept, so that a new cell's plane is a rank-one update. As in ``convex_hull`` the bounds rely on neither: replacing cells
+by the cone of the new point over their boundary leaves the centre surrounded, and certified heights are computed anew
+from the cells' vertices. Grasps that are not settled here (flat or nearly degenerate wrench sets, closure that is
+nearly lost, many vertices) are left to ``sandwich``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.common.unit_directions import directions, directions_around
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.convex_hull import BEYOND, Indices
+from nlpgrasp.quality.force_closure import ZERO_SUPPORT
+from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
+from nlpgrasp.quality.sandwich import ROUNDING, SHRINK
+from nlpgrasp.quality.screening import GraspBatch, second_moment
+from nlpgrasp.tasks import Task
+
+CHUNK = 64  # grasps side by side, to fit the processor's cache
+DESCENTS, STEPS = 6, 10  # descents per grasp, and their steps
+PLANAR = 60  # sampled directions for planar grasps
+MOST_POINTS, MOST_CELLS = 90, 6000  # vertices and cells of a hull beyond which a grasp is left
+TAIL_POINTS, TAIL = 50, 2  # vertices from which on this many remaining grasps are left: steps pay side by side only
+LEAST_QUALITY = 1e-6  # of the median: below it a grasp is left, as its closure is nearly lost
+LEAST_PIVOT = 1e-9  # coordinate of a new vertex below which a cell would be degenerate
+FLAT = 1e-12  # volume of a cell over that of a rectangular one below which it is flat
+LEAST_HEIGHT = 0.5  # least height of a cell over its plane's nominal height 1
+COMPACT = 0.75  # share of unfinished grasps below which finished ones are removed
+
+Mask = NDArray[np.bool_]
+
+
+def certify_side_by_side(
+    stack: GraspStack, task: Task, rtol: float, force_set: ForceSet, seed: int
+) -> list[Bounds | None]:
+    """Return certified bounds on mu for each grasp of a stack, None for grasps that are left to ``sandwich``.
+
+    Parameters
+    ----------
+    stack : GraspStack
+    task : Task
+        About the stack's torque origin.
+    rtol : float
+        Relative width of the bounds.
+    force_set : ForceSet
+        Of a budget that does not depend on the contacts' frames.
+    seed : int
+        Of the vertices' shrinking.
+    """
+    moment = second_moment(stack, task)
+    matrix = np.linalg.inv(np.linalg.cholesky(moment))  # of the coordinates in which the task is round
+    rounding = ROUNDING + 1e-14 * float(np.linalg.cond(moment)) ** 0.5
+    local_task, G = task.transformed(matrix), matrix @ stack.G
+    result: list[Bounds | None] = []
+    for start in range(0, len(G), CHUNK):
+        chunk = _Chunk(GraspBatch(G[start : start + CHUNK], force_set), local_task, rtol, rounding, seed)
+        result += [None if b is None else Bounds(b.lower, b.upper, _unit(b, matrix)) for b in chunk.certify()]
+    return result
+
+
+def _unit(bounds: Bounds, matrix: FloatArray) -> FloatArray | None:
+    """Return the worst direction, (d,), in the wrenches' own coordinates."""
+    if bounds.worst_direction is None:
+        return None
+    y = bounds.worst_direction @ matrix
+    return np.asarray(y / np.linalg.norm(y))
+
+
+class _Chunk:
+    """Grasps that are certified side by side: their upper bounds, worst directions and inner hulls."""
+
+    def __init__(self, batch: GraspBatch, task: Task, rtol: float, rounding: float, seed: int) -> None:
+        self.batch, self.task, self.rtol, self.rounding = batch, task, rtol, rounding
+        self.shrink, self.random = min(SHRINK, 0.01 * rtol), np.random.default_rng(seed)
+        self.result: list[Bounds | None] = [None] * len(batch.G)
+        self.numbers = np.arange(len(batch.G))  # of the remaining grasps
+        self.upper, self.worst = np.zeros(0), np.zeros((0, 0))
+
+    def certify(self) -> list[Bounds | None]:
+        """Return the bounds, None for grasps that are left."""
+        low = self._descend()
+        self._settle_without_closure()
+        d = low.shape[2]
+        axes = np.broadcast_to(directions(d, 0), (len(self.numbers), 2 * d, d))
+        points = self._inner_points(self.batch.support(np.concatenate([low[self.numbers], axes], axis=1))[1])
+        hulls = StackedHulls(points)
+        while len(self.numbers):
+            hulls.measure(self.task)
+            least, normals = hulls.lowest()
+            is_done = least >= self._target()
+            remaining = ~hulls.failed & ~is_done
+            few = TAIL if hulls.count >= TAIL_POINTS else 0
+            is_last = hulls.count >= MOST_POINTS or np.sum(remaining) <= few
+            if is_last or np.sum(remaining) < COMPACT * len(remaining):
+                self._settle(hulls, is_done & ~hulls.failed)
+                self._keep(remaining)
+                hulls.keep(remaining)
+                normals, least, remaining = normals[remaining], least[remaining], remaining[remaining]
+            if is_last:
+                break
+            ratio, wrenches = self._ratios(normals[:, None])
+            self._improve(ratio[:, 0], normals)
+            is_inserted = hulls.insert(self._inner_points(wrenches)[:, 0], remaining)
+            hulls.failed |= remaining & ~is_inserted & (least < self._target())
+        return self.result
+
+    def _target(self) -> FloatArray:
+        """Return the lower bounds, (b,), at which grasps are settled, with a margin for the certificate."""
+        return np.asarray(self.upper / (1.0 + 0.8 * self.rtol))
+
+    def _ratios(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``phi / phi_A``, (b, m), and support points, (b, m, d), for unit directions (b, m, d)."""
+        phi, wrenches = self.batch.support(u)
+        reach = self.task.support(u.reshape(-1, u.shape[2]))[0].reshape(phi.shape)
+        is_positive = reach > 1e-12
+        return np.where(is_positive, phi / np.where(is_positive, reach, 1.0), np.inf), wrenches
+
+    def _descend(self) -> FloatArray:
+        """Set the first upper bounds, by descents from the weakest of sampled directions; return their ends."""
+        b, d = self.batch.G.shape[:2]
+        spread = directions_around(np.eye(3)[0], PLANAR) if d == 3 else directions(d, 2)
+        ratios = self._ratios(np.broadcast_to(spread, (b, *spread.shape)))[0]
+        weakest = np.argpartition(ratios, DESCENTS, axis=1)[:, :DESCENTS]
+        low, _ = minimise_by_inverse_iteration(lambda u: self.batch.quadratic(u, self.task), spread[weakest], STEPS)
+        low /= np.linalg.norm(low, axis=2, keepdims=True)
+        values = self._ratios(low)[0]
+        best = np.argmin(values, axis=1)
+        self.upper, self.worst = values[np.arange(b), best], low[np.arange(b), best]
+        return np.asarray(low)
+
+    def _settle_without_closure(self) -> None:
+        """Settle grasps whose worst direction proves that mu is 0, and leave those that are close to it."""
+        is_separated = self.batch.positive_share(self.worst[:, None])[:, 0] <= ZERO_SUPPORT
+        is_finite = np.isfinite(self.upper)
+        for i in np.flatnonzero(is_separated & is_finite):
+            self.result[i] = Bounds(0.0, 0.0, self.worst[i])
+        middle = float(np.median(self.upper[is_finite])) if is_finite.any() else 0.0
+        self._keep(is_finite & ~is_separated & (self.upper > LEAST_QUALITY * middle))
+
+    def _inner_points(self, wrenches: FloatArray) -> FloatArray:
+        """Return support points (b, m, d) shrunk towards the origin by small random factors."""
+        return np.asarray(wrenches * (1.0 - self.shrink * self.random.random((*wrenches.shape[:2], 1))))
+
+    def _improve(self, ratio: FloatArray, normals: FloatArray) -> None:
+        is_better = ratio < self.upper
+        self.upper = np.where(is_better, ratio, self.upper)
+        self.worst = np.where(is_better[:, None], normals, self.worst)
+
+    def _settle(self, hulls: StackedHulls, is_done: Mask) -> None:
+        """Certify hulls; keep the bounds that are as narrow as ``rtol``."""
+        lower = hulls.certified(self.task) * (1.0 - self.rounding)
+        upper = self.upper * (1.0 + self.rounding)
+        is_narrow = upper <= lower * (1.0 + self.rtol) * (1.0 + 2.0 * self.rounding)
+        for i in np.flatnonzero(is_done & is_narrow):
+            bounds = Bounds(float(min(lower[i], self.upper[i])), float(upper[i]), self.worst[i])
+            self.result[self.numbers[i]] = bounds
+
+    def _keep(self, rows: Mask) -> None:
+        self.numbers, self.upper, self.worst = self.numbers[rows], self.upper[rows], self.worst[rows]
+        self.batch = self.batch.of(rows)
+
+
+@dataclass(frozen=True)
+class _Horizon:
+    """The ridges around the removed cells: grasp, slot and vertices of the removed cell, and the corner opposite."""
+
+    row: Indices
+    slot: Indices
+    cells: Indices
+    corner: Indices
+
+
+class StackedHulls:
+    """Inner hulls of b grasps as in ``IncrementalHull``, in arrays that all of them share.
+
+    Parameters
+    ----------
+    points : (b, n, d) array
+        First vertices.
+
+    Attributes
+    ----------
+    centre : (b, d) array
+        Means of the first vertices.
+    planes : (b, f, d) array
+        Rows a of ``{x : <a, x - centre> = 1}``; zero for removed cells.
+    values : (b, f) array
+        The alpha that each cell allows; infinite for removed cells.
+    failed : (b,) array of bool
+        Hulls that are flat or degenerate.
+    """
+
+    def __init__(self, points: FloatArray) -> None:
+        b, self.count, d = points.shape
+        self.centre = points.mean(axis=1)
+        self.failed = np.zeros(b, dtype=bool)
+        self._points = np.zeros((b, MOST_POINTS + 1, d))
+        self._points[:, : self.count] = points - self.centre[:, None]
+        random = np.random.default_rng(0)
+        self._names = _random_keys(random, MOST_POINTS + 1)  # of vertices
+        self._marks = _random_keys(random, b)  # of grasps: no two have a key in common
+        first = [_facets(p) for p in points]
+        self._sizes = np.array([len(cells) for cells in first], dtype=np.intp)
+        most = max((len(cells) for cells in first), default=0) or 1
+        self._cells = np.zeros((b, most, d), dtype=np.intp)
+        for i, cells in enumerate(first):
+            self._cells[i, : len(cells)] = cells
+        self._inverses, self.planes = np.zeros((b, most, d, d)), np.zeros((b, most, d))
+        self.values = np.full((b, most), np.inf)
+        self._new = np.nonzero(np.arange(most) < self._sizes[:, None])
+        row, slot = self._new
+        corners = self._points[row[:, None], self._cells[row, slot]]
+        volume = np.prod(np.linalg.norm(corners, axis=2), axis=1)
+        is_singular = np.abs(np.linalg.det(corners)) <= FLAT * volume
+        self.failed[row[is_singular]] = True
+        self.failed[row[self._odd_ridges(row, self._cells[row, slot]) // d]] = True  # facets that do not close
+        self.failed |= self._sizes == 0
+        self._inverses[row, slot] = np.linalg.inv(np.where(is_singular[:, None, None], np.eye(d), corners))
+        self.planes[row, slot] = self._inverses[row, slot].sum(axis=2)
+
+    def measure(self, task: Task) -> None:
+        """Set the values of new cells."""
+        row, slot = self._new
+        self.values[row, slot] = _allowed_scales(task, self.planes[row, slot], self.centre[row], np.ones(len(row)))
+
+    def lowest(self) -> tuple[FloatArray, FloatArray]:
+        """Return the least value of each hull, (b,), and its cell's unit normal, (b, d)."""
+        row = np.arange(len(self.values))
+        slot = np.argmin(self.values, axis=1)
+        planes = self.planes[row, slot]
+        return self.values[row, slot], planes / np.maximum(np.linalg.norm(planes, axis=1, keepdims=True), 1e-300)
+
+    def insert(self, points: FloatArray, chosen: Mask) -> Mask:
+        """Insert a vertex (b, d) into each chosen hull; return where it was outside."""
+        p = points - self.centre
+        height = (self.planes @ p[:, :, None])[:, :, 0]
+        removed_row, removed_slot = np.nonzero((height > 1.0 + BEYOND) & chosen[:, None])
+        removed = removed_row, removed_slot
+        horizon = self._horizon(*removed)
+        row, corner = horizon.row, horizon.corner
+        index = np.arange(len(row))
+        inverse = self._inverses[row, horizon.slot]
+        share = (p[row][:, None, :] @ inverse)[:, 0]  # coordinates of the new vertex in each removed cell's vertices
+        pivot = share[index, corner]
+        is_degenerate = np.abs(pivot) < LEAST_PIVOT
+        self.failed[row[is_degenerate]] = True
+        column = inverse[index, :, corner] / np.where(is_degenerate, 1.0, pivot)[:, None]
+        share[index, corner] -= 1.0
+        planes = self.planes[row, horizon.slot] + (1.0 - height[row, horizon.slot])[:, None] * column
+        horizon.cells[index, corner] = self.count
+        self._points[:, self.count] = p
+        self.count += 1
+        slot = self._slots(removed, row)
+        self._cells[row, slot] = horizon.cells
+        self._inverses[row, slot] = inverse - column[:, :, None] * share[:, None, :]
+        self.planes[row, slot] = planes
+        self._new = row, slot
+        return np.asarray(np.bincount(removed_row, minlength=len(p)) > 0)
+
+    def _horizon(self, row: Indices, slot: Indices) -> _Horizon:
+        """Return the ridges around the removed cells, sorted by grasp."""
+        cells = self._cells[row, slot]
+        single = self._odd_ridges(row, cells)
+        cell, corner = np.divmod(single, cells.shape[1])
+        return _Horizon(row[cell], slot[cell], cells[cell], corner)
+
+    def _odd_ridges(self, row: Indices, cells: Indices) -> Indices:
+        """Return the ridges, numbered by cell and corner, that an odd number of cells (m, d) of a grasp share."""
+        names = self._names[cells]
+        keys = ((names.sum(axis=1) + self._marks[row])[:, None] - names).ravel()  # of the ridge opposite each vertex
+        order = np.argsort(keys)
+        is_first = np.ones(len(keys), dtype=bool)
+        is_first[1:] = keys[order[1:]] != keys[order[:-1]]
+        first = np.flatnonzero(is_first)
+        return np.sort(order[first[np.diff(first, append=len(keys)) % 2 == 1]])
+
+    def _slots(self, removed: tuple[Indices, Indices], row: Indices) -> Indices:
+        """Return storage slots of new cells, sorted by grasp: those of removed cells first."""
+        self.planes[removed], self.values[removed] = 0.0, np.inf
+        removed_counts, counts = (np.bincount(rows, minlength=len(self.planes)) for rows in (removed[0], row))
+        position = np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
+        first_removed = (np.cumsum(removed_counts) - removed_counts)[row]
+        slot = self._sizes[row] + position - removed_counts[row]
+        is_reused = position < removed_counts[row]
+        slot[is_reused] = removed[1][(first_removed + position)[is_reused]]
+        self._sizes += np.maximum(counts - removed_counts, 0)
+        self.failed |= self._sizes > MOST_CELLS
+        extra = int(np.max(self._sizes)) - self.planes.shape[1]
+        if extra > 0:
+            b, _, d = self.planes.shape
+            extra += self.planes.shape[1] // 2
+            self._cells = np.concatenate([self._cells, np.zeros((b, extra, d), dtype=np.intp)], axis=1)
+            self._inverses = np.concatenate([self._inverses, np.zeros((b, extra, d, d))], axis=1)
+            self.planes = np.concatenate([self.planes, np.zeros((b, extra, d))], axis=1)
+            self.values = np.concatenate([self.values, np.full((b, extra), np.inf)], axis=1)
+        return slot
+
+    def keep(self, rows: Mask) -> None:
+        """Remove all hulls but some."""
+        self.centre, self.failed, self._points = self.centre[rows], self.failed[rows], self._points[rows]
+        self._marks, self._sizes = self._marks[rows], self._sizes[rows]
+        most = int(np.max(self._sizes, initial=1))
+        self._cells, self._inverses = self._cells[rows, :most], self._inverses[rows, :most]
+        self.planes, self.values = self.planes[rows, :most], self.values[rows, :most]
+
+    def certified(self, task: Task) -> FloatArray:
+        """Return certified lower bounds, (b,), with each cell's height computed anew from its vertices."""
+        row, slot = np.nonzero(np.any(self.planes != 0.0, axis=2))
+        planes, corners = self.planes[row, slot], self._points[row[:, None], self._cells[row, slot]]
+        heights = np.min((corners @ planes[:, :, None])[:, :, 0], axis=1)
+        values = _allowed_scales(task, planes, self.centre[row], np.minimum(heights, 1.0))
+        lower = np.full(len(self.planes), np.inf)
+        np.minimum.at(lower, row, np.where(heights > LEAST_HEIGHT, values, 0.0))
+        return np.where(self.failed | ~np.isfinite(lower), 0.0, lower)
+
+
+def _random_keys(random: np.random.Generator, count: int) -> NDArray[np.uint64]:
+    return random.integers(0, 2**63, size=count, dtype=np.uint64)
+
+
+def _facets(points: FloatArray) -> Indices:
+    """Return the facets (f, d) of the hull of points (n, d); none where they are flat."""
+    try:
+        return np.asarray(ConvexHull(points).simplices, dtype=np.intp)
+    except QhullError:
+        return np.zeros((0, points.shape[1]), dtype=np.intp)
+
+
+def _allowed_scales(task: Task, planes: FloatArray, centres: FloatArray, heights: FloatArray) -> FloatArray:
+    """Return the largest alpha, (f,), that each half-space ``{<a, x - centre> <= height}`` allows."""
+    offset = heights + np.sum(planes * centres, axis=1)
+    offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
+    reach = task.support(planes)[0]
+    is_binding = reach > 0.0
+    unbounded = np.where(offset < 0.0, 0.0, np.inf)
+    return np.asarray(np.where(is_binding, np.maximum(offset, 0.0) / np.where(is_binding, reach, 1.0), unbounded))
