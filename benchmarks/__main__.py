@@ -22,6 +22,7 @@ from benchmarks import (
     program,
     report,
     simulation,
+    tables,
     tasks,
 )
 from nlpgrasp.optimize.processes import single_thread
@@ -39,6 +40,7 @@ BENCHMARKS = {
     "best": best,
     "coupled": coupled,
     "grasps": grasps,
+    "tables": tables,
     "tasks": tasks,
     "following": following,
     "libraries": libraries,

@@ -62,6 +62,7 @@ from nlpgrasp.hands import (
     SphereTip,
     URDFHand,
 )
+from nlpgrasp.interop.grasp_tables import read_grasps
 from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
@@ -89,6 +90,7 @@ from nlpgrasp.quality import (
     smallest_singular_value,
 )
 from nlpgrasp.quality.grasp import Grasp, GraspStack
+from nlpgrasp.quality.measure_table import Columns, measure
 from nlpgrasp.report.pictures import draw_fit
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
@@ -146,6 +148,7 @@ __all__ = [
     "BoxRegion",
     "CapsuleTip",
     "CollisionEvent",
+    "Columns",
     "Comparison",
     "Constraint",
     "ContactCurve",
@@ -266,6 +269,7 @@ __all__ = [
     "isotropy",
     "lift",
     "manipulability",
+    "measure",
     "min_weight",
     "motion_task",
     "motion_wrenches",
@@ -278,6 +282,7 @@ __all__ = [
     "pour",
     "press",
     "pyramid_volume",
+    "read_grasps",
     "rotate_body_frame",
     "run_experiment",
     "screen",

@@ -1,8 +1,9 @@
-"""The command ``nlpgrasp quality``: certified quality measures of a grasp."""
+"""The command ``nlpgrasp quality``: certified quality measures of a grasp, or a table of them for many."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,41 +11,64 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import AsJson, Rtol, bounds_pair, write_json_line
+from nlpgrasp.cli.console import AsJson, bounds_pair, writable, write_json_line
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     from nlpgrasp import GraspProblem, GraspSolution
+    from nlpgrasp.budgets import ForceBudget
+    from nlpgrasp.common.validation import FloatArray
     from nlpgrasp.interop import ReadGrasp
+    from nlpgrasp.quality.measure_table import Columns
+    from nlpgrasp.tasks import Task
 
 GraspFile = Annotated[
-    Path, typer.Argument(metavar="F", help="Solution file, CSV table of contacts, or isaac_grasp file (.yaml).")
+    Path,
+    typer.Argument(
+        metavar="F",
+        help="Solution, table of contacts (.csv, .parquet), arrays (.npz, .npy) or isaac_grasp (.yaml).",
+    ),
 ]
+PAGE_RTOL, TABLE_RTOL = 0.01, 0.05  # relative widths of intervals by default
 
 
 def quality_command(
     file: GraspFile,
-    rtol: Rtol = 0.01,
+    rtol: Annotated[
+        float | None, typer.Option("--rtol", help="Relative gap of the certificates; 0.01, or 0.05 for a table.")
+    ] = None,
     torque_scale: Annotated[
         float | None,
-        typer.Option("--torque-scale", help="Metres; the contacts' distance from the origin by default."),
+        typer.Option("--torque-scale", help="Metres, one for all grasps; all contacts' mean distance by default."),
     ] = None,
     friction: Annotated[
-        float | None, typer.Option("--friction", help="Of contacts in a CSV table that state none.")
+        list[float] | None, typer.Option("--friction", help="Of contacts that state none; repeatable for a table.")
     ] = None,
-    task_of: Annotated[
-        Path | None, typer.Option("--task", metavar="G.json", help="For a CSV table: where the task is.")
+    task: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--task", metavar="TASK", help="A solution file, a problem script or a name in a library; repeatable."
+        ),
+    ] = None,
+    library: Annotated[
+        Path | None, typer.Option("--library", metavar="DIR", help="Of tasks; the ready library when left out.")
     ] = None,
     script: Annotated[
         Path | None,
         typer.Option(
-            "--problem", metavar="SCRIPT", help="What an isaac_grasp file does not state, or a quick solution."
+            "--problem", metavar="SCRIPT", help="What a file of postures does not state, or a quick solution."
         ),
     ] = None,
+    unit: Annotated[str, typer.Option("--unit", help="Of the points in a table or arrays: m, cm, mm, in, ft.")] = "m",
+    measures: Annotated[
+        str | None,
+        typer.Option("--measures", metavar="NAME,...", help="Write a table of these: mu,delta,epsilon,nu"),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="F.csv", help="Write a table to this file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute the certified quality measures of a grasp: of a solution, or of any tool's grasp.
+    """Compute certified quality measures: a page for one grasp, a table for several.
 
     Analyses that a solution lacks are added, in the same file.
     """
@@ -52,14 +76,117 @@ def quality_command(
     from nlpgrasp.interop.registry import SOLUTION, reader_of
 
     reader = reader_of(file)
-    for option, value in {"friction": friction, "task": task_of, "problem": script}.items():
-        if value is not None and option not in reader.options:
-            raise InputError(f"--{option}", value, "another kind of file with it: this one states its own")
+    given = {"friction": friction, "task": task, "problem": script, "unit": None if unit == "m" else unit}
+    for option, value in given.items():
+        if value and option not in (*reader.options, *(("task",) if "friction" in reader.options else ())):
+            shown = value[0] if isinstance(value, list) else value
+            raise InputError(f"--{option}", shown, "another kind of file with it: this one states its own")
     problem = None if script is None else partial(load_problem, script)
-    for item in reader.read(file, ReadOptions(friction, task_of, problem)):
-        _print_measures(item, rtol, torque_scale, as_json)
-    if reader is SOLUTION:
+    tasks = [load_task(name, library) for name in task or ()]
+    by_file = next((t.path for t in tasks if t.path is not None), None) if "task" in reader.options else None
+    frictions: list[float | None] = [None] if not friction else list(friction)
+    read = [list(reader.read(file, ReadOptions(f, by_file, problem, unit))) for f in frictions]
+    if measures is None and out is None and len(read[0]) == 1 and len(read) == 1 and len(tasks) <= 1:
+        item = read[0][0]
+        if tasks and by_file is None:
+            item = replace(item, task=tasks[0].task, budget=common_budget(tasks, item.budget))
+        _print_measures(item, PAGE_RTOL if rtol is None else rtol, torque_scale, as_json)
+    else:
+        target = None if out is None else writable(out, file, ending=".csv")
+        columns = measure_read(file, read, tasks, measures, torque_scale, TABLE_RTOL if rtol is None else rtol)
+        _write_table(columns, target, as_json)
+    if reader is SOLUTION and measures is None and out is None:
         complete_file(file, problem)
+
+
+@dataclass(frozen=True)
+class StatedTask:
+    """A task of the command line.
+
+    Parameters
+    ----------
+    name : str
+    task : Task
+        With the point of its moments, if it is known.
+    path : Path, optional
+        The solution file that states it.
+    budget : ForceBudget, optional
+        The force budget that the file or script states with it.
+    """
+
+    name: str
+    task: Task
+    path: Path | None = None
+    budget: ForceBudget | None = None
+
+
+def load_task(name: str, library: Path | None = None) -> StatedTask:
+    """Return the task of a solution file, of a problem script, or of that name in a library."""
+    path = Path(name)
+    if path.suffix == ".py":
+        problem = load_problem(path)
+        return StatedTask(path.stem, _about(problem.task, problem.origin), None, problem.budget)
+    if path.suffix == ".json" or path.is_file():
+        solution = ng.GraspSolution.load(path)
+        origin = None if solution.grasp is None else solution.grasp.torque_origin
+        return StatedTask(path.stem, _about(solution.task, origin), path, solution.budget)
+    return StatedTask(name, ng.TaskLibrary(library)[name])
+
+
+def _about(task: Task, origin: FloatArray | None) -> Task:
+    return task if task.about is not None or origin is None else task.given_about(origin)
+
+
+def common_budget(tasks: Sequence[StatedTask], default: ForceBudget) -> ForceBudget:
+    """Return the one force budget of the tasks that state one; raise for several, and for one of certain contacts."""
+    budgets = [task.budget for task in tasks if task.budget is not None] or [default]
+    if len({budget.kind for budget in budgets}) > 1 or budgets[0].depends_on_frames:
+        kinds = " and ".join(dict.fromkeys(budget.kind for budget in budgets))
+        raise InputError("--task", f"force budget {kinds}", "tasks with one force budget, the same for all grasps")
+    return budgets[0]
+
+
+def measure_read(
+    file: Path,
+    read: Sequence[Sequence[ReadGrasp]],
+    tasks: Sequence[StatedTask],
+    measures: str | None,
+    torque_scale: float | None,
+    rtol: float,
+) -> Columns:
+    """Return the table of measures of the grasps of a file, read once for each friction coefficient."""
+    from nlpgrasp.interop.grasp_tables import stack_grasps
+    from nlpgrasp.quality.measure_table import DEFAULT, measure_columns
+
+    origin = next((t.task.about for t in tasks if t.task.about is not None), None)
+    if read[0] and read[0][0].task is not None:
+        origin = None  # that of the grasps
+    stacks = [stack for grasps in read for stack in stack_grasps(file.name, grasps, origin)]
+    if len(read) > 1 and stacks[0].contacts == stacks[len(stacks) // len(read)].contacts:
+        raise InputError("--friction", f"{len(read)} coefficients", "none: the contacts of this file state theirs")
+    budget = common_budget(tasks, read[0][0].budget)
+    named: dict[str, Task] = {t.name: t.task for t in tasks}
+    if len(named) < len(tasks):
+        raise InputError("--task", "two tasks of one name", "each name once")
+    if not named and read[0][0].task is not None:
+        named = {"task": read[0][0].task}
+    default = DEFAULT if named else tuple(name for name in DEFAULT if name != "mu")
+    names = default if measures is None else tuple(name.strip() for name in measures.split(","))
+    return measure_columns(stacks, named or None, names, None, torque_scale, budget, rtol)
+
+
+def _write_table(columns: Columns, target: Path | None, as_json: bool) -> None:
+    """Write a table to a file, or to standard output as CSV or JSON lines."""
+    text = columns.to_csv(target)
+    if "torque_scale" in columns:
+        typer.echo(f"torque scale {columns['torque_scale'][0]:.4g} m for all grasps", err=True)
+    if target is not None:
+        typer.echo(f"written to {target.name}: {len(columns['id'])} rows", err=as_json)
+    if as_json:
+        for row in columns.rows():
+            write_json_line({name: None if value != value else value for name, value in row.items()})
+    elif target is None:
+        typer.echo(text, nl=False)
 
 
 def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
@@ -85,7 +212,7 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
         write_json_line({**data, "torque_scale": scale, **nu_data})
         return
     typer.echo(f"{item.name}: {len(grasp)} contacts, force budget {budget.kind}")
-    quality = "needs a task: --task G.json"
+    quality = "needs a task: --task G.json, or a name in a library"
     if mu is not None:
         quality = f"certified in {mu}{limit}: {measure_meaning(kind, budget)}"
     typer.echo(f"  {kind:8} {quality}")

@@ -4,6 +4,7 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat,
 from nlpgrasp.interop.benchmark_arrays import benchmark_arrays, dexgraspbench
 from nlpgrasp.interop.contacts_csv import contacts_csv, read_contacts_csv
 from nlpgrasp.interop.glb import glb
+from nlpgrasp.interop.grasp_tables import read_grasp_stacks, read_grasps
 from nlpgrasp.interop.hand_postures import grasp_of_posture
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.moveit import moveit
@@ -25,6 +26,8 @@ __all__ = [
     "isaac_grasp",
     "moveit",
     "read_contacts_csv",
+    "read_grasp_stacks",
+    "read_grasps",
     "read_isaac_grasps",
     "register",
     "register_reader",

@@ -145,11 +145,14 @@ class ReadOptions:
         A solution file that provides task and torque origin.
     problem : callable, optional
         Returns the problem with body, hand and task.
+    unit : str
+        Unit of the points in tables and arrays.
     """
 
     friction: float | None = None
     task: Path | None = None
     problem: Callable[[], GraspProblem] | None = None
+    unit: str = "m"
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import numpy as np
 from nlpgrasp.bodies import Body, body_from_dict
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, in_metres
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
-from nlpgrasp.errors import InputError
+from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.problem.checks import warn_of_friction
 from nlpgrasp.quality.grasp import Grasp, do_all_point_away
@@ -24,7 +24,7 @@ from nlpgrasp.solution.solution import GraspSolution
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
 FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
 PROBE_STEP = 1e-3  # share of the body's size: probing step along a normal
-MOST_ROWS = 1000  # contacts in a table
+MOST_ROWS = 1_000_000  # contacts in a table
 UNIT_TOLERANCE = 1e-2  # tolerance of unit normals: other tools write few digits
 
 
@@ -92,11 +92,15 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     return next(iter(grasps.values()))
 
 
-def _read_grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
-    """Return the grasps of a table by the value of its column ``grasp``; a table without it has one."""
+def _read_grasps(path: str | Path, friction: float | None, body: Body | None, unit: str = "m") -> dict[str, Grasp]:
+    """Return the grasps of a table by the value of its column ``grasp``; a table without it has one.
+
+    Their order is that of their first rows.
+    """
     name, rows = str(path), _contact_rows(path)
     space = 3 if "p_z" in rows[0] else 2
     points = np.array([[_read_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
+    points = in_metres("unit", points, unit)
     normals = _unit_normals(name, rows, NORMAL[:space])
     models = [_contact_model(name, i, row, friction) for i, row in enumerate(rows)]
     if friction is None:
@@ -109,21 +113,44 @@ def _read_grasps(path: str | Path, friction: float | None, body: Body | None) ->
         key: Grasp(points[indices], normals[indices], [models[i] for i in indices], points[indices].mean(axis=0))
         for key, indices in rows_of.items()
     }
-    for grasp in grasps.values():
-        check_inward(name, grasp, body)
+    for key, grasp in grasps.items():
+        if body is not None or len(grasps) == 1:  # without a body, stacks check many grasps together
+            check_inward(name, grasp, body, rows_of[key])
     return grasps
+
+
+def _csv_rows(path: str | Path) -> tuple[list[str], list[Row]]:
+    """Return header and rows of a CSV table."""
+    try:
+        reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
+        return list(reader.fieldnames or []), list(reader)
+    except OSError as error:
+        raise InputError(str(path), error.strerror, "a CSV table of contacts that exists") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), f"no table ({error})", "a CSV table of contacts") from None
+
+
+def _parquet_rows(path: str | Path) -> tuple[list[str], list[Row]]:
+    """Return header and rows of a Parquet table, as text that reads back exactly."""
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise MissingExtraError("a Parquet table", "tables") from None
+    try:
+        table = parquet.read_table(path)
+    except OSError as error:
+        raise InputError(str(path), error.strerror or "no table", "a Parquet table that exists") from None
+    except pa.ArrowException as error:
+        raise InputError(str(path), f"no table ({error})", "a Parquet table of contacts") from None
+    rows = [{key: None if cell is None else str(cell) for key, cell in row.items()} for row in table.to_pylist()]
+    return list(table.column_names), rows
 
 
 def _contact_rows(path: str | Path) -> list[Row]:
     """Return the nonempty rows of a table with the columns of contacts."""
     name = str(path)
-    try:
-        reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
-        rows, header = list(reader), reader.fieldnames or []
-    except OSError as error:
-        raise InputError(name, error.strerror, "a CSV table of contacts that exists") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(name, f"no table ({error})", "a CSV table of contacts") from None
+    header, rows = (_parquet_rows if Path(path).suffix.lower() == ".parquet" else _csv_rows)(path)
     columns = [c.strip() for c in header if c]
     repeated = [c for c in columns if columns.count(c) > 1]
     if repeated:
@@ -160,19 +187,29 @@ def _read_number(name: str, index: int, row: Row, column: str) -> float:
     return value
 
 
+def point_contact(field: str, friction: float | None, torsion: float | None) -> ContactModel:
+    """Return the model of a contact point: soft with torsion, with friction, or frictionless.
+
+    Raises
+    ------
+    InputError
+        On negative coefficients, and torsion without friction; ``field`` is the place.
+    """
+    if torsion and not friction:
+        raise InputError(f"{field}, {TORSION}", torsion, "torsion of a contact with friction")
+    try:
+        if not friction:
+            return PointContact()
+        return SoftContact(friction, torsion) if torsion else FrictionContact(friction)
+    except InputError as error:
+        raise InputError(f"{field}, {error.field}", error.given, error.allowed) from None
+
+
 def _contact_model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
     """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
     coefficients = {c: _read_number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
-    friction_coefficient = coefficients.get(FRICTION, friction)
     row_name = f"{name}: row {index + 2}"
-    if coefficients.get(TORSION) and not friction_coefficient:
-        raise InputError(f"{row_name}, {TORSION}", coefficients[TORSION], "torsion of a contact with friction")
-    try:
-        model: ContactModel = PointContact() if not friction_coefficient else FrictionContact(friction_coefficient)
-        if friction_coefficient and coefficients.get(TORSION):
-            model = SoftContact(friction_coefficient, coefficients[TORSION])
-    except InputError as error:
-        raise InputError(f"{row_name}, {error.field}", error.given, error.allowed) from None
+    model = point_contact(row_name, coefficients.get(FRICTION, friction), coefficients.get(TORSION))
     stated_model = (row.get(MODEL) or "").strip()
     if stated_model and stated_model != model.kind:
         raise InputError(
@@ -181,7 +218,7 @@ def _contact_model(name: str, index: int, row: Row, friction: float | None) -> C
     return model
 
 
-def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
+def check_inward(name: str, grasp: Grasp, body: Body | None, rows: Sequence[int]) -> None:
     """Refuse normals that point out of the body; without a body, warn of those that all seem to.
 
     Parameters
@@ -190,6 +227,8 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
         Of the table, for messages.
     grasp : Grasp
     body : Body or None
+    rows : sequence of int
+        Of its contacts, without the header.
 
     Raises
     ------
@@ -207,16 +246,16 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
     outward = np.flatnonzero(inside_distance - outside_distance > step)
     if outward.size:
         raise InputError(
-            f"{name}: row {outward[0] + 2}", "a normal that points out of the body", "normals into the body"
+            f"{name}: row {rows[outward[0]] + 2}", "a normal that points out of the body", "normals into the body"
         )
 
 
-def warn_frictionless(name: str, is_unstated: Sequence[bool]) -> None:
-    """Warn of rows without friction and model, which are assumed frictionless."""
+def warn_frictionless(name: str, is_unstated: Sequence[bool], items: str = "rows") -> None:
+    """Warn of rows or grasps without friction and model, which are assumed frictionless."""
     rows = [str(i + 2) for i, is_missing in enumerate(is_unstated) if is_missing]
     if not rows:
         return
-    place = "" if len(rows) == len(is_unstated) else f" in rows {', '.join(rows)}"
+    place = "" if len(rows) == len(is_unstated) else f" in {items} {', '.join(rows)}"
     defect = f"no {FRICTION} stated{place}"
     text = f"{name}: {defect}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
     warn(text)
@@ -233,10 +272,11 @@ def stated_body(solution: GraspSolution) -> Body | None:
 def _read_contacts_table(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     """Yield the grasps of a table, with task and body of a solution file if given."""
     task_solution = None if options.task is None else GraspSolution.load(options.task)
-    grasps = _read_grasps(path, options.friction, None if task_solution is None else stated_body(task_solution))
+    grasps = _read_grasps(
+        path, options.friction, None if task_solution is None else stated_body(task_solution), options.unit
+    )
     for key, grasp in grasps.items():
-        name = path.name if len(grasps) == 1 else f"{path.name}, grasp {key}"
-        yield _with_task(options.task, task_solution, name, grasp)
+        yield _with_task(options.task, task_solution, path.name if len(grasps) == 1 else key, grasp)
 
 
 def _with_task(task: Path | None, task_solution: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
@@ -260,4 +300,4 @@ def _with_task(task: Path | None, task_solution: GraspSolution | None, name: str
 CSV = ExportFormat("csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution))
 
 
-CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read_contacts_table)
+CONTACTS_TABLE = ReadFormat((".csv", ".parquet"), ("friction", "task", "unit"), _read_contacts_table)

@@ -103,15 +103,21 @@ def _joint_positions(hand: URDFHand, positions: Mapping[str, float], name: str) 
     return np.array([positions[joint] for joint in free_joints])
 
 
-def _read_postures(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps of a problem's hand in the postures of an isaac_grasp file."""
+def problem_of_hand(options: ReadOptions) -> GraspProblem:
+    """Return the problem whose hand takes the postures of a file; raise without one."""
     if options.problem is None:
-        raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
-    postures = read_isaac_grasps(path)
+        raise InputError("--problem", "nothing", "the script of a problem whose hand the file's postures are for")
     problem = options.problem()
     if problem.budget.depends_on_frames:
         allowed = "a problem with one of " + ", ".join(frame_independent_names())
         raise InputError("--problem", f"force budget {problem.budget.kind}", allowed)
+    return problem
+
+
+def _read_postures(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+    """Yield the grasps of a problem's hand in the postures of an isaac_grasp file."""
+    postures = read_isaac_grasps(path)
+    problem = problem_of_hand(options)
     for posture in postures:
         yield ReadGrasp(posture.name, grasp_of_posture(problem, posture), problem.task, problem.budget)
 

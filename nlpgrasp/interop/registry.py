@@ -12,6 +12,7 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat,
 from nlpgrasp.interop.benchmark_arrays import DEXGRASPBENCH, NPZ
 from nlpgrasp.interop.contacts_csv import CONTACTS_TABLE, CSV
 from nlpgrasp.interop.glb import GLB
+from nlpgrasp.interop.grasp_arrays import ARRAYS
 from nlpgrasp.interop.hand_postures import POSTURES
 from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
 from nlpgrasp.interop.moveit import MOVEIT
@@ -115,5 +116,5 @@ def reader_of(path: str | Path) -> ReadFormat:
 
 for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH, TRAJECTORY, TRAJECTORY_JSON):
     register(_format)
-for _reader in (SOLUTION, CONTACTS_TABLE, POSTURES):
+for _reader in (SOLUTION, CONTACTS_TABLE, ARRAYS, POSTURES):
     register_reader(_reader)

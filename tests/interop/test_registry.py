@@ -74,6 +74,6 @@ def test_formats_that_are_refused(fields):
 def test_readers_by_ending(box):
     (export_format,) = reader_of("box.JSON").read(FILES / "box.json", None)
     assert (export_format.name, export_format.budget.kind) == (box.name, box.budget.kind)
-    assert reader_of("contacts.CSV").options == ("friction", "task")
+    assert reader_of("contacts.CSV").options == ("friction", "task", "unit")
     assert reader_of("grasps.yml") is reader_of("grasps.yaml")
     assert reader_of("grasps.yml").options == ("problem",)

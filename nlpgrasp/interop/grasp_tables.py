@@ -1,0 +1,135 @@
+"""Stacks of grasps from files of any import format, and from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.validation import array
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop.base import ReadGrasp, ReadOptions
+from nlpgrasp.interop.grasp_arrays import grasps_of_arrays
+from nlpgrasp.interop.registry import reader_of
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.grasp import GraspStack, warn_of_units_and_normals
+
+
+def read_grasps(
+    source: str | Path | Mapping[str, ArrayLike],
+    *,
+    friction: float | None = None,
+    unit: str = "m",
+    torque_origin: ArrayLike | None = None,
+    problem: GraspProblem | None = None,
+) -> GraspStack:
+    """Return the grasps of a file or of arrays as a stack, with their ids.
+
+    Parameters
+    ----------
+    source : str, Path, or mapping of str to (b, ...) array
+        A table of contacts (``.csv``, ``.parquet``; the column ``grasp`` numbers or names the grasps), arrays
+        (``.npz``, a record of a benchmark in ``.npy``, or a mapping): ``points`` and ``normals``, (b, k, 3),
+        optionally ``ids``, ``friction`` and ``torsional_friction``; postures of a hand (isaac_grasp ``.yaml``,
+        ``grasp_qpos`` in ``.npy``); or a solution.
+    friction : float, optional
+        Of contacts that state none; by default they are frictionless, with a warning.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Unit of the points in tables and arrays.
+    torque_origin : (space,) array, optional
+        Reference point of moments, metres; by default that of the problem or solution, or the frame's origin.
+    problem : GraspProblem, optional
+        With the body and the hand that postures are for.
+
+    Returns
+    -------
+    GraspStack
+        b grasps in the order of the source.
+
+    Raises
+    ------
+    InputError
+        On a file without such columns or arrays, normals that are not unit vectors within 1 %, ids that are repeated,
+        and grasps of different contacts: ``read_grasp_stacks`` returns a stack for each kind.
+
+    Warns
+    -----
+    UserWarning
+        On contacts assumed frictionless, points that seem not to be in metres, and normals that seem to point outwards.
+    """
+    stacks = read_grasp_stacks(source, friction=friction, unit=unit, torque_origin=torque_origin, problem=problem)
+    if len(stacks) > 1:
+        numbers = sorted({len(stack.contacts) for stack in stacks})
+        kinds = f"{numbers[0]} to {numbers[-1]} contacts" if len(numbers) > 1 else "contacts of several models"
+        allowed = "grasps of the same contacts; nlpgrasp.interop.read_grasp_stacks returns a stack for each kind"
+        raise InputError(_name(source), f"grasps of {kinds}", allowed)
+    return stacks[0]
+
+
+def read_grasp_stacks(
+    source: str | Path | Mapping[str, ArrayLike],
+    *,
+    friction: float | None = None,
+    unit: str = "m",
+    torque_origin: ArrayLike | None = None,
+    problem: GraspProblem | None = None,
+) -> tuple[GraspStack, ...]:
+    """Return the grasps of a file or of arrays, a stack for each number and kind of contacts.
+
+    Parameters are those of ``read_grasps``; ``ng.measure`` takes the result.
+    """
+    options = ReadOptions(friction, None, None if problem is None else lambda: problem, unit)
+    if isinstance(source, Mapping):
+        grasps = list(grasps_of_arrays("arrays", source, options))
+    else:
+        reader = reader_of(source)
+        for option, value in {"friction": friction, "problem": problem, "unit": unit}.items():
+            if value not in (None, "m") and option not in reader.options:
+                raise InputError(option, value, f"another kind of file than {_name(source)} with it")
+        grasps = list(reader.read(Path(source), options))
+    return stack_grasps(_name(source), grasps, torque_origin)
+
+
+def stack_grasps(
+    name: str, grasps: Sequence[ReadGrasp], torque_origin: ArrayLike | None = None
+) -> tuple[GraspStack, ...]:
+    """Return stacks of grasps with the same contact models, in the order of their first grasps.
+
+    Parameters
+    ----------
+    name : str
+        Of the source, for messages.
+    grasps : sequence of ReadGrasp
+    torque_origin : (space,) array, optional
+        By default that of grasps with a task, else the frame's origin.
+    """
+    if not grasps:
+        raise InputError(name, "no grasp", "one or more")
+    ids = [read.name for read in grasps]
+    if len(set(ids)) < len(ids):
+        repeated = next(i for i, name_of in enumerate(ids) if name_of in ids[:i])
+        raise InputError(f"{name}: ids", f"{ids[repeated]!r} twice", "a name of its own for each grasp")
+    spaces = {read.grasp.space for read in grasps}
+    if len(spaces) > 1:
+        raise InputError(name, "grasps in the plane and in space", "one of them")
+    first = grasps[0]
+    origin = first.grasp.torque_origin if first.task is not None else np.zeros(first.grasp.space)
+    if torque_origin is not None:
+        origin = array("torque_origin", torque_origin, (first.grasp.space,))
+    groups: dict[tuple[ContactModel, ...], list[ReadGrasp]] = {}
+    for read in grasps:
+        groups.setdefault(read.grasp.contacts, []).append(read)
+    stacks = []
+    for models, members in groups.items():
+        points, normals = (np.stack([getattr(m.grasp, field) for m in members]) for field in ("points", "normals"))
+        warn_of_units_and_normals(name, points, normals)
+        stacks.append(GraspStack(points, normals, models, origin, [member.name for member in members]))
+    return tuple(stacks)
+
+
+def _name(source: str | Path | Mapping[str, ArrayLike]) -> str:
+    """Return the name of a source, for messages."""
+    return "arrays" if isinstance(source, Mapping) else Path(source).name

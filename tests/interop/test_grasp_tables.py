@@ -1,0 +1,280 @@
+"""Tables of grasps: read from files and arrays, measured, and by the command line."""
+
+import csv
+import io
+import json
+import pickle
+import sys
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.interop import read_grasp_stacks
+from nlpgrasp.quality.measure_table import measure_columns
+from tests.cli.test_cli import refused, run_here
+from tests.samples import closed_ellipsoid_grasp
+
+BALL = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+LIFT = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0, 0, 2, 0, 0, 0])
+
+
+@pytest.fixture
+def arrays(rng):
+    """Six grasps of four contacts on an ellipsoid of centimetres."""
+    grasps = [closed_ellipsoid_grasp(rng, 4) for _ in range(6)]
+    return {
+        "points": 0.02 * np.stack([g.points for g in grasps]),
+        "normals": np.stack([g.normals for g in grasps]),
+        "ids": np.array([f"g{i}" for i in range(6)]),
+    }
+
+
+def table_text(arrays, drop=None, counts=(4,) * 6, factor=1.0):
+    rows = ["grasp,p_x,p_y,p_z,n_x,n_y,n_z"]
+    for i, name in enumerate(arrays["ids"]):
+        for p, n in zip(arrays["points"][i, : counts[i]], arrays["normals"][i, : counts[i]], strict=True):
+            rows.append(",".join([str(name), *(repr(float(v)) for v in (*(factor * p), *n))]))
+    if drop is not None:
+        at = rows[0].split(",").index(drop)
+        rows = [",".join(c for j, c in enumerate(row.split(",")) if j != at) for row in rows]
+    return "\n".join(rows) + "\n"
+
+
+def same(stack, arrays):
+    np.testing.assert_allclose(stack.points, arrays["points"], rtol=1e-14)
+    np.testing.assert_allclose(stack.normals, arrays["normals"], rtol=1e-12)
+    assert stack.ids == tuple(map(str, arrays["ids"]))
+    assert stack.contacts == (ng.FrictionContact(0.5),) * 4
+    assert stack.torque_origin.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_every_kind_of_table_gives_the_same_stack(arrays, tmp_path):
+    import pandas as pd
+
+    (tmp_path / "a.csv").write_text(table_text(arrays))
+    pd.read_csv(tmp_path / "a.csv").to_parquet(tmp_path / "a.parquet")
+    np.savez(tmp_path / "a.npz", **arrays, friction=0.5)
+    record = {"contact_points": arrays["points"], "contact_normals": arrays["normals"], "ids": arrays["ids"]}
+    np.save(tmp_path / "a.npy", np.array(record, dtype=object), allow_pickle=True)
+    same(ng.read_grasps(tmp_path / "a.csv", friction=0.5), arrays)
+    same(ng.read_grasps(tmp_path / "a.parquet", friction=0.5), arrays)
+    same(ng.read_grasps(tmp_path / "a.npz"), arrays)
+    same(ng.read_grasps(tmp_path / "a.npy", friction=0.5), arrays)
+    same(ng.read_grasps(arrays, friction=0.5), arrays)
+    (tmp_path / "mm.csv").write_text(table_text(arrays, factor=1000.0))
+    stack = ng.read_grasps(tmp_path / "mm.csv", friction=0.5, unit="mm")
+    np.testing.assert_allclose(stack.points, arrays["points"], rtol=1e-12)
+
+
+def test_friction_of_arrays_is_one_number_or_one_for_each_contact(arrays):
+    assert ng.read_grasps(arrays | {"friction": [0.2, 0.3, 0.4, 0.5]}).contacts[2] == ng.FrictionContact(0.4)
+    soft = ng.read_grasps(arrays | {"friction": 0.5, "torsional_friction": 0.01})
+    assert soft.contacts[0] == ng.SoftContact(0.5, 0.01)
+    each = read_grasp_stacks(arrays | {"friction": np.repeat([0.3, 0.5], [8, 16]).reshape(6, 4)})
+    assert [len(stack) for stack in each] == [2, 4]
+    with pytest.raises(ng.InputError, match=r"arrays: friction: got shape \(3,\), expected one number"):
+        ng.read_grasps(arrays | {"friction": [0.2, 0.3, 0.4]})
+
+
+def test_mixed_numbers_of_contacts_are_a_stack_for_each(arrays, tmp_path):
+    counts = (4, 3, 4, 3, 4, 4)
+    (tmp_path / "a.csv").write_text(table_text(arrays, counts=counts))
+    with pytest.raises(ng.InputError, match=r"a.csv: got grasps of 3 to 4 contacts, expected .*read_grasp_stacks"):
+        ng.read_grasps(tmp_path / "a.csv", friction=0.5)
+    padded = {**arrays, **{key: arrays[key].copy() for key in ("points", "normals")}}
+    for key in ("points", "normals"):
+        padded[key][[1, 3], 3] = np.nan
+    for source in (tmp_path / "a.csv", padded):
+        stacks = read_grasp_stacks(source, friction=0.5)
+        assert [stack.ids for stack in stacks] == [("g0", "g2", "g4", "g5"), ("g1", "g3")]
+        table = ng.measure(stacks, measures=("delta",))
+        assert table["contacts"].tolist() == [4, 4, 4, 4, 3, 3]
+        assert table["torque_scale"].nunique() == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"normals": None}, "expected an array normals"),
+        ({"points": np.zeros((6, 3, 3))}, r"arrays: normals: got shape \(6, 4, 3\), expected shape \(6, 3, 3\)"),
+        ({"normals": np.zeros((6, 4, 3))}, "grasp g0, contact 0: got a normal of length 0"),
+        ({"ids": ["a"] * 6}, "arrays: ids: got 'a' twice"),
+        ({"points": np.full((6, 4, 3), "x")}, "no numbers of one shape"),
+    ],
+)
+def test_bad_arrays_are_refused(arrays, change, message):
+    with pytest.raises(ng.InputError, match=message):
+        ng.read_grasps({k: v for k, v in (arrays | change).items() if v is not None}, friction=0.5)
+
+
+def test_what_is_suspicious_is_noticed(arrays):
+    with pytest.warns(UserWarning, match="in metres, not millimetres"):
+        ng.read_grasps(arrays | {"points": 1000 * arrays["points"]}, friction=0.5)
+    mixed = arrays["points"] * np.where(np.arange(6) == 2, 1000, 1)[:, None, None]
+    with pytest.warns(UserWarning, match="units seem to be mixed, in 1 of 6 grasps"):
+        ng.read_grasps(arrays | {"points": mixed}, friction=0.5)
+    with pytest.warns(UserWarning, match="arrays: no friction stated: taken to be frictionless"):
+        ng.read_grasps(arrays)
+
+
+class Harmful:
+    """Writes a file where it is unpickled without care."""
+
+    def __reduce__(self):
+        return open, ("harm.txt", "w")
+
+
+def test_a_record_is_read_without_executing_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.save(tmp_path / "a.npy", np.array({"points": Harmful()}, dtype=object), allow_pickle=True)
+    with pytest.raises(ng.InputError, match=r"a.npy: got no arrays \(it refers to .*open\)"):
+        ng.read_grasps(tmp_path / "a.npy")
+    assert not (tmp_path / "harm.txt").exists()
+    (tmp_path / "b.npy").write_bytes(pickle.dumps({}))
+    np.save(tmp_path / "c.npy", np.zeros((3, 4, 3)))
+    for name, message in {"b": "no arrays", "c": "an array without names", "d": "that exists"}.items():
+        with pytest.raises(ng.InputError, match=message):
+            ng.read_grasps(tmp_path / f"{name}.npy")
+
+
+def test_a_table_has_the_numbers_of_single_calls(arrays):
+    stack, tasks = ng.read_grasps(arrays, friction=0.5), {"ball": BALL, "lift": LIFT}
+    names = ("mu", "delta", "epsilon", "ferrari_canny", "isotropy")
+    table = ng.measure(stack, tasks, names, friction=[0.4, 0.6], torque_scale=0.03)
+    assert len(table) == 6 * 2 * 2
+    assert set(table["torque_scale"]) == {0.03}
+    for row in table.to_dict("records"):
+        grasp = stack[stack.ids.index(row["id"])]
+        grasp = ng.Grasp(grasp.points, grasp.normals, ng.FrictionContact(row["friction"]))
+        single = {
+            "mu": ng.mu(grasp, tasks[row["task"]], 0.05),
+            "delta": ng.delta(grasp, 0.03, 0.05),
+            "epsilon": ng.delta(grasp, 0.03, 0.05, force_budget="shared"),
+        }
+        for name, bounds in single.items():
+            assert row[f"{name}_lower"] <= bounds.upper * (1 + 1e-9)
+            assert bounds.lower <= row[f"{name}_upper"] * (1 + 1e-9)
+        assert row["ferrari_canny"] == ng.ferrari_canny(grasp, torque_scale=0.03)
+        assert row["ferrari_canny"] <= row["epsilon_upper"]
+        assert row["isotropy"] == pytest.approx(ng.isotropy(grasp, 0.03))
+        assert row["mu_flag"] == ("cannot exert the task" if row["mu_upper"] == 0.0 else "")
+
+
+def test_one_torque_scale_is_stated_for_the_whole_table(arrays):
+    stack = ng.read_grasps(arrays, friction=0.5)
+    table = ng.measure(stack, measures="delta")
+    arm = np.sqrt(np.mean(np.sum(stack.points**2, axis=2)))
+    np.testing.assert_allclose(table["torque_scale"], arm)
+    assert "torque_scale" not in ng.measure(stack, BALL, "mu")
+
+
+def test_wrong_arguments_of_a_table(arrays):
+    stack = ng.read_grasps(arrays, friction=0.5)
+    moved = ng.GraspStack(stack.points, stack.normals, stack.contacts, [0.1, 0, 0])
+    for call, message in {
+        lambda: ng.measure(stack): "a task for mu",
+        lambda: ng.measure(stack, BALL, ("mu", "epsilom")): "measures: got epsilom, expected some of .*epsilon",
+        lambda: ng.measure(stack, BALL, friction=-1.0): "friction: got -1",
+        lambda: ng.measure([stack, moved], BALL): "stacks about one torque origin",
+        lambda: ng.measure(stack.with_contacts(ng.BilateralContact(ng.PointContact())), BALL, friction=1.0): "friction",
+        lambda: ng.measure(stack[0], BALL): "a GraspStack",
+    }.items():
+        with pytest.raises(ng.InputError, match=message):
+            call()
+
+
+def test_without_pandas_the_table_is_columns(arrays, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    table = ng.measure(ng.read_grasps(arrays, friction=0.5), BALL, ("mu",))
+    assert isinstance(table, ng.Columns)
+    assert len(table.rows()) == 6
+    text = table.to_csv(tmp_path / "a.csv")
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert float(rows[3]["mu_lower"]) == table["mu_lower"][3]
+    assert repr(table).startswith("Columns(6 rows: id, contacts, friction, task, mu_lower")
+
+
+def test_a_grasp_that_cannot_be_measured_is_nan_with_its_reason(arrays, monkeypatch):
+    from nlpgrasp.quality import measure_table
+
+    def failing(grasp, task, settings):
+        if isinstance(grasp, ng.GraspStack) or grasp.points[0, 0] == arrays["points"][2, 0, 0]:
+            raise ng.NlpgraspError("the hull cannot be built")
+        return 1.0
+
+    broken = measure_table._Measure(failing, is_certified=False)
+    monkeypatch.setitem(measure_table.MEASURES, "broken", broken)
+    table = measure_columns(ng.read_grasps(arrays, friction=0.5), None, "broken", None, None, "l2", 0.05)
+    assert table["broken_flag"].tolist() == ["", "", "the hull cannot be built", "", "", ""]
+    assert np.isnan(table["broken"]).tolist() == [False, False, True, False, False, False]
+
+
+def test_the_command_writes_one_table(arrays, tmp_path):
+    (tmp_path / "grasps.csv").write_text(table_text(arrays))
+    line = ["quality", "grasps.csv", "--friction", "0.5", "--friction", "0.8", "--task", "any small disturbance"]
+    result = run_here(*line, "--task", "peg in hole", "--measures", "mu,epsilon", "--out", "t.csv", cwd=tmp_path)
+    assert result.stdout == "written to t.csv: 24 rows\n", result.stderr
+    assert result.stderr.count("torque scale 0.0") == 1
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "t.csv").read_text())))
+    assert {(r["task"], r["friction"]) for r in rows} == {
+        (task, friction) for task in ("any small disturbance", "peg in hole") for friction in ("0.5", "0.8")
+    }
+    assert len({r["torque_scale"] for r in rows}) == 1
+    result = run_here("quality", "grasps.csv", "--friction", "0.5", "--json", cwd=tmp_path)
+    lines = [json.loads(text) for text in result.stdout.splitlines()]
+    assert [line["id"] for line in lines] == [f"g{i}" for i in range(6)]
+    assert all(line["delta_lower"] <= line["delta_upper"] for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("drop", "options", "message"),
+    [
+        ("n_z", [], "header: got no column n_z"),
+        (None, ["--measures", "mu"], "task: got None, expected a task for mu"),
+        (None, ["--measures", "epsilom"], "measures: got epsilom"),
+        (None, ["--task", "peg in a hole"], "peg in hole"),
+        (None, ["--unit", "km"], "unit: got km, expected one of m, dm, cm, mm, in, ft"),
+        (None, ["--out", "none/table.csv"], "a file in a folder that exists"),
+    ],
+)
+def test_wrong_use_of_a_table_is_one_line(arrays, tmp_path, drop, options, message):
+    (tmp_path / "grasps.csv").write_text(table_text(arrays, drop))
+    assert message in refused(run_here("quality", "grasps.csv", "--friction", "0.5", *options, cwd=tmp_path))
+
+
+def test_coefficients_of_a_table_that_states_its_own_are_refused(arrays, tmp_path):
+    np.savez(tmp_path / "a.npz", **arrays, friction=0.5)
+    line = refused(run_here("quality", "a.npz", "--friction", "0.4", "--friction", "0.6", cwd=tmp_path))
+    assert "--friction: got 2 coefficients, expected none" in line
+
+
+def test_a_table_has_a_limit(arrays, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["nlpgrasp.interop.contacts_csv"], "MOST_ROWS", 20)
+    (tmp_path / "a.csv").write_text(table_text(arrays))
+    with pytest.raises(ng.InputError, match=r"a.csv: got 24 contacts, expected at most 20"):
+        ng.read_grasps(tmp_path / "a.csv", friction=0.5)
+
+
+SCRIPT = """
+import nlpgrasp as ng
+
+def problem():
+    task = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0, 0, 2, 0, 0, 0])
+    body = ng.Ellipsoid([0.04, 0.02, 0.02])
+    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 4, task, force_budget="per_finger")
+"""
+
+
+def test_a_script_states_task_and_force_budget_of_a_page_and_of_a_table(arrays, tmp_path):
+    (tmp_path / "lift.py").write_text(SCRIPT)
+    one = {key: arrays[key][:1] for key in arrays}
+    np.savez(tmp_path / "one.npz", **one, friction=0.5)
+    page = run_here("quality", "one.npz", "--task", "lift.py", cwd=tmp_path).stdout
+    assert "4 contacts, force budget per_finger" in page
+    result = run_here("quality", "one.npz", "--task", "lift.py", "--measures", "mu", "--json", cwd=tmp_path)
+    row = json.loads(result.stdout)
+    expected = ng.mu(ng.read_grasps(tmp_path / "one.npz")[0], LIFT, 0.05, force_budget="per_finger")
+    assert row["task"] == "lift"
+    assert row["mu_lower"] <= expected.upper
+    assert expected.lower <= row["mu_upper"]
