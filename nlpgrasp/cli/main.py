@@ -255,10 +255,16 @@ def verify_command(
     rtol: Rtol = 0.01,
     folder: Folders = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when any check could not be made.")] = False,
+    script: Annotated[
+        Path | None, typer.Option("--script", metavar="SCRIPT", help="Problem script with the function of a TaskSet.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate."""
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
+        problem = None if script is None else load_problem(script)
     verification = ng.verify(file, rtol, folder or ())
+    del problem  # the file's task finds its function while the problem is there
     if as_json:
         checks = [asdict(check) for check in verification.checks]
         mu_pair = None if verification.mu is None else bounds_pair(verification.mu)

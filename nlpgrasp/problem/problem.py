@@ -31,6 +31,7 @@ from nlpgrasp.problem.checks import (
 )
 from nlpgrasp.problem.description import DisplayedProblem
 from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
 MOST_CONTACTS = 32  # largest number of contacts
 # default margin of contacts from sharp edges
@@ -262,13 +263,16 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
     Raises
     ------
     InputError
-        When the data are incomplete: a mesh without ``body``, an implicit body, or a region or constraint given by an
-        expression.
+        When the data are incomplete: a mesh without ``body``, an implicit body, a region or constraint given by an
+        expression, or a task whose support function this process does not have.
     """
+    task = task_from_dict(data["task"])
+    if is_sampled(task):
+        raise InputError("problem.task", task, MISSING)
     return GraspProblem(
         body_from_dict(data["body"]) if body is None else body,
         [_read_contact(contact) for contact in data["contacts"]],
-        task_from_dict(data["task"]),
+        task,
         constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
         force_budget=budget_from_dict(data["force_budget"]),
         torque_origin=torque_origin,

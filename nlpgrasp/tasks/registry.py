@@ -7,6 +7,7 @@ from typing import TypeVar
 from nlpgrasp.tasks.base import TASKS, Task, TaskSum
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.task_polytope import TaskPolytope
+from nlpgrasp.tasks.task_set import TaskSet
 
 Kind = TypeVar("Kind", bound=Task)
 
@@ -30,4 +31,5 @@ def register(task: type[Kind]) -> type[Kind]:
 
 register(TaskEllipsoid)
 register(TaskPolytope)
+register(TaskSet)
 register(TaskSum)

@@ -11,6 +11,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_bodies import FacedSurface, SmoothSurface
@@ -32,6 +33,8 @@ def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBod
     kkt = solution.kkt
     if kkt is None:
         return []
+    if is_sampled(solution.task):
+        return [Check.not_made("local optimum", MISSING)]
     errors = [*_weight_errors(solution, grasp, kkt)]
     if not errors and kkt.is_small and surface is not None:
         errors += [*_contact_errors(solution, grasp, kkt, surface, size)]

@@ -17,6 +17,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution, require_solution
+from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.bound.bound_checks import global_bound_checks, read_bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, broken_data_message, guard
 from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
@@ -105,26 +106,35 @@ def _verify_kept_grasp(rtol: float, sources: SourceFolders, solution: GraspSolut
 
 
 def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
-    """Return the recomputed quality, and the separate checks of the claims about it."""
+    """Return the recomputed quality, and the separate checks of the claims about it.
+
+    A task whose function this process does not have leaves the quality None, and its checks not made.
+    """
     task, budget = solution.task, solution.budget
     try:
-        quality = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
+        quality = None if is_sampled(task) else mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
         force_set = budget.at(grasp.frames, grasp.contacts)
     except BROKEN as error:
         return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {
         "grasp map": lambda: [grasp_map_check(grasp)],
-        "certified quality": lambda: [
-            interval_check(solution.mu),
-            overlap_check("certified quality", solution.mu, quality),
-        ],
-        "width": lambda: mu_width_checks(solution, quality),
-        "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
+        "interval": lambda: [interval_check(solution.mu)],
+    }
+    if quality is None:
+        names = ("certified quality", "worst direction, forces needed, robustness, bound")
+        parts["certified quality"] = lambda: [Check.not_made(name, MISSING) for name in names]
+    else:
+        parts |= {
+            "certified quality": lambda: [overlap_check("certified quality", solution.mu, quality)],
+            "width": lambda: mu_width_checks(solution, quality),
+            "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
+            "wrenches": lambda: wrench_checks(solution, grasp, task),
+            "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
+            "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),
+        }
+    parts |= {
         "forces": lambda: force_checks(solution, grasp, force_set),
-        "wrenches": lambda: wrench_checks(solution, grasp, task),
-        "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
         "delta and nu": lambda: check_other_measures(solution, grasp, budget, rtol),
-        "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),
         "contact models": lambda: model_checks(solution, grasp, task),
     }
     return quality, [check for name, checks in parts.items() for check in guard(name, checks)]

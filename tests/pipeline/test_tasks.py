@@ -1,7 +1,12 @@
 """Solves with every kind of task; statements of the paper on the ready problems."""
 
+import subprocess
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 import nlpgrasp as ng
 from problems import pencil, tea_cup
@@ -26,6 +31,11 @@ def problem(task):
     return ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), [ng.FrictionContact(0.6)] * 4, task, torque_origin=[0, 0, 0])
 
 
+def planar(fingers, task):
+    square = ng.Polygon([[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]])
+    return ng.GraspProblem(square, [ng.FrictionContact(0.5)] * fingers, task)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, tmp_path):
@@ -48,9 +58,59 @@ def test_a_polytope_and_its_ellipsoid_agree():
     assert ng.mu(outer.grasp, (6**-0.5) * BALL).lower >= ng.mu(outer.grasp, ends).lower * 0.98
 
 
-def test_a_task_without_a_json_form_is_refused_before_anything_is_solved():
-    with pytest.raises(ng.InputError, match="a task with a JSON form"):
-        ng.solve(problem(ng.TaskSet(BALL.support)), 1)
+@pytest.mark.parametrize("as_set", [False, True])
+def test_two_fingers_on_a_square_for_a_square_of_forces(as_set):
+    """Opposite contacts exert (1, 1) least with normal forces 2 and 1 and tangents 1/2 each: mu is 5.5^-1/2."""
+    square = ng.TaskPolytope([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    task = ng.TaskSet(lambda y: np.abs(y[:, :2]).sum(axis=1), 3) if as_set else square
+    solution = ng.solve(planar(2, task), 2, options=FAST)
+    assert solution.mu.lower <= 5.5**-0.5 <= solution.mu.upper * (1 + 1e-9)
+    assert solution.gap <= 0.03
+    np.testing.assert_allclose(solution.grasp.points[0], -solution.grasp.points[1], atol=1e-6)
+    assert ng.verify(solution).complete
+
+
+@pytest.mark.slow
+def test_a_box_of_wrenches_against_linear_programs_of_its_vertices():
+    """The shared budget's wrench set is a polytope in the plane: a linear program a vertex gives mu."""
+    half = np.array([1, 0.5, 0.02])
+    task = ng.TaskSet(lambda y: np.abs(y) @ half, 3)
+    solution = ng.solve(replace(planar(3, task), force_budget="shared"), 1, options=FAST)
+    corners = half * np.array(np.meshgrid(*[[1, -1]] * 3)).reshape(3, -1).T
+    edges = solution.grasp.G @ np.kron(np.eye(3), [[1, 1], [0.5, -0.5]])
+    least = [linprog(np.ones(6), A_eq=edges, b_eq=corner).fun for corner in corners]
+    assert solution.mu.lower <= 1.0 / max(least) <= solution.mu.upper * (1 + 1e-9)
+    assert ng.verify(solution).complete
+
+
+@pytest.mark.slow
+def test_an_ellipsoid_by_its_support_function_has_the_same_best_grasp():
+    ellipsoid = ng.TaskEllipsoid([1, 0.5, 0.02], center=[0, 0.3, 0])
+    narrow = ng.SolveOptions(workers=1, final_rtol=1e-6)
+    exact = ng.solve(planar(3, ellipsoid), 2, options=narrow).mu
+    found = ng.solve(planar(3, ng.TaskSet(lambda y: ellipsoid.support(y)[0], 3)), 2, options=narrow).mu
+    assert found.lower <= exact.upper * (1 + 1e-6)
+    assert exact.lower <= found.upper * (1 + 1e-6)
+
+
+@pytest.mark.slow
+def test_a_set_is_solved_and_verified_where_its_function_is(tmp_path):
+    """With worker processes, prices and a bound; without the function the file is verified in part, and says so."""
+    task = ng.TaskSet(lambda y: np.abs(y) @ [1, 1, 2, 0.05, 0.05, 0.05])
+    options = ng.SolveOptions(workers=2, rtol=0.05, final_rtol=0.02, analyses=("prices",))
+    solution = ng.solve(problem(task), 2, options=options)
+    assert solution.prices
+    assert solution.gap <= 0.05
+    bound = ng.best_possible(problem(task), time_limit=1.0)
+    files = solution.save(tmp_path / "set.json"), bound.save(tmp_path / "bound.json")
+    assert [ng.verify(file).complete and bool(ng.verify(file)) for file in files] == [True, True]
+    script = "import sys, nlpgrasp as ng\nfor file in sys.argv[1:]: print(ng.verify(file).verdict)"
+    run = subprocess.run([sys.executable, "-c", script, *files], capture_output=True, text=True, check=True)
+    solved, bounded = run.stdout.splitlines()
+    assert solved.startswith("partly verified: ")
+    assert "the task is a function" in solved
+    assert bounded.startswith("NOT verified: ")
+    assert "the hull of 60 wrenches is taken for the task" in run.stderr
 
 
 @pytest.mark.slow

@@ -1,10 +1,15 @@
 """Tasks given by support functions, mu_1 and the constants of (3.3-8)."""
 
+import gc
+import json
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
+from nlpgrasp.tasks import task_from_dict
 from tests.samples import closed_ellipsoid_grasp, random_rotation
 
 
@@ -107,6 +112,42 @@ def test_constants_where_the_origin_is_outside():
     assert ng.equivalence_constants(flat) == (0.0, float("inf"))
 
 
+def test_maximisers_by_differences_are_in_the_set_at_kinks():
+    """Along e_4 a simplex is attained by a face, of which central differences give a point outside."""
+    corners = np.concatenate([np.zeros((1, 6)), np.eye(6)])
+    simplex = ng.TaskSet(lambda y: np.max(y @ corners.T, axis=1))
+    values, maximisers = simplex.support(-np.eye(6))
+    assert np.max(np.abs(values)) == 0.0
+    assert np.min(maximisers) >= -1e-6
+    assert np.max(maximisers.sum(axis=1)) <= 1.0 + 1e-6
+
+
+def test_a_file_finds_the_function_of_this_process(rng):
+    """Moved about another point it is the same set again, to rounding; without the function, a warning and a hull."""
+    half = rng.uniform(0.5, 1.0, 6)
+    box = ng.TaskSet(box_support(half))
+    moved, y = box.given_about([0, 0, 0]).at([0.1, 0.0, -0.2]), rng.standard_normal((50, 6))
+    data = json.loads(json.dumps((moved + ng.TaskEllipsoid([1.0] * 6).given_about([0.1, 0.0, -0.2])).to_dict()))
+    read = task_from_dict(data)
+    np.testing.assert_allclose(read.support(y)[0], moved.support(y)[0] + np.linalg.norm(y, axis=1), rtol=1e-12)
+    stored = json.loads(json.dumps(box.to_dict()))
+    sent = deepcopy(box)  # as by pickle
+    del box, moved, read
+    assert task_from_dict(stored).support(y)[0] == pytest.approx(sent.support(y)[0])
+    del sent
+    gc.collect()
+    with pytest.warns(UserWarning, match="the hull of 60 wrenches is taken for the task"):
+        hull = task_from_dict(stored)
+    assert hull.is_sampled
+    assert hull.to_dict() == stored
+    assert "hull of 60 wrenches" in repr(hull)
+    exact = np.abs(y) @ half
+    assert np.all(hull.support(y)[0] <= exact * (1.0 + 1e-12))
+    assert np.all(hull.support(y)[0] >= 0.5 * exact)
+    with pytest.raises(ng.InputError, match="directions, then their opposites"):
+        task_from_dict({**stored, "directions": [[1.0] * 6] * 60})
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -116,7 +157,12 @@ def test_constants_where_the_origin_is_outside():
         (lambda: ng.TaskSet(lambda y: np.sum(y**2, axis=1)), "positively homogeneous"),
         (lambda: ng.TaskSet(lambda y: np.full(len(y), np.nan)), "not finite"),
         (lambda: ng.TaskSet(box_support(np.ones(6)), dimension=7), "dimension"),
-        (lambda: ng.TaskSet(box_support(np.ones(6))).to_dict(), "JSON form"),
+        (lambda: ng.TaskSet(lambda y: np.where(y[:, 0] > 0.0, np.inf, 0.0)), "a bounded set of wrenches"),
+        (
+            lambda: ng.TaskSet(lambda y: (np.linalg.norm(y, axis=1), 2.0 * y)),
+            "a convex function, with maximisers in its set",
+        ),
+        (lambda: ng.TaskSet(lambda y: np.abs(y[:, 0]) - 0.2 * np.abs(y[:, 1])), "a convex function"),
         (
             lambda: ng.mu_1(ng.Grasp([[0, 0]], [[0, 1.0]], ng.PointContact()), ng.TaskEllipsoid([1.0] * 6), [0] * 3),
             "task",
