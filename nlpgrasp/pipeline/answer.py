@@ -26,6 +26,7 @@ from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt, best_of
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.least_friction import can_press
 from nlpgrasp.solution.analysis_records import WhyNot
 from nlpgrasp.solution.quality_record import GlobalBound
@@ -217,6 +218,7 @@ def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
         faces=on_body.candidate.faces,
         mu=certified,
         kind=problem.task.measure,
+        delta=delta_of(problem, certified),
         forces=exerted.forces,
         moments=exerted.moments,
         needed=exerted.needed,
@@ -233,6 +235,13 @@ def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
     squeezed = add_squeeze(solution, problem.hand)
     search.clock.mark("squeeze")
     return squeezed
+
+
+def delta_of(problem: GraspProblem, certified: Bounds) -> Bounds | None:
+    """Return delta of a grasp for the objective delta, whose mu it is; None for other objectives."""
+    if problem.objective != "delta":
+        return None
+    return replace(certified, torque_scale=problem.torque_scale, kind="delta", task_beta=None)
 
 
 def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:

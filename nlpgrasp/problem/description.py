@@ -115,6 +115,14 @@ class ProblemView(Protocol):
     def max_force(self) -> float | None:
         """Limit of each finger's force, newtons."""
 
+    @property
+    def objective(self) -> str:
+        """What a solve maximises."""
+
+    @property
+    def torque_scale(self) -> float | None:
+        """Length by which torques count as forces in the objective delta, metres."""
+
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return the names of a contact's allowed faces."""
 
@@ -128,7 +136,7 @@ def describe_problem(problem: ProblemView) -> list[DescribedPart]:
             "Body", f"{'' if problem.body.tight else 'within '}{extents} mm", (_shorten_text(repr(problem.body)),)
         ),
         DescribedPart("Contacts", str(len(problem.models)), tuple(_describe_contacts(problem))),
-        DescribedPart("Task", f"exert {task_range(problem)}", (_describe_torque_origin(problem),)),
+        _describe_task(problem),
         _describe_hand(problem),
         DescribedPart("Constraints", str(len(constraints) or "none"), constraints),
         _describe_edge_margin(problem),
@@ -148,6 +156,15 @@ class DescribedPart(NamedTuple):
         if len(self.notes) <= 1:
             return [f"{self.title.lower()}: {'; '.join([self.value, *self.notes])}"]
         return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
+
+
+def _describe_task(problem: ProblemView) -> DescribedPart:
+    """Return the task, or that of the objective delta, as text."""
+    note = (_describe_torque_origin(problem),)
+    if problem.objective == "delta":
+        scale = format_number(problem.torque_scale or 0.0)
+        return DescribedPart("Objective", f"delta: mu of the unit ball of wrenches, torque scale {scale} m", note)
+    return DescribedPart("Task", f"exert {task_range(problem)}", note)
 
 
 def task_range(problem: ProblemView) -> str:

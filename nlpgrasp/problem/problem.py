@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,9 +31,12 @@ from nlpgrasp.problem.checks import (
     warn_of_surroundings,
 )
 from nlpgrasp.problem.description import DisplayedProblem
+from nlpgrasp.quality.measures import is_unit_ball, unit_ball
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
+OBJECTIVES = ("mu", "delta")
+NO_TASK = cast("Task", None)  # of a problem whose objective states its task
 MOST_CONTACTS = 32  # largest number of contacts
 # default margin of contacts from sharp edges
 MARGIN_SHARE = 0.05  # of the body's shortest extent, without fingertip radii
@@ -54,6 +58,7 @@ class GraspProblem(DisplayedProblem):
         One per finger; a single model is used for every fingertip of ``hand`` and invalid without one.
     task : Task
         Wrenches to exert, body frame; about ``torque_origin``, or about the task's own reference point if it has one.
+        Left out for the objective ``"delta"``.
     hand : Hand, optional
         By default free point fingertips. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
@@ -73,6 +78,11 @@ class GraspProblem(DisplayedProblem):
     max_force : float, optional
         Limit of each finger's force, newtons: the solution states whether the given task stays within it. It does not
         affect the search.
+    objective : {"mu", "delta"}
+        What a solve maximises: mu of the task, or delta (3.1-1b), which is mu of the unit ball of wrenches.
+    torque_scale : float, optional
+        For delta, metres: a torque counts as the force ``torque / torque_scale``. By default half the diagonal of the
+        body's bounding box.
 
     Attributes
     ----------
@@ -94,7 +104,7 @@ class GraspProblem(DisplayedProblem):
 
     body: Body
     contacts: Sequence[ContactModel] | ContactModel
-    task: Task
+    task: Task = NO_TASK
     hand: Hand | None = None
     constraints: Sequence[PlacementConstraint] = ()
     force_budget: str | ForceBudget = "l2"
@@ -102,6 +112,8 @@ class GraspProblem(DisplayedProblem):
     name: str = "grasp"
     edge_margin: float | None = None
     max_force: float | None = None
+    objective: str = "mu"
+    torque_scale: float | None = None
     margin: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
@@ -109,6 +121,7 @@ class GraspProblem(DisplayedProblem):
             raise InputError("GraspProblem.body", self.body, body_advice(self.body))
         check_size(self.body)
         self._set_contacts()
+        self._set_objective()
         if not isinstance(self.task, Task):
             raise InputError("GraspProblem.task", self.task, task_advice(self.task))
         self._check_dimension()
@@ -139,6 +152,24 @@ class GraspProblem(DisplayedProblem):
         faces = [allowed_face_names(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
         check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
+
+    def _set_objective(self) -> None:
+        """Validate the objective, and set the task of delta to the unit ball of wrenches."""
+        if self.objective not in OBJECTIVES:
+            raise InputError("GraspProblem.objective", self.objective, " or ".join(map(repr, OBJECTIVES)))
+        if self.objective == "mu":
+            if self.torque_scale is not None:
+                raise InputError("GraspProblem.torque_scale", self.torque_scale, 'None, except for objective="delta"')
+            return
+        scale = self.body.size if self.torque_scale is None else self.torque_scale
+        ball = unit_ball(self.dimension, number("GraspProblem.torque_scale", scale, above=0.0))
+        if self.task is not None and not is_unit_ball(
+            self.task
+        ):  # that of a copy with another torque scale is replaced
+            expected = 'no task: that of objective="delta" is the unit ball of wrenches'
+            raise InputError("GraspProblem.task", self.task, expected)
+        object.__setattr__(self, "torque_scale", float(scale))
+        object.__setattr__(self, "task", ball)
 
     def _check_dimension(self) -> None:
         """Raise if task and body differ in dimension."""
@@ -237,7 +268,10 @@ class GraspProblem(DisplayedProblem):
 
     def to_dict(self) -> Json:
         """Return the problem as JSON data (docs/json.md)."""
-        data: Json = {
+        optional: dict[str, object] = {"max_force": self.max_force}
+        if self.objective != "mu":
+            optional |= {"objective": self.objective, "torque_scale": self.torque_scale}
+        return {
             "body": self.body.to_dict(),
             "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],
             "task": self.task.to_dict(),
@@ -245,8 +279,8 @@ class GraspProblem(DisplayedProblem):
             "hand": None if self.hand is None else self.hand.to_dict(),
             "force_budget": self.budget.to_dict(),
             "edge_margin": self.margin,
+            **{name: value for name, value in optional.items() if value is not None},
         }
-        return data if self.max_force is None else {**data, "max_force": self.max_force}
 
 
 def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body: Body | None = None) -> GraspProblem:
@@ -278,6 +312,8 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
         torque_origin=torque_origin,
         edge_margin=data.get("edge_margin", 0.0),
         max_force=data.get("max_force"),
+        objective=data.get("objective", "mu"),
+        torque_scale=data.get("torque_scale"),
     )
 
 

@@ -204,6 +204,12 @@ def unit_ball(dimension: int, torque_scale: float) -> TaskEllipsoid:
     return TaskEllipsoid(np.array([1.0] * forces + [scale] * (dimension - forces)))
 
 
+def is_unit_ball(task: Task) -> bool:
+    """Return whether a task is the unit ball of wrenches, at any torque scale."""
+    scale = float(task.axes[-1, -1]) if isinstance(task, TaskEllipsoid) else 0.0
+    return scale > 0.0 and task == unit_ball(task.dimension, scale)
+
+
 @overload
 def mu_tilde(grasp: Grasp, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2") -> Bounds: ...
 

@@ -70,6 +70,7 @@ from nlpgrasp.solution.squeeze_record import (
 from nlpgrasp.solution.start_summary import answer_start, better_start_text, ipopt_lines, starts_lines
 from nlpgrasp.solution.stored_problem import (
     check_dimension,
+    delta_text,
     fingertip_links,
     palm_link,
     restore_problem,
@@ -213,8 +214,15 @@ class GraspSolution(InNotebook):
         """The root link of the hand; ``"palm"`` where it is not stated."""
         return palm_link(self.problem)
 
+    @property
+    def objective(self) -> str:
+        """What the solve maximised: ``"mu"``, or ``"delta"`` as mu of the unit ball of wrenches."""
+        return str(self.problem.get("objective", "mu"))
+
     def task_line(self) -> str:
-        """Return the ranges of the components of the task's wrenches, as text."""
+        """Return the ranges of the components of the task's wrenches, or the objective delta, as text."""
+        if self.objective == "delta":
+            return delta_text(self.problem["torque_scale"])
         return f"the task: exert {format_ranges(*component_ranges(self.task))}"
 
     @property

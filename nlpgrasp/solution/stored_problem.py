@@ -39,6 +39,11 @@ def restore_problem(problem: Json, grasp: Grasp | None) -> GraspProblem | None:
         return None
 
 
+def delta_text(torque_scale: float) -> str:
+    """Return the objective delta with its torque scale, metres, as text."""
+    return f"the objective: delta, which is mu of the unit ball of wrenches (torque scale {torque_scale:.4g} m)"
+
+
 def check_dimension(task: Task, grasp: Grasp | None, name: str) -> None:
     """Refuse a task of another dimension than the grasp's.
 

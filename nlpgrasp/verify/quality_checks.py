@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.measures import delta, mu
+from nlpgrasp.quality.measures import delta, mu, unit_ball
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -140,7 +140,11 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
     models = [contact_from_dict(c) for c in solution.problem["contacts"]]
     agrees = [c.to_dict() for c in models] == [c.to_dict() for c in grasp.contacts]
     kind = task.measure
+    objective, scale = solution.objective, solution.problem.get("torque_scale")
+    is_ball = objective != "delta" or (scale is not None and task == unit_ball(task.dimension, scale))
+    objective_text = f"{objective}, {'whose' if is_ball else 'but not its'} task the problem has"
     return [
+        *([] if objective == "mu" else [Check("objective", is_ball, objective_text)]),
         Check("contact models", agrees, f"{len(grasp)} contacts, {'as' if agrees else 'not as'} the problem asks"),
         Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
     ]
