@@ -80,8 +80,8 @@ def scope_of(problem: GraspProblem) -> BoundScope:
     Raises
     ------
     NotCoveredError
-        On a body, a contact model or a force budget that the bound does not cover, or constraints that leave a contact
-        no place.
+        On a body, a contact model, a force budget or an objective that the bound does not cover, or constraints that
+        leave a contact no place.
     """
     rule, faces, contacts = _check_coverage(problem)
     regions, dropped = _relax(problem, contacts)
@@ -122,6 +122,8 @@ def _relax(problem: GraspProblem, contacts: Sequence[ContactModel]) -> tuple[lis
 
 def _check_coverage(problem: GraspProblem) -> tuple[CombinationRule, Sequence[CellFace], list[ContactModel]]:
     """Return the combination rule, the body's faces and the relaxed contacts; raise for a problem not covered."""
+    if problem.objective == "nu":
+        raise NotCoveredError("GraspProblem.objective", "nu", "mu or delta for a bound over all placements")
     rule, faces = CombinationRule.of(problem.budget), cell_faces(problem.body, problem.margin)
     if faces is None:
         raise NotCoveredError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")

@@ -15,11 +15,12 @@ from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.initial_nlp import ScoredCandidate, solve_initial_nlp
 from nlpgrasp.optimize.local_search import RefinementResult, refine
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.projection import fix_to_triangles
+from nlpgrasp.optimize.projection import fix_to_triangles, put_on_body
 from nlpgrasp.optimize.propose import move_into_contact, propose
 from nlpgrasp.optimize.refine_on_body import advance_on_body, refine_on_body, refine_on_triangles
 from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
+from nlpgrasp.optimize.volume_ascent import largest_volumes, maximise_volume, sampled_volume
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
@@ -94,6 +95,8 @@ def _best_of_candidates(
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
     origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
+    if compiled.problem.objective == "nu":
+        return _best_by_volume(compiled, index, candidates or propose(compiled, rng), rng, deadline, clock)
     # hand poses are compared under the L2 budget
     comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
@@ -122,6 +125,31 @@ def _best_of_candidates(
             break
     best = _best_of_results(results)
     return replace(best, total_effort=best.total_effort + initial_effort)
+
+
+def _best_by_volume(
+    compiled: CompiledProblem,
+    index: int,
+    candidates: Sequence[GraspCandidate],
+    rng: np.random.Generator,
+    deadline: Deadline,
+    clock: Stopwatch,
+) -> StartGrasp:
+    """Return the result of the largest nu from the most promising candidates and random ones, its mu certified."""
+    results = list[StartGrasp]()
+    for candidate in largest_volumes(compiled, candidates, rng, COMPARED):
+        on_faces, snapped = fix_to_triangles(compiled, candidate)
+        moved = maximise_volume(on_faces, snapped, deadline)
+        on_body, refined = put_on_body(compiled, on_faces, moved), refine(on_faces, moved, deadline, rounds=0)
+        clock.mark("refine")
+        bounds = _certify_grasp(compiled, on_body, refined, deadline)
+        clock.mark("certificate")
+        origin = CandidateOrigin.RANDOM
+        result = StartGrasp.of(compiled, index, on_body, bounds, refined.state(), origin.value, origin=origin)
+        results.append(replace(result, volume=float(np.exp(sampled_volume(compiled, on_body.grasp)))))
+        if deadline.should_stop():
+            break
+    return _best_of_results(results)
 
 
 def _sort_by_promise(

@@ -76,6 +76,8 @@ class StartGrasp(StartResult):
         Distance of each contact from its fingertip's link, metres, with a hand that has links.
     hand : mapping or None
         Record of the hand with its approach and pregrasp, where these were computed.
+    volume : float or None
+        Sampled nu at a torque scale of 1 m, for the objective nu.
     """
 
     on_body: GraspOnBody
@@ -88,6 +90,7 @@ class StartGrasp(StartResult):
     depth: LinkPenetration | None = None
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
+    volume: float | None = None
 
     @classmethod
     def of(
@@ -134,7 +137,9 @@ class StartGrasp(StartResult):
 
     @property
     def ranking_bounds(self) -> Bounds:
-        """Bounds by which starts are ranked: mu under the worst displacement where that was computed, else mu."""
+        """Bounds by which starts are ranked: nu, mu under the worst displacement where one was computed, else mu."""
+        if self.volume is not None:
+            return Bounds(self.volume, self.volume)
         return self.record.mu if self.robust is None else self.robust.mu
 
     def with_message(self, message: str) -> StartGrasp:

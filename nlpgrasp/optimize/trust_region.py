@@ -146,7 +146,9 @@ class Linearisation:
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return self.compiled.grasp_at(contact_points(self.compiled, self.functions.program, z), normals / lengths)
 
-    def quadratic_step(self, radius: float, curvature: FloatArray | None = None) -> QuadraticStep | None:
+    def quadratic_step(
+        self, radius: float, curvature: FloatArray | None = None, cost: FloatArray | None = None
+    ) -> QuadraticStep | None:
         """Return the solution of the quadratic program inside a trust region; None if infeasible.
 
         Parameters
@@ -155,9 +157,12 @@ class Linearisation:
             Trust-region radius of positions, over the body's size.
         curvature : (n, n) array, optional
             Positive semidefinite curvature of the Lagrangian.
+        cost : (n,) array, optional
+            Gradient of another objective than ``-beta``.
         """
         rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
-        return quadratic_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
+        damping = DAMPING if curvature is None else CURVED_DAMPING
+        return quadratic_step(rows, self.cost if cost is None else cost, damping, curvature=curvature)
 
     def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
         """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""

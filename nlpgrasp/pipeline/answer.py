@@ -26,7 +26,7 @@ from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt, best_of
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality import Bounds, nu
 from nlpgrasp.quality.least_friction import can_press
 from nlpgrasp.solution.analysis_records import WhyNot
 from nlpgrasp.solution.quality_record import GlobalBound
@@ -35,6 +35,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.start_summary import ipopt_lines
 from nlpgrasp.version import __version__
 
+VOLUME_ERROR = 0.02  # relative error bar of nu, for the objective nu
 FINAL_GRACE = 2.0  # seconds, time for the answer's certificate after the time limit
 MOST_COMPARED = 3  # grasps compared by robustness, including the best
 HALF = 0.5  # share of the best mu below which no other grasp is chosen
@@ -219,6 +220,7 @@ def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
         mu=certified,
         kind=problem.task.measure,
         delta=delta_of(problem, certified),
+        nu=None if problem.objective != "nu" else nu(grasp, problem.torque_scale or 1.0, VOLUME_ERROR),
         forces=exerted.forces,
         moments=exerted.moments,
         needed=exerted.needed,

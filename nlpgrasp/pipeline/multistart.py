@@ -288,11 +288,13 @@ class Multistart:
         runner, deadline, best = self.runner, self.deadline, self.best
         if best is None:
             return
+        is_volume = runner.problem.objective == "nu"  # whose starts are at its optimum, not at that of mu
         results: Sequence[StartResult] = self.results
-        weighs = runner.options.weighs_fragility and not deadline.should_stop()
+        weighs = runner.options.weighs_fragility and not is_volume and not deadline.should_stop()
         if weighs:
             best, results = restrict_to_pressing(runner.problem.hand, best, results)
-        converging = runner.begin(partial(converge_to_optimum, deadline=deadline), [best])
+        last_step = partial(converge_to_optimum, deadline=deadline)
+        converging = runner.begin(last_step, [] if is_volume else [best])
         if self._keeping.count > 1:
             self._others = GraspCollection(runner, self._keeping, deadline)  # while a worker converges
         best = next(iter(converging()), best)

@@ -111,6 +111,7 @@ def solve(
     check_phases_possible("SolveOptions.analyses", options.analyses, problem.hand)
     warn_of_smoothing(problem.body, problem.hand)
     keeping = KeepOptions(keep, distinct)
+    check_objective(problem, options, keep, len(warm_starts))
     callback = progress_callback(progress, starts)
     known_grasps = check_warm_starts(problem, warm_starts)
     runner = StartRunner.with_kept_programs(problem, options.narrow(), starts)
@@ -144,6 +145,20 @@ def _run(
             search.choose()
             solution = search.certify(search.bound())
             return search.analyse(solution)
+
+
+def check_objective(problem: GraspProblem, options: SolveOptions, keep: int, warm_starts: int) -> None:
+    """Refuse what a solve of the objective nu does not have."""
+    requested = {
+        "gap": options.gap is not None,
+        "maximise_robust": options.maximise_robust,
+        "keep": keep > 1,
+        "warm_starts": warm_starts > 0,
+        'the analysis "prices"': options.extras or "prices" in options.analyses,
+    }
+    if problem.objective == "nu" and any(requested.values()):
+        name = next(name for name, is_requested in requested.items() if is_requested)
+        raise InputError("GraspProblem.objective", f"nu with {name}", "mu or delta for it")
 
 
 def check_json(data: Json) -> None:

@@ -18,7 +18,7 @@ from nlpgrasp.common.validation import FloatArray, check_body_size
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
+from nlpgrasp.hands import Hand, ParallelJaw, PosedHand, URDFHand
 from nlpgrasp.problem.candidate_constraints import symbolic_candidate
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import component_ranges, parts_of
@@ -186,6 +186,17 @@ def check_patches(models: Sequence[ContactModel], body: Body) -> None:
             if length is not None and np.max(length) > longest:
                 expected = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
                 raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(length):g} m", expected)
+
+
+def check_volume_parts(budget: object, hand: Hand | None) -> None:
+    """Raise for a force budget and a hand for which the volume nu cannot be maximised."""
+    kind = budget if isinstance(budget, str) else getattr(budget, "kind", budget)
+    if kind != "l2":
+        expected = 'force_budget="l2", of which the volume is maximised'
+        raise InputError("GraspProblem.objective", f'nu with force_budget="{kind}"', expected)
+    if isinstance(hand, PosedHand):
+        expected = "free contacts, or a hand that follows its contacts"
+        raise InputError("GraspProblem.objective", f"nu with a {type(hand).__name__}", expected)
 
 
 def check_size(body: Body) -> None:

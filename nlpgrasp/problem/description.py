@@ -159,12 +159,13 @@ class DescribedPart(NamedTuple):
 
 
 def _describe_task(problem: ProblemView) -> DescribedPart:
-    """Return the task, or that of the objective delta, as text."""
-    note = (_describe_torque_origin(problem),)
-    if problem.objective == "delta":
-        scale = format_number(problem.torque_scale or 0.0)
-        return DescribedPart("Objective", f"delta: mu of the unit ball of wrenches, torque scale {scale} m", note)
-    return DescribedPart("Task", f"exert {task_range(problem)}", note)
+    """Return the task, and another objective than mu, as text."""
+    exert, origin = f"exert {task_range(problem)}", _describe_torque_origin(problem)
+    if problem.objective == "mu":
+        return DescribedPart("Task", exert, (origin,))
+    meaning = {"delta": "mu of the unit ball of wrenches", "nu": "the volume of the wrench set"}[problem.objective]
+    scale = f"torque scale {format_number(problem.torque_scale or 0.0)} m"
+    return DescribedPart("Objective", f"{problem.objective}, {meaning}, {scale}", (f"{exert}; {origin}",))
 
 
 def task_range(problem: ProblemView) -> str:

@@ -23,6 +23,7 @@ from nlpgrasp.problem.checks import (
     check_patches,
     check_placements,
     check_size,
+    check_volume_parts,
     hand_advice,
     task_advice,
     warn_of_friction,
@@ -35,7 +36,7 @@ from nlpgrasp.quality.measures import is_unit_ball, unit_ball
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
-OBJECTIVES = ("mu", "delta")
+OBJECTIVES = ("mu", "delta", "nu")
 NO_TASK = cast("Task", None)  # of a problem whose objective states its task
 MOST_CONTACTS = 32  # largest number of contacts
 # default margin of contacts from sharp edges
@@ -58,7 +59,7 @@ class GraspProblem(DisplayedProblem):
         One per finger; a single model is used for every fingertip of ``hand`` and invalid without one.
     task : Task
         Wrenches to exert, body frame; about ``torque_origin``, or about the task's own reference point if it has one.
-        Left out for the objective ``"delta"``.
+        Left out for the objective ``"delta"``, and where it is of no interest for ``"nu"``.
     hand : Hand, optional
         By default free point fingertips. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
@@ -78,11 +79,12 @@ class GraspProblem(DisplayedProblem):
     max_force : float, optional
         Limit of each finger's force, newtons: the solution states whether the given task stays within it. It does not
         affect the search.
-    objective : {"mu", "delta"}
-        What a solve maximises: mu of the task, or delta (3.1-1b), which is mu of the unit ball of wrenches.
+    objective : {"mu", "delta", "nu"}
+        What a solve maximises: mu of the task; delta (3.1-1b), which is mu of the unit ball of wrenches; or the volume
+        nu (3.2-1), among grasps that exert the task, by default that ball.
     torque_scale : float, optional
-        For delta, metres: a torque counts as the force ``torque / torque_scale``. By default half the diagonal of the
-        body's bounding box.
+        For delta and nu, metres: a torque counts as the force ``torque / torque_scale``. By default half the diagonal
+        of the body's bounding box.
 
     Attributes
     ----------
@@ -154,22 +156,23 @@ class GraspProblem(DisplayedProblem):
         check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
 
     def _set_objective(self) -> None:
-        """Validate the objective, and set the task of delta to the unit ball of wrenches."""
+        """Validate the objective, and set the task of delta, or of nu without one, to the unit ball of wrenches."""
         if self.objective not in OBJECTIVES:
             raise InputError("GraspProblem.objective", self.objective, " or ".join(map(repr, OBJECTIVES)))
         if self.objective == "mu":
             if self.torque_scale is not None:
-                raise InputError("GraspProblem.torque_scale", self.torque_scale, 'None, except for objective="delta"')
+                expected = 'None, except for objective="delta" or "nu"'
+                raise InputError("GraspProblem.torque_scale", self.torque_scale, expected)
             return
         scale = self.body.size if self.torque_scale is None else self.torque_scale
-        ball = unit_ball(self.dimension, number("GraspProblem.torque_scale", scale, above=0.0))
-        if self.task is not None and not is_unit_ball(
-            self.task
-        ):  # that of a copy with another torque scale is replaced
+        object.__setattr__(self, "torque_scale", number("GraspProblem.torque_scale", scale, above=0.0))
+        if self.objective == "nu":
+            check_volume_parts(self.force_budget, self.hand)
+        if self.task is None or is_unit_ball(self.task):  # that of a copy with another torque scale is replaced
+            object.__setattr__(self, "task", unit_ball(self.dimension, scale))
+        elif self.objective == "delta":
             expected = 'no task: that of objective="delta" is the unit ball of wrenches'
             raise InputError("GraspProblem.task", self.task, expected)
-        object.__setattr__(self, "torque_scale", float(scale))
-        object.__setattr__(self, "task", ball)
 
     def _check_dimension(self) -> None:
         """Raise if task and body differ in dimension."""

@@ -49,6 +49,7 @@ MOST_STEPS = 30  # most Newton steps per ray
 GAUGE_CLOSE = 1e-3  # tolerance of the gauge on the boundary
 BRACKET = 5e-3  # width of a bracket whose midpoint is accepted (its errors average out)
 GAUGE_TOLERANCE = 1e-8  # residual of the least forces
+MOST_FORCE = 200.0  # least force of a unit ray in whitened coordinates above which the ray counts as outside
 FORCE_LIMIT = 4.0  # least force above which a wrench is certainly outside the set
 
 Gauge = Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # wrenches (m, d) to least forces (m,), gradients (m, d)
@@ -334,6 +335,53 @@ def _radial_reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatAr
         if not active.size:
             break
     return t
+
+
+@dataclass(frozen=True)
+class RadialVolume:
+    """Volume of W by rays from the origin, under the L2 budget, with what its derivative needs.
+
+    In coordinates in which unit directions u are uniform, ``nu = V_d mean rho(u)^d`` with the radial function
+    ``rho(u) = 1 / gauge(u)``. The gauge is ``max <y, u> / phi(y)``. At the maximiser y, scaled to ``phi(y) = 1``, the
+    envelope theorem gives ``d rho / rho = d phi(y)``, the change of the support with y held fixed, so that
+
+        ``d log nu = d sum_u weight(u) d phi(y_u)``,    ``weight(u) = rho(u)^d / sum rho^d``.
+
+    Parameters
+    ----------
+    log : float
+        ``log nu`` at a torque scale of 1 m; minus infinity where a ray leaves W at the origin, as in a grasp without
+        force closure.
+    weights : (m,) array
+    normals : (m, d) array
+        The maximisers y.
+    """
+
+    log: float
+    weights: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def of(cls, wrenches: WrenchSet, matrix: FloatArray, rays: FloatArray) -> RadialVolume:
+        """Return the volume by unit rays (m, d) in the coordinates ``matrix w`` of wrenches w."""
+        whitened = wrenches.transformed(matrix)
+        y, x = dual_newton(whitened, rays, GAUGE_TOLERANCE, MOST_FORCE)
+        force = np.linalg.norm(x, axis=1)
+        is_produced = np.linalg.norm(rays - x @ whitened.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
+        if not np.all(is_produced & (force > 0.0)):
+            return cls(-np.inf, np.zeros(len(rays)), y)
+        powers = (np.min(force) / force) ** rays.shape[1]
+        d = rays.shape[1]
+        ball = pi ** (d / 2) / gamma(d / 2 + 1) / abs(float(np.linalg.det(matrix)))
+        log = float(np.log(ball * np.mean(powers)) - d * np.log(np.min(force)))
+        return cls(log, powers / np.sum(powers), (y / force[:, None]) @ matrix)
+
+
+def whitening(grasp: Grasp) -> FloatArray:
+    """Return a matrix (d, d) of wrench coordinates in which ``G G^T`` is the identity; needs full rank."""
+    scales = np.linalg.norm(grasp.G, axis=1)
+    vectors, values, _ = np.linalg.svd(grasp.G / scales[:, None])
+    return np.asarray((vectors / values).T / scales)
 
 
 def _gauge(whitened: WrenchSet) -> Gauge:

@@ -70,8 +70,8 @@ from nlpgrasp.solution.squeeze_record import (
 from nlpgrasp.solution.start_summary import answer_start, better_start_text, ipopt_lines, starts_lines
 from nlpgrasp.solution.stored_problem import (
     check_dimension,
-    delta_text,
     fingertip_links,
+    objective_text,
     palm_link,
     restore_problem,
 )
@@ -216,14 +216,13 @@ class GraspSolution(InNotebook):
 
     @property
     def objective(self) -> str:
-        """What the solve maximised: ``"mu"``, or ``"delta"`` as mu of the unit ball of wrenches."""
+        """What the solve maximised: ``"mu"``, ``"nu"``, or ``"delta"`` as mu of the unit ball of wrenches."""
         return str(self.problem.get("objective", "mu"))
 
     def task_line(self) -> str:
-        """Return the ranges of the components of the task's wrenches, or the objective delta, as text."""
-        if self.objective == "delta":
-            return delta_text(self.problem["torque_scale"])
-        return f"the task: exert {format_ranges(*component_ranges(self.task))}"
+        """Return the ranges of the components of the task's wrenches, and another objective than mu, as text."""
+        text = f"the task: exert {format_ranges(*component_ranges(self.task))}"
+        return text if self.objective == "mu" else f"{objective_text(self.problem)}; {text}"
 
     @property
     def known_problem(self) -> GraspProblem | None:
@@ -432,6 +431,8 @@ class GraspSolution(InNotebook):
         """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
         mu = 0.0 if self._joint_margins is None else mu_before_margins(self._joint_margins)
         by_remaining = bool(self.solver.get("options", {}).get("maximise_robust"))
+        if self.objective == "nu":  # no start was passed over for its mu
+            return [*starts_lines(self.starts), *ipopt_lines(self.solver)]
         better = better_start_text(self.starts, self.winner, mu, self.label, by_remaining, self.squeeze is not None)
         return [*starts_lines(self.starts), *better, *ipopt_lines(self.solver)]
 

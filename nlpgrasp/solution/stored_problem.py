@@ -39,9 +39,12 @@ def restore_problem(problem: Json, grasp: Grasp | None) -> GraspProblem | None:
         return None
 
 
-def delta_text(torque_scale: float) -> str:
-    """Return the objective delta with its torque scale, metres, as text."""
-    return f"the objective: delta, which is mu of the unit ball of wrenches (torque scale {torque_scale:.4g} m)"
+def objective_text(problem: Json) -> str:
+    """Return the objective of a problem, delta or nu, with its torque scale as text."""
+    meaning = "mu of the unit ball of wrenches"
+    if problem["objective"] == "nu":
+        meaning = "the volume of the wrench set, among grasps that exert the task"
+    return f"the objective: {problem['objective']}, {meaning} (torque scale {problem['torque_scale']:.4g} m)"
 
 
 def check_dimension(task: Task, grasp: Grasp | None, name: str) -> None:

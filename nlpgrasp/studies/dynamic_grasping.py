@@ -174,6 +174,8 @@ def _problem_at(problem_at: Callable[[float], GraspProblem], value: float) -> Gr
     problem = problem_at(value)
     if not isinstance(problem, GraspProblem):
         raise InputError("problem_at", problem, f"a GraspProblem at {value:g}")
+    if problem.objective == "nu":
+        raise InputError("GraspProblem.objective", "nu", "mu or delta, which are followed")
     if not np.any(problem.task.second_moment()):
         raise InputError("problem_at", f"a task that asks for nothing at {value:g}", "tasks with some wrench")
     return problem

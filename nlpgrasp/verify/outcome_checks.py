@@ -78,7 +78,8 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
     if best.mu.lower > low or best.mu.upper < high:
         yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
     options = solution.solver.get("options", {})
-    if not options.get("maximise_robust", False):
+    is_by_volume = solution.objective == "nu"  # which the starts do not state
+    if not (options.get("maximise_robust", False) or is_by_volume):
         largest_mu = max(best.mu.upper, _mu_without_margins(solution))
         preferred = _is_stated_robust(solution) or solution.squeeze is not None
         largest_mu /= LEAST_ROBUST_SHARE if options.get("rank") == "robust" and preferred else 1.0

@@ -140,14 +140,23 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
     models = [contact_from_dict(c) for c in solution.problem["contacts"]]
     agrees = [c.to_dict() for c in models] == [c.to_dict() for c in grasp.contacts]
     kind = task.measure
-    objective, scale = solution.objective, solution.problem.get("torque_scale")
-    is_ball = objective != "delta" or (scale is not None and task == unit_ball(task.dimension, scale))
-    objective_text = f"{objective}, {'whose' if is_ball else 'but not its'} task the problem has"
     return [
-        *([] if objective == "mu" else [Check("objective", is_ball, objective_text)]),
+        *_objective_checks(solution, task),
         Check("contact models", agrees, f"{len(grasp)} contacts, {'as' if agrees else 'not as'} the problem asks"),
         Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
     ]
+
+
+def _objective_checks(solution: GraspSolution, task: Task) -> list[Check]:
+    """Return the check that another objective than mu is stated at its torque scale, and delta for its task."""
+    name, scale = solution.objective, solution.problem.get("torque_scale")
+    if name == "mu":
+        return []
+    stated = solution.delta if name == "delta" else solution.nu
+    agrees = stated is None or stated.torque_scale == scale
+    is_its_task = name != "delta" or (scale is not None and task == unit_ball(task.dimension, scale))
+    text = f"{name} at a torque scale of {scale} m, {'' if is_its_task else 'not '}by its task"
+    return [Check("objective", agrees and is_its_task, text)]
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:

@@ -1,4 +1,4 @@
-"""Objectives of a problem beside mu: delta by its ball task."""
+"""Objectives of a problem beside mu: delta by its ball task, nu by ascent of the sampled volume."""
 
 import json
 from dataclasses import replace
@@ -26,8 +26,8 @@ def test_delta_is_solved_by_its_ball_task_and_says_so(tmp_path):
     measured = ng.delta(solution.grasp, 0.04)
     assert measured.lower <= solution.delta.upper
     assert solution.delta.lower <= measured.upper
-    assert "the objective: delta, which is mu of the unit ball of wrenches (torque scale 0.04 m)" in str(solution)
-    assert "objective: delta: mu of the unit ball of wrenches, torque scale 0.04 m" in str(asked)
+    assert "the objective: delta, mu of the unit ball of wrenches (torque scale 0.04 m)" in str(solution)
+    assert "objective: delta, mu of the unit ball of wrenches, torque scale 0.04 m" in str(asked)
     file = solution.save(tmp_path / "delta.json")
     assert ng.verify(file).complete
     assert ng.GraspSolution.load(file).known_problem.torque_scale == 0.04
@@ -35,6 +35,35 @@ def test_delta_is_solved_by_its_ball_task_and_says_so(tmp_path):
     data["problem"]["torque_scale"] = 0.05
     file.write_text(json.dumps(data))
     assert [check.name for check in ng.verify(file).checks if check.failed] == ["objective"]
+
+
+def test_nu_is_no_less_than_at_the_best_mu_and_at_random_placements(tmp_path):
+    asked = problem(objective="nu", torque_scale=0.04)
+    solution = ng.solve(asked, 2, options=FAST)
+    by_mu = ng.solve(problem(task=ng.TaskEllipsoid([1, 1, 0.04])), 1, options=FAST)
+    assert solution.nu.upper >= ng.nu(by_mu.grasp, 0.04).lower
+    assert solution.mu.lower > 0.0
+    assert solution.best_possible == np.inf
+    rng = np.random.default_rng(0)
+    sides = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
+    for _ in range(100):
+        normals = -sides[rng.integers(4, size=3)]
+        points = -0.05 * normals + rng.uniform(-0.045, 0.045, (3, 1)) * normals[:, ::-1]
+        grasp = ng.Grasp(points, normals, asked.contacts, [0, 0])
+        if ng.is_stable(grasp):  # the volume of others does not count
+            assert ng.nu(grasp, 0.04, 0.05).lower <= 1.01 * solution.nu.upper
+    assert "the objective: nu, the volume of the wrench set, among grasps that exert the task" in str(solution)
+    assert ng.verify(solution.save(tmp_path / "nu.json"))
+
+
+def test_what_nu_does_not_have_is_refused():
+    asked = problem(objective="nu")
+    with pytest.raises(ng.InputError, match="nu with gap"):
+        ng.solve(asked, 1, options=ng.SolveOptions(gap=0.1))
+    with pytest.raises(ng.InputError, match="nu with keep"):
+        ng.solve(asked, 1, keep=2)
+    with pytest.raises(ng.InputError, match="mu or delta for a bound over all placements"):
+        ng.best_possible(asked)
 
 
 def test_copies_keep_the_torque_scale_and_take_another():
@@ -47,10 +76,12 @@ def test_copies_keep_the_torque_scale_and_take_another():
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"objective": "epsilon"}, "GraspProblem.objective: got epsilon, expected 'mu' or 'delta'"),
+        ({"objective": "epsilon"}, "GraspProblem.objective: got epsilon, expected 'mu' or 'delta' or 'nu'"),
         ({"objective": "delta", "task": ng.TaskEllipsoid([2, 1, 1])}, 'no task: that of objective="delta"'),
         ({"objective": "delta", "torque_scale": 0.0}, "GraspProblem.torque_scale"),
-        ({"task": ng.TaskEllipsoid([1, 1, 1]), "torque_scale": 0.1}, 'None, except for objective="delta"'),
+        ({"task": ng.TaskEllipsoid([1, 1, 1]), "torque_scale": 0.1}, 'None, except for objective="delta" or "nu"'),
+        ({"objective": "nu", "force_budget": "shared"}, 'nu with force_budget="shared", expected force_budget="l2"'),
+        ({"objective": "nu", "force_budget": "hand_torques"}, "of which the volume is maximised"),
         ({}, "GraspProblem.task: got None, expected a task"),
     ],
 )
