@@ -198,7 +198,7 @@ def test_a_task_from_elsewhere(tmp_path):
     ("read", "kind"),
     [
         (lambda: contact_from_dict({"model": "test unheard of"}), "point, friction, soft, line, plane, bilateral, "),
-        (lambda: task_from_dict({"type": "test unheard of"}), "ellipsoid, polytope, sum, test pair"),
+        (lambda: task_from_dict({"type": "test unheard of"}), "ellipsoid, polytope, set, sum, test pair"),
         (lambda: force_budget("test unheard of"), "l2, per_finger, shared, per_finger_size, hand_torques, or"),
     ],
 )

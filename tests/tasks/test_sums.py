@@ -182,7 +182,7 @@ def test_a_large_symmetric_polytope_is_centred(rng):
         (lambda: ng.TaskEllipsoid([1.0] * 6).at([0.0, 1.0]), "origin"),
         (lambda: ng.TaskSum([]), "at least one task"),
         (lambda: task_from_dict({"type": "polytope"}), "what schema 1 says"),
-        (lambda: task_from_dict(None), "one of ellipsoid, polytope, sum"),
+        (lambda: task_from_dict(None), "one of ellipsoid, polytope, set, sum"),
         (lambda: ng.TaskSet(lambda y: y, 3.0), "3 .planar. or 6"),
     ],
 )
