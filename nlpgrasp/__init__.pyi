@@ -88,10 +88,11 @@ from nlpgrasp.quality import (
     pyramid_volume,
     screen,
     smallest_singular_value,
+    support,
 )
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measure_table import Columns, measure
-from nlpgrasp.report.pictures import draw_fit
+from nlpgrasp.report.pictures import draw_fit, draw_wrenches
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
 from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot
@@ -252,6 +253,7 @@ __all__ = [
     "delta",
     "disturbance",
     "draw_fit",
+    "draw_wrenches",
     "equivalence_constants",
     "ferrari_canny",
     "fine_manipulation",
@@ -293,6 +295,7 @@ __all__ = [
     "solve",
     "solve_many",
     "squeeze",
+    "support",
     "trajectory",
     "turn",
     "verify",

@@ -2,7 +2,7 @@
 
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.force_problem import FingerForces, finger_forces
-from nlpgrasp.quality.measures import delta, equivalence_constants, mu, mu_1, mu_tilde
+from nlpgrasp.quality.measures import delta, equivalence_constants, mu, mu_1, mu_tilde, support
 from nlpgrasp.quality.other_measures import (
     ferrari_canny,
     isotropy,
@@ -39,4 +39,5 @@ __all__ = [
     "pyramid_wrenches",
     "screen",
     "smallest_singular_value",
+    "support",
 ]

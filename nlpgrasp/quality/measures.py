@@ -318,6 +318,35 @@ def mu_1(
     return replace(bounds, kind="mu_1", task_beta=None)
 
 
+def support(
+    item: Grasp | Task, directions: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> tuple[FloatArray, FloatArray]:
+    """Return the support function of a grasp's wrench set ``G(B ∩ K)`` (3.4-5), or of a task, with maximisers.
+
+    Parameters
+    ----------
+    item : Grasp or Task
+    directions : (m, d) array
+        Directions of wrench space, not necessarily of unit length.
+    force_budget : str or ForceBudget
+        Of a grasp, as for ``mu``.
+
+    Returns
+    -------
+    values, wrenches : (m,) and (m, d) arrays
+        ``phi(y)``, the largest ``<y, w>`` over the set, and a wrench that attains it, newtons and newton-metres.
+
+    Raises
+    ------
+    InputError
+        When the directions' dimension is not that of the wrenches.
+    """
+    if not isinstance(item, Grasp | Task):
+        raise InputError("item", item, "a Grasp or a Task")
+    y = array("directions", directions, (None, item.dimension))
+    return item.support(y) if isinstance(item, Task) else WrenchSet.of(item, force_budget).support(y)
+
+
 def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
     """Return the equivalence constants of (3.3-8): ``K_1 mu_tilde <= mu <= K_2 mu_tilde`` for every grasp.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.drawing import FORCE, NORMAL, Triangles, drawing_size
 from nlpgrasp.common.formatting import axis_labels
 from nlpgrasp.common.optional_packages import draw_triangles, pyplot, show_at_one_scale, write_figure
@@ -22,11 +23,14 @@ from nlpgrasp.global_bound import BestPossible
 from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.nlp import Formulation
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.measures import mu as certify_mu
 from nlpgrasp.report.scene_parts import first_view, subdivide, triangle_normals, view_directions
 from nlpgrasp.report.start_charts import certified_bounds
-from nlpgrasp.report.task_wrenches import choose_wrenches, wrench_projections
+from nlpgrasp.report.task_wrenches import WrenchProjection, choose_wrenches, solution_projections, wrench_projections
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 
 if TYPE_CHECKING:
@@ -59,7 +63,7 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
     pyplot(PURPOSE)  # before the work
     drawings: dict[str, Callable[[GraspSolution], Figure]] = {}
     if solution.grasp is not None:
-        drawings |= {"grasp": draw_grasp, "wrenches": draw_wrenches}
+        drawings |= {"grasp": draw_grasp, "wrenches": _draw_solution_wrenches}
     if any(len(s.history) > 1 for s in solution.starts):
         drawings["convergence"] = draw_convergence
     paths = []
@@ -99,9 +103,47 @@ def draw_grasp(solution: GraspSolution) -> Figure:
     return figure
 
 
-def draw_wrenches(solution: GraspSolution) -> Figure:
-    """Draw projections of the wrench set and of the task."""
-    projections = wrench_projections(solution)
+def draw_wrenches(grasp: Grasp, task: Task, *, force_budget: str | ForceBudget = "l2", rtol: float = 0.01) -> Figure:
+    """Draw projections of a grasp's wrench set, with the task inside it and the weakest direction.
+
+    The task is drawn times the certified lower bound of mu: the largest multiple that is proved to be inside. The first
+    plane has the weakest direction; the dashed line is the largest wrench of the grasp along it. ``figure.savefig``
+    writes the picture.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    task : Task
+        About the same torque origin as the grasp.
+    force_budget : str or ForceBudget
+        As for ``mu``.
+    rtol : float
+        Relative width of the bounds on mu.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Seven planes, four for planar grasps.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        As ``mu``; on a stack, of which one grasp can be drawn.
+    """
+    pyplot(PURPOSE)  # before the work
+    require_grasp(grasp)
+    bounds = certify_mu(grasp, task, rtol, force_budget=force_budget)
+    return _draw_projections(wrench_projections(grasp, task_for(task, grasp), bounds, force_budget))
+
+
+def _draw_solution_wrenches(solution: GraspSolution) -> Figure:
+    """Draw projections of the wrench set and of the task of a solution."""
+    return _draw_projections(solution_projections(solution))
+
+
+def _draw_projections(projections: Sequence[WrenchProjection]) -> Figure:
     columns = min(4, len(projections))
     rows = -(-len(projections) // columns)
     figure: Figure

@@ -25,7 +25,7 @@ from nlpgrasp.report.html_parts import Curve, Html, chart, html_table
 from nlpgrasp.report.key_figures import axis_end, gauge, solution_figures
 from nlpgrasp.report.page_builder import figure_panel, scene_html, switches
 from nlpgrasp.report.scene_parts import pack, subdivide, triangle_normals
-from nlpgrasp.report.task_wrenches import FingerForce, wrench_projections
+from nlpgrasp.report.task_wrenches import FingerForce, solution_projections
 from nlpgrasp.solution.analysis_records import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
@@ -233,7 +233,7 @@ def contacts(solution: GraspSolution) -> str:
 def wrench_space(solution: GraspSolution) -> str:
     """Return projections of the wrench set and of the task."""
     charts = []
-    for shadow in wrench_projections(solution):
+    for shadow in solution_projections(solution):
         curves = [Curve(shadow.grasp, "grasp", True), Curve(shadow.task, "task", True)]
         if shadow.limit is not None:
             low, high = float(np.min(shadow.grasp[:, 1])), float(np.max(shadow.grasp[:, 1]))

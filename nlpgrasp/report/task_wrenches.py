@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.formatting import COMPONENTS, FORCE_UNIT, SMALL, axis_labels, format_number, typeset, unit_of
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.quality import finger_forces
+from nlpgrasp.quality import Bounds, finger_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.solution import GraspSolution
@@ -136,24 +137,27 @@ class WrenchProjection:
     limit: float | None = None
 
 
-def wrench_projections(solution: GraspSolution) -> list[WrenchProjection]:
+def wrench_projections(grasp: Grasp, task: Task, mu: Bounds, budget: str | ForceBudget) -> list[WrenchProjection]:
     """Return the projections onto the planes of forces and moments, and onto one with the weakest direction."""
-    grasp = solution.grasp
-    if grasp is None:
-        return []
-    wrench_set = WrenchSet.of(grasp, solution.budget)
-    task, scale = solution.task, solution.mu.lower
-    d = grasp.dimension
+    wrench_set = WrenchSet.of(grasp, budget)
+    scale, d = mu.lower, grasp.dimension
     labels = axis_labels(d)
     spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
     pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
     projections = []
-    if solution.mu.worst_direction is not None and np.any(solution.mu.worst_direction):
-        projections.append(_weakest_projection(solution.mu.worst_direction, wrench_set, task, scale))
+    if mu.worst_direction is not None and np.any(mu.worst_direction):
+        projections.append(_weakest_projection(mu.worst_direction, wrench_set, task, scale))
     for i, j in pairs:
         plane = np.eye(d)[[i, j]]
         projections.append(WrenchProjection(labels[i], labels[j], *_outlines(plane, wrench_set, task, scale)))
     return projections
+
+
+def solution_projections(solution: GraspSolution) -> list[WrenchProjection]:
+    """Return the projections of a solution's wrench set and task; none without a grasp."""
+    if solution.grasp is None:
+        return []
+    return wrench_projections(solution.grasp, solution.task, solution.mu, solution.budget)
 
 
 def _outlines(plane: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:

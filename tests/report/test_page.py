@@ -294,10 +294,10 @@ def test_arrows_balance_the_wrench(spatial):
 def test_shadows_are_convex_and_hold_the_task(spatial, planar):
     from scipy.spatial import ConvexHull
 
-    from nlpgrasp.report.task_wrenches import wrench_projections
+    from nlpgrasp.report.task_wrenches import solution_projections
 
     for solution in (spatial, planar):
-        for shadow in wrench_projections(solution):
+        for shadow in solution_projections(solution):
             hull = ConvexHull(shadow.grasp)
             x, y = (shadow.grasp - shadow.grasp.mean(axis=0)).T
             area = 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
