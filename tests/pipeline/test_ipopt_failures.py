@@ -14,6 +14,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import compiled_programs as programs
 from nlpgrasp.optimize.candidate import SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.solution.start_summary import ipopt_lines
 
@@ -76,13 +77,13 @@ def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_start_states_it_to_the_process_that_collects_starts(broken):
-    """What a worker returns is pickled, and its effort with it: of all steps that the program with forces took."""
-    contacts = [ng.SoftContact(0.5, 0.3, "elliptic")] * 3
-    problem = ng.GraspProblem(ng.Sphere(1.0), contacts, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]))
-    result = pickle.loads(pickle.dumps(run_start(CompiledProblem(problem, OPTIONS), 3, 0, Deadline())))  # noqa: S301
-    assert result.effort.calls > 0
-    assert result.effort.failures == {broken: result.effort.calls}
+def test_a_last_step_states_it_to_the_process_that_collects_starts(broken):
+    """What a worker returns is pickled, and its effort with it."""
+    compiled = CompiledProblem(problem(), OPTIONS)
+    last = converge_to_optimum(compiled, run_start(compiled, 3, 0, Deadline()), Deadline())
+    effort = pickle.loads(pickle.dumps(last)).total_effort  # noqa: S301
+    assert effort.calls > 0
+    assert effort.failures == {broken: effort.calls}
 
 
 @pytest.mark.slow
