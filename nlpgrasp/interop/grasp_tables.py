@@ -15,7 +15,7 @@ from nlpgrasp.interop.base import ReadGrasp, ReadOptions
 from nlpgrasp.interop.grasp_arrays import grasps_of_arrays
 from nlpgrasp.interop.registry import reader_of
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.grasp import GraspStack, warn_of_units_and_normals
+from nlpgrasp.quality.grasp import GraspStack, check_distinct_names, warn_of_units_and_normals
 
 
 def read_grasps(
@@ -108,10 +108,7 @@ def stack_grasps(
     """
     if not grasps:
         raise InputError(name, "no grasp", "one or more")
-    ids = [read.name for read in grasps]
-    if len(set(ids)) < len(ids):
-        repeated = next(i for i, name_of in enumerate(ids) if name_of in ids[:i])
-        raise InputError(f"{name}: ids", f"{ids[repeated]!r} twice", "a name of its own for each grasp")
+    check_distinct_names(f"{name}: ids", [read.name for read in grasps])
     spaces = {read.grasp.space for read in grasps}
     if len(spaces) > 1:
         raise InputError(name, "grasps in the plane and in space", "one of them")

@@ -389,7 +389,7 @@ def exchange_nearby(
     contacts : (b, k, 3) array
         Metres, on the mesh.
     directions : (m, d) array
-        Weak directions of grasps, each with ``phi_A = 1``.
+        Directions along which tuples are compared at first, each with ``phi_A = 1``.
     rng : numpy.random.Generator
     """
     dense, of_contact = compiled.surface.mesh_cloud, np.array(compiled.sample_tables.of_contact)
@@ -402,7 +402,7 @@ def exchange_nearby(
         [clouds[table] for table in of_contact.tolist()],
         compiled.rows,
         compiled.hand_functions,
-        np.concatenate([directions, compiled.sample_tables.directions]),
+        directions,
         DENSE_SAMPLES,
     )
     search = CoordinateExchange(compiled, tables, rng, len(contacts))

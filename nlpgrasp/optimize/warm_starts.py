@@ -150,9 +150,8 @@ def _exchanged_on_mesh(compiled: CompiledProblem, candidate: GraspCandidate) -> 
     """Return contacts on a mesh exchanged over dense samples nearby, or unchanged where no tuple there is feasible."""
     if not (isinstance(compiled.problem.body, Mesh) and compiled.follows_contacts):
         return candidate
-    search, tuples = exchange_nearby(
-        compiled, candidate.points[None], compiled.sample_tables.directions[:0], np.random.default_rng(0)
-    )
+    directions, rng = compiled.sample_tables.directions, np.random.default_rng(0)
+    search, tuples = exchange_nearby(compiled, candidate.points[None], directions, rng)
     return search.candidate(tuples[0]) if search.values(tuples)[0] > 0.0 else candidate
 
 

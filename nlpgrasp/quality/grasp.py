@@ -308,10 +308,15 @@ def _grasp_ids(ids: Sequence[str] | None, count: int) -> tuple[str, ...]:
     names = tuple(str(name) for name in ids)
     if len(names) != count:
         raise InputError("GraspStack.ids", f"{len(names)} names", f"{count}, one for each grasp")
-    if len(set(names)) < count:
-        repeated = next(name for i, name in enumerate(names) if name in names[:i])
-        raise InputError("GraspStack.ids", f"{repeated!r} twice", "a name of its own for each grasp")
+    check_distinct_names("GraspStack.ids", names)
     return names
+
+
+def check_distinct_names(field: str, names: Sequence[str]) -> None:
+    """Raise an InputError of a field where two grasps have one name."""
+    if len(set(names)) < len(names):
+        repeated = next(name for i, name in enumerate(names) if name in names[:i])
+        raise InputError(field, f"{repeated!r} twice", "a name of its own for each grasp")
 
 
 class GraspStack(ContactArrays):

@@ -57,18 +57,16 @@ class Columns(Mapping[str, Column]):
 
     def rows(self) -> list[dict[str, object]]:
         """Return the rows as dictionaries."""
-        return [
-            dict(zip(self.arrays, row, strict=True))
-            for row in zip(*[c.tolist() for c in self.arrays.values()], strict=True)
-        ]
+        columns = [column.tolist() for column in self.arrays.values()]
+        return [dict(zip(self.arrays, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """Return the table as CSV text, with an empty cell for NaN, and write it to a file if a path is given."""
         text = io.StringIO(newline="")
         writer = csv.writer(text)
         writer.writerow(self.arrays)
-        for row in zip(*[c.tolist() for c in self.arrays.values()], strict=True):
-            writer.writerow(["" if value != value else value for value in row])
+        for row in self.rows():
+            writer.writerow(["" if value != value else value for value in row.values()])
         if path is not None:
             write_text(path, text.getvalue())
         return text.getvalue()
@@ -180,8 +178,7 @@ def measure(
         On an unknown measure, ``mu`` without a task, stacks about different torque origins, and contacts that have no
         friction coefficient where ``friction`` is given.
     """
-    arguments = (grasps, task, measures, friction, torque_scale, force_budget, rtol)
-    columns = measure_columns(*arguments)
+    columns = measure_columns(grasps, task, measures, friction, torque_scale, force_budget, rtol)
     try:
         frame: pd.DataFrame = import_module("pandas").DataFrame(columns.arrays)
     except ImportError:

@@ -171,29 +171,28 @@ def _initial_hull(
         if with_origin:
             points = np.concatenate([np.zeros((1, problem.rank)), points])
         try:
-            return IncrementalHull(points, lambda planes, centre: _allowed_scales(problem, planes, centre, 1.0))
+            return IncrementalHull(
+                points, lambda planes, centre: allowed_scales(problem.task, planes, 1.0 + planes @ centre)
+            )
         except QhullError:
             continue
     return None
 
 
-def _allowed_scales(
-    problem: Containment, planes: FloatArray, centre: FloatArray, height: FloatArray | float
-) -> FloatArray:
-    """Return the largest alpha that each half-space ``{<a, x - centre> <= height}`` allows."""
-    offset = height + planes @ centre
-    offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
-    reach = problem.task.support(planes)[0]
+def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Return the largest alpha, (f,), that each half-space ``{x : <a, x> <= offset}`` of planes (f, d) allows."""
+    offsets = np.where(np.abs(offsets) < ROUNDING, 0.0, offsets)
+    reach = task.support(planes)[0]
     binding = reach > 0.0
     # a half-space that the task does not bound must still contain the origin
-    unbounded = np.where(offset < 0.0, 0.0, np.inf)
-    return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), unbounded))
+    unbounded = np.where(offsets < 0.0, 0.0, np.inf)
+    return np.asarray(np.where(binding, np.maximum(offsets, 0.0) / np.where(binding, reach, 1.0), unbounded))
 
 
 def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float:
     """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
     _, planes, heights = hull.corners()
-    return float(np.min(_allowed_scales(problem, planes, hull.centre, np.minimum(heights, 1.0))))
+    return float(np.min(allowed_scales(problem.task, planes, np.minimum(heights, 1.0) + planes @ hull.centre)))
 
 
 @dataclass(frozen=True)

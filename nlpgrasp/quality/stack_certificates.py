@@ -25,7 +25,7 @@ from nlpgrasp.quality.convex_hull import BEYOND, Indices
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
-from nlpgrasp.quality.sandwich import ROUNDING, SHRINK
+from nlpgrasp.quality.sandwich import ROUNDING, SHRINK, allowed_scales
 from nlpgrasp.quality.screening import GraspBatch, second_moment
 from nlpgrasp.tasks import Task
 
@@ -234,7 +234,8 @@ class StackedHulls:
     def measure(self, task: Task) -> None:
         """Set the values of new cells."""
         row, slot = self._new
-        self.values[row, slot] = _allowed_scales(task, self.planes[row, slot], self.centre[row], np.ones(len(row)))
+        planes = self.planes[row, slot]
+        self.values[row, slot] = allowed_scales(task, planes, 1.0 + np.sum(planes * self.centre[row], axis=1))
 
     def lowest(self) -> tuple[FloatArray, FloatArray]:
         """Return the least value of each hull, (b,), and its cell's unit normal, (b, d)."""
@@ -321,7 +322,8 @@ class StackedHulls:
         row, slot = np.nonzero(np.any(self.planes != 0.0, axis=2))
         planes, corners = self.planes[row, slot], self._points[row[:, None], self._cells[row, slot]]
         heights = np.min((corners @ planes[:, :, None])[:, :, 0], axis=1)
-        values = _allowed_scales(task, planes, self.centre[row], np.minimum(heights, 1.0))
+        offsets = np.minimum(heights, 1.0) + np.sum(planes * self.centre[row], axis=1)
+        values = allowed_scales(task, planes, offsets)
         lower = np.full(len(self.planes), np.inf)
         np.minimum.at(lower, row, np.where(heights > LEAST_HEIGHT, values, 0.0))
         return np.where(self.failed | ~np.isfinite(lower), 0.0, lower)
@@ -337,13 +339,3 @@ def _facets(points: FloatArray) -> Indices:
         return np.asarray(ConvexHull(points).simplices, dtype=np.intp)
     except QhullError:
         return np.zeros((0, points.shape[1]), dtype=np.intp)
-
-
-def _allowed_scales(task: Task, planes: FloatArray, centres: FloatArray, heights: FloatArray) -> FloatArray:
-    """Return the largest alpha, (f,), that each half-space ``{<a, x - centre> <= height}`` allows."""
-    offset = heights + np.sum(planes * centres, axis=1)
-    offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
-    reach = task.support(planes)[0]
-    is_binding = reach > 0.0
-    unbounded = np.where(offset < 0.0, 0.0, np.inf)
-    return np.asarray(np.where(is_binding, np.maximum(offset, 0.0) / np.where(is_binding, reach, 1.0), unbounded))

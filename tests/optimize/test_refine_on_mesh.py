@@ -65,7 +65,8 @@ def test_exchanges_nearby_lead_to_other_triangles():
     compiled = compiled_problem(ball())
     first, result = refine_on_triangles(compiled, around(compiled, 1), Deadline())
     contacts = first.candidate.points
-    search, tuples = exchange_nearby(compiled, contacts[None], result.point.cuts, np.random.default_rng(0))
+    directions = np.concatenate([result.point.cuts, compiled.sample_tables.directions])
+    search, tuples = exchange_nearby(compiled, contacts[None], directions, np.random.default_rng(0))
     moved = search.candidate(tuples[0])
     assert np.max(np.linalg.norm(moved.points[:, None] - contacts, axis=2).min(axis=1)) <= NEIGHBOURHOOD * ball().size
     exchanged = refine_on_triangles(compiled, moved, Deadline())[0]
