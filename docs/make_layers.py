@@ -9,7 +9,7 @@ WIDTH, ROW, LEFT, ROOMS, GAP = 1180, 46, 24, 530, 8
 HUES = ("#0072B2", "#00795A", "#5B6773", "#8A4B08")  # asks and shows, searches, is data, proves: colour-blind safe
 KIND = {"cli": 0, "faces": 0} | dict.fromkeys(("studies", "pipeline", "analysis", "optimize", "nlp", "motion"), 1)
 KIND |= {"quality": 3, "verify": 3, "global_bound": 3}
-FACES = ("report", "experiments", "interop", "simulation")
+FACES = ("sets", "report", "experiments", "interop", "simulation")
 
 
 def layers() -> list[tuple[list[str], str]]:

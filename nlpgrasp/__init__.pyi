@@ -93,6 +93,8 @@ from nlpgrasp.quality import (
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measure_table import Columns, measure
 from nlpgrasp.report.pictures import draw_fit, draw_wrenches
+from nlpgrasp.sets.grasp_set import GraspSet, SetVerification, open_set
+from nlpgrasp.sets.make_set import SetProgress, make_set
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
 from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot
@@ -177,6 +179,7 @@ __all__ = [
     "FrictionContact",
     "Grasp",
     "GraspProblem",
+    "GraspSet",
     "GraspSolution",
     "GraspStack",
     "HalfSpace",
@@ -207,6 +210,8 @@ __all__ = [
     "RigidMotion",
     "Robustness",
     "Sensitivity",
+    "SetProgress",
+    "SetVerification",
     "ShadowPrice",
     "SharedJointTorqueLimits",
     "Simulation",
@@ -270,6 +275,7 @@ __all__ = [
     "is_stable",
     "isotropy",
     "lift",
+    "make_set",
     "manipulability",
     "measure",
     "min_weight",
@@ -280,6 +286,7 @@ __all__ = [
     "mu_1",
     "mu_tilde",
     "nu",
+    "open_set",
     "palm_path",
     "pour",
     "press",

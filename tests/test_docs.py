@@ -90,7 +90,7 @@ EXPECTED = {
     ),
     "grasp_metrics": ("32 of 40 are force-closed", "that is proved"),
     "gripper_and_part": ("part: Solved", "within max_force = 40 N"),
-    "data_sets": ("2 problems",),
+    "data_sets": ("4 grasps of 2 problems", "verified: 4 grasps verified", "1 file written to tables"),
     "how_close": ("mu at most 0.4", "ok   leaves: "),
     "hands": ("mu certified in [0.4", "spread, fingers", "confirmed: held as solved, lost without the squeeze"),
     "tasks": ("of 2000 wrenches inside", "less friction, [0."),

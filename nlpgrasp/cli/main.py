@@ -37,6 +37,7 @@ from nlpgrasp.cli.hand_command import hand_command
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.cli.quality_command import quality_command
 from nlpgrasp.cli.report_command import report_command
+from nlpgrasp.cli.set_command import set_app
 from nlpgrasp.cli.simulate_command import simulate_command
 from nlpgrasp.cli.task_command import task_app
 from nlpgrasp.common.display import open_page
@@ -307,6 +308,7 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
         app.command("export")(export_placeholder)
     app.command("simulate")(simulate_command)
     app.add_typer(task_app(), name="task")
+    app.add_typer(set_app(), name="set")
     return app
 
 

@@ -29,6 +29,19 @@ def load_problem(path: str | Path) -> ng.GraspProblem:
     return _run_function(path, "problem", ng.GraspProblem, "a GraspProblem")
 
 
+def load_problems(path: str | Path) -> object:
+    """Run a script and return what its ``problems()`` returns, or in a list what its ``problem()`` returns.
+
+    Raises
+    ------
+    InputError
+        As ``load_problem``.
+    """
+    if _missing_function(Path(path), "problems", "GraspProblem") is not None:
+        return [load_problem(path)]
+    return _run_function(path, "problems", object, "problems by name")
+
+
 def load_experiment(path: str | Path) -> ng.Experiment:
     """Run a script and return what its ``experiment()`` returns.
 

@@ -6,14 +6,13 @@ import faulthandler
 import json
 import multiprocessing
 import re
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Hashable, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from loky.process_executor import BrokenProcessPool
 
@@ -23,7 +22,7 @@ from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.experiment_result import ExperimentResult, read_records
 from nlpgrasp.experiments.output_folder import OutputFolder, plan_of
-from nlpgrasp.experiments.solve_job import Job, JobFactory, Outcome, run_job
+from nlpgrasp.experiments.solve_job import JobFactory, Outcome, RunnableJob, run_job
 from nlpgrasp.experiments.solve_record import SolveRecord
 from nlpgrasp.experiments.warm_start_exchange import WarmStartExchange
 from nlpgrasp.optimize.processes import cores, separate_processes
@@ -45,6 +44,7 @@ RESUME_HINT = "What was written before is kept; go on with --resume."
 
 
 Progress = Callable[[SolveRecord], None]
+Key = TypeVar("Key", bound=Hashable)  # of a job: a solve, or a unit of a data set
 
 
 def run_experiment(
@@ -230,10 +230,11 @@ class _WriteError(Exception):
 
 
 def run_local(
-    solves: Sequence[SolveId], factory: Callable[[SolveId], Job], workers: int
-) -> Generator[tuple[SolveId, Outcome], None, None]:
+    solves: Sequence[Key], factory: Callable[[Key], RunnableJob | None], workers: int
+) -> Generator[tuple[Key, Outcome], None, None]:
     """Run solves in local worker processes; yield each with its outcome when done, in any order.
 
+    Those for which the factory returns None when a worker is free are left out.
     At most one solve per worker is active. When a worker process crashes, all workers end, and the guilty solve is
     unknown: each active solve is repeated alone, and one that crashes its process again has failed.
     """
@@ -252,19 +253,23 @@ def run_local(
 
 
 def _outcomes_until_crash(
-    waiting: dict[SolveId, None], factory: Callable[[SolveId], Job], workers: int
-) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
+    waiting: dict[Key, None], factory: Callable[[Key], RunnableJob | None], workers: int
+) -> Generator[tuple[Key, Outcome], None, tuple[list[Key], str]]:
     """Yield outcomes of waiting solves until all are done or a worker crashes.
 
     Returns the solves that were active then, which stay waiting, and how the worker ended, as text.
     """
     remaining = iter(list(waiting))
-    active: dict[Future[Outcome], SolveId] = {}
+    active: dict[Future[Outcome], Key] = {}
     try:
         with separate_processes(workers, IDLE_SECONDS) as processes:
             while True:
-                for solve in islice(remaining, workers - len(active)):
-                    active[processes.submit(_run_job_quietly, factory(solve))] = solve
+                while len(active) < workers and (solve := next(remaining, None)) is not None:
+                    job = factory(solve)
+                    if job is None:
+                        del waiting[solve]
+                    else:
+                        active[processes.submit(_run_job_quietly, job)] = solve
                 if not active:
                     return [], ""
                 finished, _ = wait(active, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
@@ -278,15 +283,15 @@ def _outcomes_until_crash(
         return list(active.values()), f" ({codes[1]})" if codes else ""
 
 
-def _run_job_quietly(job: Job) -> Outcome:
+def _run_job_quietly(job: RunnableJob) -> Outcome:
     """Run a job in a worker; the parent reports a crash in one line."""
     faulthandler.disable()
     return run_job(job)
 
 
 def run_cluster(
-    solves: Sequence[SolveId], factory: Callable[[SolveId], Job], client: Client
-) -> Generator[tuple[SolveId, Outcome], None, None]:
+    solves: Sequence[Key], factory: Callable[[Key], RunnableJob | None], client: Client
+) -> Generator[tuple[Key, Outcome], None, None]:
     """Run solves on a Dask cluster; yield each with its outcome when done, in any order.
 
     A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
@@ -295,7 +300,7 @@ def run_cluster(
     from distributed import as_completed
 
     waiting = iter(solves)
-    active: dict[ClusterFuture, SolveId] = {}
+    active: dict[ClusterFuture, Key] = {}
     completed = as_completed(loop=client.loop)
 
     def submit() -> None:
@@ -304,6 +309,8 @@ def run_cluster(
             if solve is None:
                 return
             job = factory(solve)
+            if job is None:
+                continue
             future = client.submit(run_job, job, pure=False, key=job.key)
             active[future] = solve
             completed.add(future)

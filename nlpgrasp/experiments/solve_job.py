@@ -1,4 +1,4 @@
-"""Execution of one solve of an experiment in a worker process."""
+"""Jobs of worker processes: one solve of an experiment."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -35,20 +36,23 @@ LEAST_RTOL = 2e-4  # relative gap of a certificate that has to distinguish two g
 _solver_lock = threading.Lock()  # IPOPT's linear solver is not thread-safe
 
 
-def run_job(job: Job) -> Outcome:
-    """Solve, or improve a finished solution by offered grasps; errors become the outcome's message."""
+class RunnableJob(Protocol):
+    """Protocol of a job for a worker."""
+
+    @property
+    def key(self) -> str:
+        """Unique name of the job in the run."""
+
+    def run(self) -> Outcome:
+        """Return the outcome."""
+
+
+def run_job(job: RunnableJob) -> Outcome:
+    """Return the outcome of a job; errors become its message."""
     with _solver_lock:
         try:
-            lazy, offer, seed = job.payload.unpack(), job.offer, job.solve.seed
-            compiled, starts = lazy.compiled, lazy.problem_with_options.starts
-            if offer is not None:
-                improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
-                return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
-            solution = solve_compiled(compiled, starts, seed, lazy.problem_with_options.keeping)
-            if solution.status is Status.INTERRUPTED:
-                return Outcome(interrupted=True)
-            return Outcome(solution_json(solution.to_dict()))
-        except BaseException as error:  # even SystemExit ends this solve alone
+            return job.run()
+        except BaseException as error:  # even SystemExit ends this job alone
             return Outcome(failure=error_line(error))
 
 
@@ -75,10 +79,22 @@ class Job:
         suffix = "" if self.offer is None else f"-handed{self.offer.turn}"
         return f"nlpgrasp-{self.payload.token}-{self.solve.seed}{suffix}"
 
+    def run(self) -> Outcome:
+        """Solve, or improve a finished solution by offered grasps."""
+        lazy, offer, seed = self.payload.unpack(), self.offer, self.solve.seed
+        compiled, starts = lazy.compiled, lazy.problem_with_options.starts
+        if offer is not None:
+            improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
+            return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
+        solution = solve_compiled(compiled, starts, seed, lazy.problem_with_options.keeping)
+        if solution.status is Status.INTERRUPTED:
+            return Outcome(interrupted=True)
+        return Outcome(solution_json(solution.to_dict()))
+
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one solve.
+    """Outcome of one solve, or of one unit of a data set.
 
     Parameters
     ----------
@@ -88,11 +104,14 @@ class Outcome:
         Why it failed, in one line.
     interrupted : bool
         Whether the user interrupted it, so that it counts as not done.
+    content : bytes
+        The rows of a unit, as the content of a file.
     """
 
     text: str = ""
     failure: str = ""
     interrupted: bool = False
+    content: bytes = b""
 
 
 class JobFactory:

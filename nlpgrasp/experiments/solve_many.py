@@ -130,7 +130,7 @@ def solve_many(
         For a scheduler without the extra ``cluster``.
     """
     start_time = time.monotonic()
-    problem_by_name = _check_named_problems(problems)
+    problem_by_name = check_named_problems(problems)
     base = next(iter(problem_by_name.values()))
     if not isinstance(base, GraspProblem):
         base = base()
@@ -151,7 +151,7 @@ def solve_many(
     )
 
 
-def _check_named_problems(problems: object) -> dict[str, GraspProblem | ProblemFactory]:
+def check_named_problems(problems: object) -> dict[str, GraspProblem | ProblemFactory]:
     """Return problems by name, refusing other objects."""
     allowed = "problems by name, or several problems of different names"
     if isinstance(problems, Mapping):

@@ -72,6 +72,8 @@ class ExportFormat:
         Whether it contains the hand's model and uses ``ExportOptions.hand``.
     takes : tuple of str
         The other fields of ``ExportOptions`` that it uses.
+    has_all_grasps : bool
+        Whether a file has all kept grasps; otherwise the answer alone.
     """
 
     name: str
@@ -81,6 +83,7 @@ class ExportFormat:
     needs: Need = Need.GRASP
     takes_hand: bool = False
     takes: tuple[str, ...] = ()
+    has_all_grasps: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():

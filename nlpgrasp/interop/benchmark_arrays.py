@@ -98,7 +98,7 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
 
 
 NPZ = ExportFormat(
-    "npz", ".npz", "arrays of a benchmark", benchmark_arrays, Need.NOTHING, takes=("object", "gripper", "joints")
+    "npz", ".npz", "arrays of a benchmark", benchmark_arrays, Need.NOTHING, False, ("object", "gripper", "joints"), True
 )
 DEXGRASPBENCH = ExportFormat(
     "dexgraspbench", ".npy", "a record of DexGraspBench", dexgraspbench, Need.NOTHING, takes=("object", "joints")

@@ -297,7 +297,9 @@ def _with_task(task: Path | None, task_solution: GraspSolution | None, name: str
     return ReadGrasp(name, grasp_about_origin, task_solution.task, task_solution.budget)
 
 
-CSV = ExportFormat("csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution))
+CSV = ExportFormat(
+    "csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution), has_all_grasps=True
+)
 
 
 CONTACTS_TABLE = ReadFormat((".csv", ".parquet"), ("friction", "task", "unit"), _read_contacts_table)

@@ -180,4 +180,5 @@ def _kept_grasps_text(solution: GraspSolution, options: ExportOptions) -> str:
 ISAAC_GRASP = ExportFormat(
     *("isaac_grasp", ".yaml", "a gripper's pose and joints", _kept_grasps_text, Need.NOTHING),
     takes=("object", "gripper", "joints"),
+    has_all_grasps=True,
 )

@@ -116,5 +116,5 @@ def _translation(frame: str, direction: FloatArray) -> Json:
 
 
 MOVEIT = ExportFormat(
-    "moveit", ".grasps.yaml", "MoveIt's messages", moveit, Need.NOTHING, takes=("object", "gripper", "joints")
+    "moveit", ".grasps.yaml", "MoveIt's messages", moveit, Need.NOTHING, False, ("object", "gripper", "joints"), True
 )

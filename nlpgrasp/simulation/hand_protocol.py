@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +111,71 @@ def simulate_hand(
     )
 
 
+@dataclass(frozen=True)
+class HoldTest:
+    """Verdict on one grasp in a data set: pushes and a lift with the squeeze and, where all of them hold, without it.
+
+    Parameters
+    ----------
+    held : bool
+        Whether six pushes and the lift were all held strictly, as ``HandSimulation.held``.
+    caged : bool
+        Whether the hand without the squeeze held all of them too; false where the squeeze itself lost the object.
+    motion : Motion
+        Largest motion of the object with the squeeze, up to the first loss.
+    """
+
+    held: bool
+    caged: bool
+    motion: Motion
+
+    @property
+    def verdict(self) -> str:
+        """The verdict: ``"held by the squeeze"``, ``"caged"`` or ``"lost"``."""
+        return "lost" if not self.held else "caged" if self.caged else "held by the squeeze"
+
+
+def try_hold(
+    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, push: float = PUSH
+) -> HoldTest:
+    """Simulate the trials of ``simulate_hand`` as solved and of its control, each up to the first loss.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        Of a problem with an ``URDFHand``, with a squeeze.
+    urdf : path
+        The hand's file.
+    options : HandSceneOptions, optional
+        As for ``simulate_hand``.
+    push : float
+        Newtons.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As ``simulate_hand``.
+    """
+    settings = HandSceneOptions() if options is None else options
+    mass = object_mass(solution, settings.mass, DEFAULT_MASS)
+    scene = mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms))
+
+    def trials(squeeze: bool) -> Iterator[HandTrial]:
+        condition, world = AS_SOLVED if squeeze else CONTROL, HandWorld(scene)
+        squeezed = _close_hand(world, squeeze, None)
+        closed = world.state()
+        yield from _push_closed(condition, world, squeezed, push)
+        world.restore(closed)
+        yield _lift_closed(condition, world, squeezed, squeeze)
+
+    motions = list[Motion]()
+    for trial in trials(squeeze=True):
+        motions.append(trial.whole)
+        if not trial.strict:
+            return HoldTest(False, False, Motion.largest(motions))
+    return HoldTest(True, all(trial.strict for trial in trials(squeeze=False)), Motion.largest(motions))
+
+
 def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) -> Iterator[list[HandTrial]]:
     """Yield the trials of each condition; the scene with less friction is built when it is needed.
 
@@ -146,19 +211,27 @@ def _push_trials(
     squeezed = _close_hand(world, squeeze, displacement)
     if torques:
         world.soften(GAIN_SHARE)
-    result, closed = [], world.state()
+    return list(_push_closed(condition, world, squeezed, size, displacement is not None))
+
+
+def _push_closed(
+    condition: str, world: HandWorld, squeezed: Motion, size: float, placed_off: bool = False
+) -> Iterator[HandTrial]:
+    """Yield six trials with a push, each from the state of a closed hand."""
+    closed = world.state()
     for name, axis in AXES.items():
         world.restore(closed)
         motion, snapshots = world.push(size * np.array(axis, float), SECONDS)
-        result.append(
-            HandTrial(condition, f"a push along {name}", squeezed, motion, snapshots, displacement is not None)
-        )
-    return result
+        yield HandTrial(condition, f"a push along {name}", squeezed, motion, snapshots, placed_off)
 
 
 def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
     """Return the trial with a lift by the palm under gravity."""
-    squeezed = _close_hand(world, squeeze, None)
+    return _lift_closed(condition, world, _close_hand(world, squeeze, None), squeeze)
+
+
+def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bool) -> HandTrial:
+    """Return the trial with a lift, from the state of a closed hand."""
     target = world.controls("lift")
     if not squeeze:
         target = target - world.controls("squeeze") + world.controls("grasp")

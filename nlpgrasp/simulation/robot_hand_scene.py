@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from xml.etree.ElementTree import Comment, Element, SubElement
 
@@ -195,11 +196,18 @@ def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float], units: Urdf
     """Read the hand's file; raise if it is not the solution's hand."""
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
-    robot = read_robot(urdf, palm, units)
+    robot = _read_robot(Path(urdf), Path(urdf).stat().st_mtime_ns, palm, units)
     missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
     if missing:
         raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
     return robot
+
+
+@lru_cache(maxsize=1)  # many grasps of one hand
+def _read_robot(urdf: Path, modified: int, palm: str, units: UrdfUnits) -> Robot:
+    """Return the robot of a file that was modified at a time, nanoseconds."""
+    del modified
+    return read_robot(urdf, palm, units)
 
 
 def _contact_attributes(model: ContactModel, share: float) -> dict[str, str]:

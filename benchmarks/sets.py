@@ -1,0 +1,66 @@
+"""Sets of grasps: CPU seconds a distinct grasp of a 16-joint hand, by single solves and in a set, and bytes a grasp."""
+
+import os
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import nlpgrasp as ng
+from tests.hands.urdf import FOUR, four_finger_hand
+
+GRASPS, SOLVES = 12, 3
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+AIM, QUICKER = 4.0, 3.6  # CPU seconds on the machine of the aim, which is that many times quicker than that of the docs
+LIMIT = 8000  # bytes a grasp
+
+
+def problem():
+    return ng.GraspProblem(
+        ng.Ellipsoid([0.04, 0.03, 0.03]), ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), name="ellipsoid"
+    )
+
+
+def single_solves(count):
+    """CPU seconds of a grasp by ``ng.solve`` and ``ng.simulate_hand`` in this process, its programs compiled."""
+    options, hand_problem = ng.SolveOptions(workers=1, global_bound=False), problem()
+    ng.solve(hand_problem, starts=1, options=options)
+    solving = simulating = 0.0
+    for seed in range(1, count + 1):
+        begin = time.process_time()
+        solution = ng.solve(hand_problem, starts=1, seed=seed, options=options)
+        middle = time.process_time()
+        ng.simulate_hand(solution, FOUR)
+        solving, simulating = solving + middle - begin, simulating + time.process_time() - middle
+    total = (solving + simulating) / count
+    print(
+        f"one by one: {solving / count:.1f} CPU s to solve, {simulating / count:.1f} to simulate: {total:.1f} a grasp"
+    )
+
+
+def grasp_set(count):
+    """CPU seconds and bytes of a grasp in a set."""
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        grasps = ng.make_set([problem()], count, Path(folder) / "set", folders=[FOUR.parent])
+        seconds = time.perf_counter() - begin
+        frame, found = grasps.frame(failures=True), len(grasps)
+        solving, simulating = (frame[name].sum() / found for name in ("cpu_seconds", "simulation_cpu_seconds"))
+        size = sum(file.stat().st_size for file in (grasps.path / "rows").iterdir()) / found
+        aim = f"aim {AIM:g}, {AIM * QUICKER:.1f} on a machine {QUICKER:g} times slower"
+        cost = f"{solving:.1f} CPU s to solve, {simulating:.1f} to simulate: {solving + simulating:.1f} a grasp"
+        print(f"in a set of {found}: {cost} ({aim})", flush=True)
+        print(f"{60.0 * found / seconds:.1f} grasps a minute on {len(os.sched_getaffinity(0))} cores")
+        print(f"{size:.0f} bytes a grasp (limit {LIMIT})")
+        print(f"rows: {', '.join(f'{n} {s}' for s, n in grasps.counts().items() if n)}")
+        print(f"simulated: {dict(grasps.frame()['verdict'].value_counts())}")
+        begin = time.process_time()
+        outcome = grasps.verify(workers=1)
+        print(f"{outcome}".splitlines()[0], f"in {(time.process_time() - begin) / found:.1f} CPU s a grasp")
+
+
+def run(count=GRASPS):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        single_solves(SOLVES)
+        grasp_set(int(count))

@@ -1,0 +1,192 @@
+"""Rows of a set of grasps: one a start, as columns of a Parquet table."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.interop.hand_states import HandStates
+from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
+from nlpgrasp.sets.stored_solution import pack_solution
+from nlpgrasp.simulation.hand_protocol import HoldTest
+from nlpgrasp.solution.phase_record import LIFT
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.version import __version__
+
+GRASP, DUPLICATE, TOUCHES, NO_GRASP, FAILED = "grasp", "duplicate", "touches", "no grasp", "failed"
+STATUSES = (GRASP, DUPLICATE, TOUCHES, NO_GRASP, FAILED)
+NOT_SIMULATED = "not simulated"
+TEXT = ("problem", "status", "reason", "object", "hand", "way_in", "verdict")
+WHOLE = ("start", "seed")
+REAL = ("mu_lower", "mu_upper", "mu_gap", "link_depth", "friction_needed", "slip", "turn")
+COST = ("seconds", "cpu_seconds", "simulation_cpu_seconds")
+POSTURES = ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos", "lift_qpos")
+VECTORS = ("contact_points", "contact_normals", *POSTURES, "squeeze_effort")
+HAS = ("has_pose", "has_pregrasp", "has_squeeze", "has_lift", "has_depth")
+FLAGS = (*HAS, "way_in_free", "simulated", "held", "caged")
+LABELS = (
+    *("problem", "start", "seed", "object", "hand", "status", "reason", "mu_lower", "mu_upper", "mu_gap"),
+    *("contact_points", "contact_normals", "faces", "has_pose", "grasp_qpos", "has_pregrasp", "pregrasp_qpos"),
+    *("has_squeeze", "squeeze_qpos", "squeeze_effort", "friction_needed", "has_lift", "lift_qpos"),
+    *("has_depth", "link_depth", "way_in_free", "way_in", "simulated", "held", "caged", "verdict", "slip", "turn"),
+    *("seconds", "cpu_seconds", "simulation_cpu_seconds"),
+)
+IDENTITY = ("problem", "start", "seed", "object", "hand", "status", "reason", *COST)
+"""Columns that rows without a grasp have; the others are null there, and flags false."""
+
+GROUP = 64  # rows that are read together
+
+Row = dict[str, object]
+
+
+def parquet(module: str = "pyarrow.parquet") -> ModuleType:
+    """Import a module of pyarrow.
+
+    Raises
+    ------
+    MissingExtraError
+        When it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingExtraError("a set of grasps", "tables") from None
+
+
+@dataclass(frozen=True)
+class RowIdentity:
+    """Entries that all rows of a problem have in common.
+
+    Parameters
+    ----------
+    problem : str
+        Its name.
+    seed : int
+        Of the set.
+    body, hand : str
+        Digests of the body and of the hand; empty without a hand.
+    """
+
+    problem: str
+    seed: int
+    body: str
+    hand: str
+
+    def failure(self, start: int, status: str, reason: str, **entries: object) -> Row:
+        """Return the row of a start without a grasp."""
+        row = {"problem": self.problem, "seed": self.seed, "object": self.body, "hand": self.hand, "start": start}
+        row |= {"status": status, "reason": reason}
+        return row | dict.fromkeys(FLAGS, False) | dict.fromkeys(COST, 0.0) | entries
+
+    def grasp(self, start: int, solution: GraspSolution, hold: HoldTest | None, verdict: str, **entries: object) -> Row:
+        """Return the row of a grasp, with the outcome of its simulation or, in ``verdict``, why there is none."""
+        grasp, depth, squeeze = solution.require_grasp(), solution.link_depth, solution.squeeze
+        row = self.failure(start, GRASP, "") | {
+            "mu_lower": solution.mu.lower,
+            "mu_upper": solution.mu.upper,
+            "mu_gap": solution.mu.gap,
+            "contact_points": grasp.points.ravel().tolist(),
+            "contact_normals": grasp.normals.ravel().tolist(),
+            "faces": list(solution.faces),
+            "has_depth": depth is not None,
+            "link_depth": None if depth is None else depth.depth,
+            "friction_needed": None if squeeze is None else squeeze.friction_needed,
+            "simulated": hold is not None,
+            "verdict": verdict,
+        }
+        if hold is not None:
+            row |= {"held": hold.held, "caged": hold.caged, "slip": hold.motion.slip, "turn": hold.motion.turn}
+        return row | _posture_entries(solution) | pack_solution(solution) | entries
+
+
+def _posture_entries(solution: GraspSolution) -> Row:
+    """Return the hand's poses and joints of a grasp, and its approach; empty without a hand that has a pose."""
+    if "palm_pose" not in (solution.hand or {}):
+        return {"way_in": "no hand with a pose"}
+    states = HandStates.of(solution)
+    row: Row = {"grasp_qpos": states.row("grasp").tolist(), "has_pose": True, "has_pregrasp": states.has_pregrasp}
+    if states.has_pregrasp:
+        row["pregrasp_qpos"] = states.row("pregrasp").tolist()
+    row |= {"way_in_free": not states.blocked, "way_in": states.blocked, "has_squeeze": not states.no_squeeze}
+    if not states.no_squeeze:
+        row |= {"squeeze_qpos": states.row("squeeze").tolist(), "squeeze_effort": states.effort_row().tolist()}
+    lift = next((phase for phase in solution.phases if phase.name == LIFT), None)
+    if lift is not None:
+        pose = [*lift.palm_position.tolist(), *lift.palm_quaternion.tolist()]
+        row |= {"has_lift": True, "lift_qpos": [*pose, *(float(lift.joints[name]) for name in states.joints)]}
+    return row
+
+
+def row_schema() -> Any:
+    """Return the Arrow schema of rows."""
+    pa = parquet("pyarrow")
+    kinds = dict.fromkeys(TEXT, pa.string()) | dict.fromkeys(WHOLE, pa.int64()) | dict.fromkeys(FLAGS, pa.bool_())
+    kinds |= dict.fromkeys((*REAL, *COST), pa.float64()) | dict.fromkeys(VECTORS, pa.list_(pa.float64()))
+    kinds |= {"faces": pa.list_(pa.string()), "outline": pa.string(), "constraint_names": pa.string()}
+    kinds |= {"numbers": pa.binary(), "constraint_values": pa.binary()}
+    return pa.schema([(name, kinds[name]) for name in (*LABELS, *RECORD)])
+
+
+def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
+    """Return rows, or a table of them, as the content of a Parquet file with checksums.
+
+    Parameters
+    ----------
+    rows : iterable of dict, or pyarrow.Table
+    problem : str
+        The problem's digest.
+    unit : str
+        Number of the unit; ``"all"`` for all rows of a problem.
+    """
+    pa, pq, sink = parquet("pyarrow"), parquet(), io.BytesIO()
+    table = rows if isinstance(rows, pa.Table) else pa.Table.from_pylist(list(rows), schema=row_schema())
+    settings = {
+        "compression": "zstd",
+        "compression_level": 9,
+        "use_dictionary": [*TEXT, "outline", "constraint_names", "faces.list.element"],
+        "write_statistics": False,
+        "store_schema": False,
+        "write_page_checksum": True,
+    }
+    with pq.ParquetWriter(sink, table.schema, **settings) as writer:
+        writer.write_table(table, row_group_size=GROUP)
+        writer.add_key_value_metadata({"nlpgrasp": __version__, "problem": problem, "unit": unit})
+    return sink.getvalue()
+
+
+def read_rows(source: object, columns: Sequence[str], problem: str, field: str, group: int | None = None) -> Any:
+    """Return columns of the rows of a file, or of its content, as an Arrow table.
+
+    Parameters
+    ----------
+    source : path or bytes
+    columns : sequence of str
+    problem : str
+        Digest of the problem that the rows have to be of.
+    field : str
+        For messages.
+    group : int, optional
+        Read the rows from ``GROUP * group`` on alone, ``GROUP`` at most.
+
+    Raises
+    ------
+    InputError
+        On a damaged file, and on rows of another problem.
+    """
+    pa, pq = parquet("pyarrow"), parquet()
+    opened = pa.BufferReader(source) if isinstance(source, bytes) else source
+    try:
+        with pq.ParquetFile(opened, page_checksum_verification=True) as file:
+            stated = {k.decode(): v.decode() for k, v in (file.metadata.metadata or {}).items()}
+            table = file.read(list(columns)) if group is None else file.read_row_group(group, list(columns))
+            table = table.select(list(columns))
+    except (pa.ArrowException, OSError, KeyError, ValueError, IndexError) as error:
+        raise InputError(field, f"a damaged file ({str(error).splitlines()[0][:60]})", "rows of this set") from None
+    if stated.get("problem") != problem:
+        raise InputError(field, "rows of another problem", f"rows of the problem with digest {problem}")
+    return table

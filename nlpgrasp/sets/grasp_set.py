@@ -1,0 +1,471 @@
+"""Set of grasps: a table with one row a start, and solutions made on demand from its rows."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.files import file_name, write_bytes
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.user_warnings import warn
+from nlpgrasp.common.validation import integer
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop.base import ExportFormat, ExportOptions
+from nlpgrasp.interop.registry import format_named
+from nlpgrasp.optimize.processes import cores, separate_processes
+from nlpgrasp.quality.measure_table import Columns
+from nlpgrasp.sets.grasp_rows import FLAGS, GRASP, GROUP, LABELS, STATUSES, TEXT, WHOLE, read_rows
+from nlpgrasp.sets.set_folder import SetFolder, SetPlan
+from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
+from nlpgrasp.sets.stored_solution import unpack_solution
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.verify import verify
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+IDLE_SECONDS = 30.0  # seconds after which idle workers end
+CHUNK = 16  # grasps verified in one call of a worker
+NPZ = "npz"
+MOST_LISTED = 5  # failed grasps listed in a verdict
+
+
+@dataclass(frozen=True)
+class SetVerification:
+    """Outcome of verifying all grasps of a set; true when no check that could be made failed.
+
+    Parameters
+    ----------
+    verified, partly_verified : int
+        Number of grasps whose checks were all made, or only some for missing sources; no check failed.
+    failed : mapping of int to str
+        Verdict of each other grasp, by its index.
+    missing : tuple of str
+        Names of the files (mesh, robot) that were not found.
+    damaged : tuple of str
+        What of the set could not be read.
+    """
+
+    verified: int
+    partly_verified: int
+    failed: Mapping[int, str]
+    missing: tuple[str, ...] = ()
+    damaged: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return not self.failed
+
+    @property
+    def complete(self) -> bool:
+        """Whether every check could be made, and every row be read."""
+        return self.passed and not self.partly_verified and not self.damaged
+
+    def __bool__(self) -> bool:
+        return self.passed
+
+    def __str__(self) -> str:
+        word = "NOT verified" if self.failed else "verified" if self.complete else "partly verified"
+        lines = [f"{word}: {self.verified} grasps verified, {self.partly_verified} partly, {len(self.failed)} not"]
+        lines += [f"  grasp {i}: {verdict}" for i, verdict in list(self.failed.items())[:MOST_LISTED]]
+        lines += [
+            f"  {name} not found: give its folder with --folder, in Python with folders=" for name in self.missing
+        ]
+        return "\n".join([*lines, *(f"  {note}" for note in self.damaged)])
+
+
+@dataclass(frozen=True)
+class RowFile:
+    """File with rows of one problem.
+
+    Parameters
+    ----------
+    problem : str
+        Its name.
+    digest : str
+        Its digest.
+    file : Path
+    """
+
+    problem: str
+    digest: str
+    file: Path
+
+    def labels(self) -> Any:
+        """Return the labels of all rows."""
+        return read_rows(self.file, LABELS, self.digest, str(self.file))
+
+    def records(self, group: int) -> Any:
+        """Return the stored solutions of a group of rows."""
+        return read_rows(self.file, RECORD, self.digest, str(self.file), group)
+
+    def solution(self, records: Any, row: int, problem: Json) -> GraspSolution:
+        """Return the solution of a row from the records of its group and the problem as JSON data."""
+        record = records.slice(row % GROUP, 1).to_pylist()[0]
+        return unpack_solution(record, problem, self.problem, f"{self.file.name}: row {row}")
+
+
+@dataclass(frozen=True, repr=False)
+class GraspSet:
+    """Set of grasps in a folder: rows of all starts, of which those with a distinct grasp are its items.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder.
+    notes : tuple of str
+        Damaged files that were left out, and other messages.
+    """
+
+    path: Path
+    notes: tuple[str, ...] = ()
+    _plan: SetPlan = field(kw_only=True)
+    _files: tuple[RowFile, ...] = field(kw_only=True)
+    _tables: tuple[Any, ...] = field(kw_only=True)
+    _finished: frozenset[str] = field(kw_only=True)
+    _cache: dict[tuple[Path, int], Any] = field(default_factory=dict, kw_only=True)
+
+    @property
+    def settings(self) -> Json:
+        """Settings of the set: grasps a problem, seed, options."""
+        return self._plan["settings"]
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Names of the problems."""
+        return tuple(self._plan["problems"])
+
+    @property
+    def complete(self) -> bool:
+        """Whether every problem is finished. Until then, grasps of one problem may be equivalent."""
+        return len(self._finished) == len(self.problems)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of rows of each status: grasp, duplicate, touches, no grasp, failed."""
+        statuses = [status for table in self._tables for status in table["status"].to_pylist()]
+        return {status: statuses.count(status) for status in STATUSES}
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU seconds of all starts and their simulations."""
+        names = ("cpu_seconds", "simulation_cpu_seconds")
+        return float(sum(sum(table[name].to_pylist()) for table in self._tables for name in names))
+
+    def frame(self, failures: bool = False) -> pd.DataFrame | Columns:
+        """Return the labels of the grasps, one row each: a pandas frame, or ``Columns`` without pandas.
+
+        A value that does not apply is None or NaN, and its flag is false: ``has_pose``, ``has_pregrasp``,
+        ``has_squeeze`` (also for ``friction_needed``), ``has_lift``, ``has_depth``, ``simulated`` (for ``slip`` and
+        ``turn``). Rows without a grasp have none of them; their ``status`` is not "grasp".
+
+        Parameters
+        ----------
+        failures : bool
+            Return the rows without a grasp as well, whose ``status`` and ``reason`` say why.
+        """
+        rows = [row for table in self._tables for row in table.to_pylist() if failures or row["status"] == GRASP]
+        columns = {name: _column(name, [row[name] for row in rows]) for name in LABELS}
+        try:
+            pandas = import_module("pandas")
+        except ImportError:
+            return Columns(columns)
+        frame: pd.DataFrame = pandas.DataFrame({name: list(values) for name, values in columns.items()})
+        return frame.astype({name: values.dtype for name, values in columns.items() if values.dtype != object})
+
+    def solution(self, index: int) -> GraspSolution:
+        """Return a grasp as a solution, made from its row and the stored problem; ``ng.verify`` accepts it.
+
+        Values of constraints have single precision; all other numbers are those of the solve.
+
+        Raises
+        ------
+        InputError
+            On an index out of range, and on a damaged row.
+        """
+        index = integer("index", index, at_least=-len(self), at_most=len(self) - 1)
+        number, row = self._places[index]
+        source = self._files[number]
+        key = source.file, row // GROUP
+        if key not in self._cache:
+            self._cache.clear()
+            self._cache[key] = source.records(row // GROUP), SetFolder(self.path).read_problem(source.problem)
+        records, problem = self._cache[key]
+        return source.solution(records, row, problem)
+
+    def __iter__(self) -> Iterator[GraspSolution]:
+        return map(self.solution, range(len(self)))
+
+    def of_problem(self, problem: str) -> GraspSolution:
+        """Return all grasps of a problem as one solution, best first, as ``ng.solve(keep=...)`` returns them.
+
+        Raises
+        ------
+        InputError
+            On a problem without grasps.
+        """
+        solutions = [self.solution(i) for i in self._indices(problem)]
+        if not solutions:
+            raise InputError("problem", problem, "a problem of the set that has a grasp")
+        return self._join(sorted(solutions, key=lambda solution: -solution.mu.lower))
+
+    def _join(self, solutions: Sequence[GraspSolution]) -> GraspSolution:
+        """Return several grasps of one problem as one solution, the first as its answer."""
+        first = solutions[0]
+        solver = {**first.solver, "keep": len(solutions), "distinct": self.settings["distinct"]}
+        starts = tuple(sorted((start for s in solutions for start in s.starts), key=lambda start: start.index))
+        return replace(first, others=tuple(s.grasps[0] for s in solutions[1:]), starts=starts, solver=solver)
+
+    def export(self, folder: str | Path, to: str = NPZ, options: ExportOptions | None = None) -> tuple[Path, ...]:
+        """Write the grasps in the format of another tool: a file a problem, or a file a grasp for records of one.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Created if missing.
+        to : str
+            A format of ``nlpgrasp export``. ``"npz"`` has the arrays of docs/interop.md, in the order of the rows, and
+            the labels of simulation; without a hand contacts and labels alone.
+        options : ExportOptions, optional
+
+        Raises
+        ------
+        InputError
+            On an unknown format, a set without grasps, and what the format lacks.
+        """
+        target, export_format = Path(folder), format_named(to)
+        if not len(self):
+            raise InputError("set", "no grasps", "a set with a grasp")
+        try:
+            target.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError("folder", f"{target} ({error.strerror})", "a folder in one that exists") from None
+        written: list[Path] = []
+        for problem in self.problems:
+            if len(self._indices(problem)):
+                written += self._export_problem(problem, target, export_format, options or ExportOptions())
+        return tuple(written)
+
+    def verify(
+        self,
+        rtol: float = 0.01,
+        folders: Iterable[str | Path] = (),
+        workers: int | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> SetVerification:
+        """Verify every grasp in parallel, each as ``ng.verify(set.solution(i))``.
+
+        Parameters
+        ----------
+        rtol : float
+            Relative gap of the new certificates.
+        folders : iterable of str or Path
+            Where meshes and robot files are searched for, beside the current folder.
+        workers : int, optional
+            Processes; one a core when left out.
+        progress : callable, optional
+            Called with the number of grasps that are done.
+        """
+        count = integer("workers", workers, at_least=1, at_most=1024) if workers is not None else cores()
+        search = [str(Path(entry).absolute()) for entry in folders]
+        chunks, done = self._chunks(), 0
+        verified = partly = 0
+        failed: dict[int, str] = {}
+        missing: dict[str, None] = {}
+        for chunk, outcomes in zip(chunks, self._verify_chunks(chunks, rtol, search, count), strict=True):
+            for index, outcome in zip(chunk, outcomes, strict=True):
+                verified += outcome.passed and outcome.complete
+                partly += outcome.passed and not outcome.complete
+                missing |= dict.fromkeys(outcome.missing)
+                if not outcome.passed:
+                    failed[index] = outcome.verdict
+            done += len(chunk)
+            if progress is not None:
+                progress(done)
+        return SetVerification(verified, partly, failed, tuple(missing), self.notes)
+
+    def __repr__(self) -> str:
+        return f"GraspSet({str(self.path)!r}: {len(self)} grasps of {len(self.problems)} problems)"
+
+    def __str__(self) -> str:
+        counts, cost = self.counts(), self.cpu_seconds
+        others = ", ".join(f"{count} {status}" for status, count in counts.items() if count and status != GRASP)
+        lines = [f"{len(self)} grasps of {len(self.problems)} problems in {self.path}"]
+        if others:
+            lines.append(f"  starts without a grasp of their own: {others}")
+        if len(self):
+            lines.append(f"  {cost:.0f} CPU seconds, {cost / len(self):.2g} for each grasp")
+        unfinished = len(self.problems) - len(self._finished)
+        if unfinished:
+            lines.append(f"  {unfinished} problems are unfinished: their grasps may still turn out equivalent")
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    @cached_property
+    def _places(self) -> list[tuple[int, int]]:
+        """File and row of each grasp."""
+        statuses = [table["status"].to_pylist() for table in self._tables]
+        return [(number, row) for number, column in enumerate(statuses) for row, s in enumerate(column) if s == GRASP]
+
+    def _indices(self, problem: str) -> list[int]:
+        """Return the indices of a problem's grasps."""
+        return [i for i, (number, _) in enumerate(self._places) if self._files[number].problem == problem]
+
+    def _verify_chunks(
+        self, chunks: Sequence[Sequence[int]], rtol: float, folders: Sequence[str], workers: int
+    ) -> Iterator[list[_Outcome]]:
+        """Yield the outcomes of each chunk of grasps, in order."""
+        calls = [
+            partial(
+                _verify_rows, str(self.path), self._files[number], [self._places[i][1] for i in chunk], rtol, folders
+            )
+            for chunk in chunks
+            for number in {self._places[chunk[0]][0]}
+        ]
+        if workers == 1 or len(chunks) < 2:
+            yield from (call() for call in calls)
+            return
+        with separate_processes(min(workers, len(chunks)), IDLE_SECONDS) as processes:
+            for future in [processes.submit(call) for call in calls]:
+                yield future.result()
+
+    def _chunks(self) -> list[list[int]]:
+        """Return indices of grasps that are verified in one call each: some rows of one group."""
+        groups: dict[tuple[int, int], list[int]] = {}
+        for index, (number, row) in enumerate(self._places):
+            groups.setdefault((number, row // CHUNK), []).append(index)
+        return list(groups.values())
+
+    def _export_problem(
+        self, problem: str, target: Path, export_format: ExportFormat, options: ExportOptions
+    ) -> list[Path]:
+        """Write the grasps of a problem, and return the files."""
+        indices = self._indices(problem)
+        if export_format.name == NPZ:
+            file = target / f"{file_name(problem)}.npz"
+            return [write_bytes(file, self._npz(indices, export_format, options))]
+        if export_format.has_all_grasps:
+            path = target / f"{file_name(problem)}{export_format.ending}"
+            return [write_bytes(path, export_format.export(self.of_problem(problem), options))]
+        starts = [self._label(i, "start") for i in indices]
+        paths = [target / f"{file_name(problem)}-{start}{export_format.ending}" for start in starts]
+        for index, path in zip(indices, paths, strict=True):
+            write_bytes(path, export_format.export(self.solution(index), options))
+        return paths
+
+    def _npz(self, indices: Sequence[int], export_format: ExportFormat, options: ExportOptions) -> bytes:
+        """Return the arrays of a problem's grasps, with their labels, as the bytes of an npz file."""
+        solutions = [self.solution(i) for i in indices]
+        arrays: dict[str, NDArray[np.generic]] = {
+            "mu": np.array([[s.mu.lower, s.mu.upper] for s in solutions]),
+            "contact_points": np.stack([s.require_grasp().points for s in solutions]),
+            "contact_normals": np.stack([s.require_grasp().normals for s in solutions]),
+        }
+        if self._label(indices[0], "has_pose"):
+            with np.load(
+                io.BytesIO(export_format.export(self._join(solutions), options)), allow_pickle=False
+            ) as stated:
+                arrays = {name: stated[name] for name in stated.files}
+        names = ("start", "link_depth", "friction_needed", "slip", "turn", "verdict", *FLAGS)
+        labels = {name: _column(name, [self._label(i, name) for i in indices]) for name in names}
+        arrays |= {name: values.astype(str) if values.dtype == object else values for name, values in labels.items()}
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, **arrays)
+        return content.getvalue()
+
+    def _label(self, index: int, name: str) -> object:
+        """Return one label of a grasp."""
+        number, row = self._places[index]
+        return self._tables[number][name][row].as_py()
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """Outcome of verifying one grasp."""
+
+    passed: bool
+    complete: bool
+    missing: tuple[str, ...]
+    verdict: str
+
+
+def _verify_rows(
+    path: str, source: RowFile, rows: Sequence[int], rtol: float, folders: Sequence[str]
+) -> list[_Outcome]:
+    """Return the outcomes of verifying the grasps in some rows of one group of a file."""
+    try:
+        problem, records = SetFolder(Path(path)).read_problem(source.problem), source.records(rows[0] // GROUP)
+    except InputError as error:
+        return [_Outcome(False, False, (), f"NOT verified: {error}")] * len(rows)
+    outcomes = list[_Outcome]()
+    for row in rows:
+        try:
+            result = verify(source.solution(records, row, problem), rtol, folders)
+            outcomes.append(_Outcome(result.passed, result.complete, result.missing, result.verdict))
+        except InputError as error:
+            outcomes.append(_Outcome(False, False, (), f"NOT verified: {error}"))
+    return outcomes
+
+
+def open_set(path: str | Path, *, warns: bool = True) -> GraspSet:
+    """Open a set of grasps that ``ng.make_set`` wrote, finished or not.
+
+    Parameters
+    ----------
+    path : str or Path
+        Its folder.
+    warns : bool
+        Whether to warn of damaged files.
+
+    Raises
+    ------
+    InputError
+        When it is no such folder, or one of another schema.
+    MissingExtraError
+        Without the extra ``tables``.
+
+    Warns
+    -----
+    UserWarning
+        On each damaged file: it is left out, and named in ``notes``.
+    """
+    folder = SetFolder.of(path)
+    plan = folder.read_plan()
+    files, tables, notes, finished = list[RowFile](), [], list[str](), folder.finished()
+    for problem, digest in plan["problems"].items():
+        for source in (RowFile(problem, digest, file) for file in folder.row_files(problem, finished)):
+            try:
+                tables.append(source.labels())
+            except InputError as error:
+                notes.append(f"{source.file.name} was left out: {error.given}")
+                continue
+            files.append(source)
+    for note in notes if warns else ():
+        warn(f"{folder.path.name}: {note}")
+    merged = frozenset(problem for problem in plan["problems"] if finished.is_merged(problem))
+    return GraspSet(folder.path, tuple(notes), _plan=plan, _files=tuple(files), _tables=tuple(tables), _finished=merged)
+
+
+def _column(name: str, values: Sequence[object]) -> NDArray[np.generic]:
+    """Return a column as an array; of objects where its values are text, vectors or may be missing flags."""
+    if name in FLAGS:
+        return np.array(values, dtype=bool)
+    if name in WHOLE:
+        return np.array(values, dtype=np.int64)
+    if name in TEXT:
+        return np.array(["" if value is None else value for value in values], dtype=object)
+    if all(value is None or isinstance(value, float) for value in values):
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+    column = np.empty(len(values), dtype=object)
+    column[:] = [np.array(value) if isinstance(value, list) else value for value in values]
+    return column

@@ -1,0 +1,304 @@
+"""Work unit of a set: some starts of one problem, run in a worker process."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.formatting import error_line
+from nlpgrasp.common.types import Json
+from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.experiments.solve_job import Outcome
+from nlpgrasp.experiments.solve_record import body_digest
+from nlpgrasp.hands.base import PosedHand
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
+from nlpgrasp.optimize.hand_approach import add_hand_record
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem
+from nlpgrasp.optimize.processes import WorkerPayload, single_thread
+from nlpgrasp.optimize.propose import deal_candidates, propose
+from nlpgrasp.optimize.start import failed_start, run_start
+from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult
+from nlpgrasp.pipeline.answer import SearchRecord, make_answer, solver_record
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.sets.grasp_rows import (
+    DUPLICATE,
+    FAILED,
+    NO_GRASP,
+    NOT_SIMULATED,
+    TOUCHES,
+    Row,
+    RowIdentity,
+    parquet_bytes,
+)
+from nlpgrasp.simulation.hand_protocol import HoldTest, try_hold
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
+
+UNIT = 4  # starts of a unit: their candidates are proposed together, and they are lost together
+POSTURE = ("palm_pose", "joint_positions", "opening")  # entries of a hand's data from which its variables follow
+
+
+@dataclass(frozen=True)
+class KnownCandidate:
+    """Contacts and posture of a grasp of the set, to tell others from it.
+
+    Parameters
+    ----------
+    start : int
+    points : list of k points
+        Contacts, metres.
+    faces : list of str
+    hand : mapping
+        Posture of the hand as JSON data; empty without one.
+    """
+
+    start: int
+    points: Sequence[Sequence[float]]
+    faces: Sequence[str]
+    hand: Json
+
+    @classmethod
+    def of(cls, start: int, solution: GraspSolution) -> KnownCandidate:
+        """Return the contacts and posture of a solution."""
+        hand = {key: value for key, value in (solution.hand or {}).items() if key in POSTURE}
+        return cls(start, solution.require_grasp().points.tolist(), solution.faces, hand)
+
+
+class DistinctCandidates:
+    """Grasps of one problem that are pairwise distinct, in the order of their starts.
+
+    Parameters
+    ----------
+    compiled : CompiledProblem
+    distinct : float
+        Over the body's size, as in ``ng.solve``.
+    known : sequence of KnownCandidate
+    """
+
+    def __init__(self, compiled: CompiledProblem, distinct: float, known: Sequence[KnownCandidate] = ()) -> None:
+        hand = compiled.problem.hand
+        self._hand = hand if isinstance(hand, PosedHand) else None
+        self._equivalence = GraspEquivalence(compiled, distinct)
+        self.known = list(known)
+        self._candidates = [self._candidate(entry) for entry in known]
+
+    def reason(self, entry: KnownCandidate) -> str:
+        """Return why a grasp is no distinct one: the first start with an equivalent grasp; empty without one."""
+        candidate = self._candidate(entry)
+        for other, earlier in zip(self._candidates, self.known, strict=True):
+            if self._equivalence.are_equivalent(candidate, other):
+                return f"equivalent to the grasp of start {earlier.start}"
+        return ""
+
+    def add(self, entry: KnownCandidate) -> None:
+        """Add a distinct grasp."""
+        self.known.append(entry)
+        self._candidates.append(self._candidate(entry))
+
+    def _candidate(self, entry: KnownCandidate) -> GraspCandidate:
+        values = {} if self._hand is None else self._hand.values_of(entry.hand)
+        return GraspCandidate(tuple(entry.faces), np.asarray(entry.points, float), values)
+
+
+@dataclass(frozen=True)
+class UnitProblem:
+    """Problem of a unit, with everything that its rows depend on.
+
+    Parameters
+    ----------
+    name : str
+        In the set.
+    problem : GraspProblem
+    options : SolveOptions
+    seed : int
+    distinct : float
+    robot_file : Path, optional
+        File of the hand, for its simulation.
+    simulate : bool
+    """
+
+    name: str
+    problem: GraspProblem
+    options: SolveOptions
+    seed: int
+    distinct: float
+    robot_file: Path | None
+    simulate: bool
+
+    @property
+    def identity(self) -> RowIdentity:
+        """Entries that all rows have in common."""
+        return row_identity(self.name, self.seed, self.problem.to_dict())
+
+
+def row_identity(name: str, seed: int, problem: Json) -> RowIdentity:
+    """Return the entries that all rows of a problem have in common."""
+    body, hand = problem["body"], problem.get("hand")
+    return RowIdentity(name, seed, body_digest(body) or data_digest(body), "" if hand is None else data_digest(hand))
+
+
+def data_digest(data: Json) -> str:
+    """Return a digest of JSON data, 16 hexadecimal digits."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class UnitId:
+    """Number of a unit of a problem: its starts are ``UNIT * number`` and the next ones.
+
+    Parameters
+    ----------
+    problem : str
+        Name of the problem in the set.
+    number : int
+    """
+
+    problem: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.problem}, unit {self.number}"
+
+
+@dataclass(frozen=True)
+class UnitJob:
+    """One unit as data for a worker.
+
+    Parameters
+    ----------
+    unit : UnitId
+    payload : WorkerPayload
+        The problem: workers keep its compiled programs for all its units.
+    starts : range
+    known : tuple of KnownCandidate
+        Distinct grasps of earlier starts.
+    wanted : int or None
+        Number of further grasps that are needed, where all earlier starts are known; else None. Equivalence is not
+        transitive: whether a grasp of this unit is one of the set then depends on the others.
+    """
+
+    unit: UnitId
+    payload: WorkerPayload[LazyCompiledProblem[UnitProblem]]
+    starts: range
+    known: tuple[KnownCandidate, ...]
+    wanted: int | None
+
+    @property
+    def key(self) -> str:
+        """Unique name of the job in the run."""
+        return f"nlpgrasp-{self.payload.token}-unit{self.unit.number}"
+
+    def run(self) -> Outcome:
+        """Return the rows of the unit as the content of a Parquet file."""
+        lazy = self.payload.unpack()
+        unit = lazy.problem_with_options
+        with single_thread(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is stated of a grasp is in its row
+            rows = list(unit_rows(lazy.compiled, unit, self.starts, self.known, self.wanted))
+        return Outcome(content=parquet_bytes(rows, data_digest(unit.problem.to_dict()), str(self.unit.number)))
+
+
+def unit_rows(
+    compiled: CompiledProblem,
+    unit: UnitProblem,
+    starts: range,
+    known: Sequence[KnownCandidate] = (),
+    wanted: int | None = None,
+) -> Iterator[Row]:
+    """Yield the row of each start, until as many grasps are found as are wanted.
+
+    Grasps are compared with the known ones, and with each other where ``wanted`` is given. The cost of proposing
+    candidates counts with the first start.
+    """
+    distinct = DistinctCandidates(compiled, unit.distinct, known)
+    wall, cpu = time.monotonic(), time.process_time()
+    for result in run_starts(compiled, unit, starts):
+        row, simulating = _start_row(compiled, unit, result, distinct, wanted is not None)
+        now = time.monotonic(), time.process_time()
+        cost = {"seconds": now[0] - wall, "cpu_seconds": now[1] - cpu - simulating}
+        yield {**row, **cost, "simulation_cpu_seconds": simulating}
+        (wall, cpu) = now
+        if wanted is not None and len(distinct.known) >= len(known) + wanted:
+            return
+
+
+def run_starts(compiled: CompiledProblem, unit: UnitProblem, starts: range) -> Iterator[StartResult]:
+    """Yield the result of each start, from candidates that are proposed together."""
+    try:
+        proposed = propose(compiled, np.random.default_rng([unit.seed, starts.start]), starts=len(starts))
+    except SOLVER_ERRORS as error:
+        yield from [failed_start(index, error) for index in starts]
+        return
+    for index, candidates in zip(starts, deal_candidates(proposed, len(starts)), strict=True):
+        yield run_start(compiled, index, unit.seed, Deadline(), candidates=candidates)
+
+
+def _start_row(
+    compiled: CompiledProblem,
+    unit: UnitProblem,
+    result: StartResult,
+    distinct: DistinctCandidates,
+    is_added: bool,
+) -> tuple[Row, float]:
+    """Return the row of a start, its grasp completed and simulated, and the CPU seconds of the simulation.
+
+    With ``is_added`` its grasp is one that later ones are compared with.
+    """
+    identity, record = unit.identity, result.record
+    if not isinstance(result, StartGrasp) or not record.has_grasp:
+        status = FAILED if record.status is Status.FAILED else NO_GRASP
+        return identity.failure(record.index, status, _reason(record)), 0.0
+    if not result.solved:
+        return identity.failure(record.index, TOUCHES, record.obstruction), 0.0
+    solution = _complete(compiled, unit, result)
+    if solution.touches:
+        return identity.failure(record.index, TOUCHES, "; ".join(solution.caveats)), 0.0
+    entry = KnownCandidate.of(record.index, solution)
+    if reason := distinct.reason(entry):
+        return identity.failure(record.index, DUPLICATE, reason), 0.0
+    if is_added:
+        distinct.add(entry)
+    begin = time.process_time()
+    hold, verdict = _simulate(unit, solution)
+    seconds = time.process_time() - begin if hold is not None else 0.0
+    return identity.grasp(record.index, solution, hold, verdict), seconds
+
+
+def _reason(record: StartRecord) -> str:
+    """Return why a start has no grasp."""
+    if record.status is Status.FAILED:
+        return record.message
+    if not record.mu.lower > 0.0:
+        return "no certified quality above zero"
+    return f"constraints violated by {record.violation:.2g} of their scales"
+
+
+def _complete(compiled: CompiledProblem, unit: UnitProblem, result: StartGrasp) -> GraspSolution:
+    """Return the solution of a start: the hand's approach, least forces and squeeze added."""
+    start = add_hand_record(compiled, result)
+    search = SearchRecord(compiled.problem, compiled.options, unit.seed, [start], chosen=start)
+    record = solver_record(compiled.options, unit.seed, start.effort, sum(start.record.seconds.values()))
+    return replace(make_answer(search, None), solver=record)
+
+
+def _simulate(unit: UnitProblem, solution: GraspSolution) -> tuple[HoldTest | None, str]:
+    """Return the simulated verdict on a grasp, or None and why there is none."""
+    if not unit.simulate or unit.robot_file is None:
+        reason = "not requested" if not unit.simulate else "no hand with joints"
+        return None, f"{NOT_SIMULATED}: {reason}"
+    try:
+        hold = try_hold(solution, unit.robot_file)
+    except NlpgraspError as error:
+        return None, f"{NOT_SIMULATED}: {error_line(error)}"
+    return hold, hold.verdict

@@ -1,0 +1,557 @@
+"""Making of a set of grasps: units of starts over worker processes, each safe on disk when it is finished."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import ceil, inf
+from pathlib import Path
+from typing import Any
+
+from nlpgrasp.common.formatting import error_line
+from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import integer, share
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.experiment_run import ClusterLostError, connect, run_cluster, run_local
+from nlpgrasp.experiments.solve_job import Outcome
+from nlpgrasp.experiments.solve_many import ProblemFactory, check_named_problems
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
+from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem
+from nlpgrasp.optimize.processes import WorkerPayload, cores
+from nlpgrasp.pipeline.solve import check_json
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.sets.grasp_rows import DUPLICATE, FAILED, GRASP, IDENTITY, LABELS, parquet, parquet_bytes, read_rows
+from nlpgrasp.sets.grasp_set import GraspSet, open_set
+from nlpgrasp.sets.grasp_unit import (
+    UNIT,
+    DistinctCandidates,
+    KnownCandidate,
+    UnitId,
+    UnitJob,
+    UnitProblem,
+    data_digest,
+    row_identity,
+)
+from nlpgrasp.sets.set_folder import SetFolder
+from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
+from nlpgrasp.sets.stored_solution import unpack_solution
+
+STARTS_PER_GRASP = 4  # most starts of a problem per requested grasp, by default
+WAIT_SECONDS = 0.5  # seconds between looks at the folder while other processes run the last units
+DEFAULT_OPTIONS = SolveOptions(global_bound=False, final_rtol=SolveOptions().rtol)
+REFUSED = ("gap", "time_limit", "analyses", "extras", "workers", "edge_margin")  # of the options
+INTERRUPTED = "Interrupted: what is finished is kept; call ng.make_set again to go on."
+
+
+@dataclass(frozen=True)
+class SetProgress:
+    """Progress of a set, with the rate and cost of this run.
+
+    Parameters
+    ----------
+    grasps, wanted : int
+        Number of grasps so far, and of those requested. Some may still turn out equivalent to others.
+    missing : int
+        Number of grasps requested of unfinished problems.
+    problems, finished : int
+        Number of problems, and of those that are finished.
+    starts, failures : int
+        Starts of this run, and those of them without a grasp of their own.
+    new : int
+        Number of grasps found by this run.
+    seconds, cpu_seconds : float
+        Wall time of this run; CPU time of its finished starts.
+    """
+
+    grasps: int
+    wanted: int
+    missing: int
+    problems: int
+    finished: int
+    starts: int
+    failures: int
+    new: int
+    seconds: float
+    cpu_seconds: float
+
+    @property
+    def per_second(self) -> float:
+        """Grasps found per second of this run."""
+        return self.new / self.seconds if self.seconds > 0.0 else 0.0
+
+    @property
+    def cpu_per_grasp(self) -> float:
+        """CPU seconds per grasp found; inf before the first."""
+        return self.cpu_seconds / self.new if self.new else inf
+
+    @property
+    def seconds_left(self) -> float:
+        """Estimate of the seconds left, at this rate; inf before the first grasp."""
+        return self.missing / self.per_second if self.new else inf
+
+    def __str__(self) -> str:
+        text = f"{self.grasps} of {self.wanted} grasps, {self.finished} of {self.problems} problems"
+        if self.new:
+            text += f"; {60.0 * self.per_second:.3g} a minute, {self.cpu_per_grasp:.2g} CPU s each, "
+            text += f"about {self.seconds_left / 60.0:.1f} min left"
+        return f"{text}; {self.failures} of {self.starts} starts without a grasp" if self.failures else text
+
+
+Progress = Callable[[SetProgress], None]
+
+
+def make_set(
+    problems: Mapping[str, GraspProblem | ProblemFactory] | Iterable[GraspProblem],
+    grasps_per_problem: int,
+    out: str | Path,
+    *,
+    simulate: bool = True,
+    starts: int | None = None,
+    seed: int = 0,
+    distinct: float = 0.1,
+    options: SolveOptions | None = None,
+    folders: Iterable[str | Path] = (),
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> GraspSet:
+    """Make a data set of distinct, certified grasps: many starts of many problems in parallel, a row for each.
+
+    The grasps of a problem are results of its starts, in their order, each distinct from those before; they are refined
+    and certified, not brought to the nearest local optimum as the answer of ``ng.solve`` is. Units of four starts are
+    written to ``out`` when they are finished. A call with an existing folder goes on with it: the rows are those of an
+    uninterrupted run, except for their cost. Several processes may work on one folder. Problems may be added.
+
+    Parameters
+    ----------
+    problems : mapping of str to GraspProblem or callable, or iterable of GraspProblem
+        As for ``ng.solve_many``.
+    grasps_per_problem : int
+        Number of distinct grasps of each problem.
+    out : str or Path
+        Folder of the set.
+    simulate : bool
+        Push and lift the object in MuJoCo, with the squeeze and without, for hands with joints (``ng.URDFHand``).
+    starts : int, optional
+        Most starts of a problem; four per requested grasp when left out.
+    seed : int
+    distinct : float
+        As in ``ng.solve``.
+    options : SolveOptions, optional
+        Of the starts; without a gap, a time limit or analyses.
+    folders : iterable of str or Path
+        Where the robot files of simulated hands are, after the current folder.
+    workers : int, optional
+        Processes on this machine; one a core when left out.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers run the units instead (extra ``cluster``).
+    progress : callable, optional
+        Called with a ``SetProgress`` after each unit.
+
+    Returns
+    -------
+    GraspSet
+        Also after Ctrl-C; ``notes`` name what was damaged or left undone.
+
+    Raises
+    ------
+    InputError
+        Before anything runs: on arguments out of range, a problem that cannot be made or sent to workers, a robot file
+        that is not found, and a folder of another set, version or problem.
+    MissingExtraError
+        Without the extras ``tables``, for simulation ``sim``, for a scheduler ``cluster``.
+    """
+    parquet()
+    run = _Run.of(problems, grasps_per_problem, out, simulate, starts, seed, distinct, options, folders, progress)
+    if workers is not None:
+        if scheduler is not None:
+            raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
+        workers = integer("workers", workers, at_least=1, at_most=1024)
+    client = None if scheduler is None else connect(scheduler)
+    try:
+        run_units = (
+            partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
+        )
+        run.run(run_units)
+    except KeyboardInterrupt:
+        run.notes.append(INTERRUPTED)
+    except ClusterLostError as error:
+        run.notes.append(f"Stopped: {error}; call ng.make_set again to go on.")
+    finally:
+        run.folder.close()
+        if client is not None:
+            client.close()
+    result = open_set(run.folder.path, warns=False)
+    return replace(result, notes=(*run.notes, *(note for note in result.notes if note not in run.notes)))
+
+
+@dataclass
+class _ProblemState:
+    """State of one problem in this run.
+
+    Parameters
+    ----------
+    name : str
+    make : callable
+        Returns the problem.
+    data : mapping
+        The problem as JSON data.
+    robot_file : Path or None
+        File of its hand, for simulation.
+    """
+
+    name: str
+    make: ProblemFactory
+    data: Json
+    robot_file: Path | None = None
+    distinct: DistinctCandidates | None = None
+    next_unit: int = 0  # the first unit that is not settled
+    pending: dict[int, int] = field(default_factory=dict)  # finished units after it, with their numbers of grasps
+    duplicates: dict[int, str] = field(default_factory=dict)  # reason by start, for grasps that proved equivalent
+    grasps: int = 0  # of a finished problem
+    is_finished: bool = False
+
+    @property
+    def digest(self) -> str:
+        """Digest of the problem."""
+        return data_digest(self.data)
+
+    @property
+    def count(self) -> int:
+        """Number of grasps so far; those of units that are not settled may turn out equivalent."""
+        return self.grasps if self.is_finished else self.settled + sum(self.pending.values())
+
+    @property
+    def settled(self) -> int:
+        """Number of distinct grasps of the settled units."""
+        return 0 if self.distinct is None else len(self.distinct.known)
+
+
+@dataclass
+class _Run:
+    """Run of a set's missing units.
+
+    Parameters
+    ----------
+    folder : SetFolder
+    states : mapping of str to _ProblemState
+    wanted : int
+        Grasps a problem.
+    most_units : int
+        Of a problem.
+    settings : mapping
+        As the plan states them.
+    options : SolveOptions
+    progress : callable or None
+    """
+
+    folder: SetFolder
+    states: Mapping[str, _ProblemState]
+    wanted: int
+    most_units: int
+    settings: Json
+    options: SolveOptions
+    progress: Progress | None
+    notes: list[str] = field(default_factory=list)
+    begin: float = field(default_factory=time.monotonic)
+    starts: int = 0
+    failures: int = 0
+    cpu_seconds: float = 0.0
+    before: int = 0  # grasps of earlier runs
+    payload: tuple[str, WorkerPayload[LazyCompiledProblem[UnitProblem]]] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        problems: object,
+        grasps_per_problem: int,
+        out: object,
+        simulate: bool,
+        starts: int | None,
+        seed: int,
+        distinct: float,
+        options: SolveOptions | None,
+        folders: Iterable[str | Path],
+        progress: Progress | None,
+    ) -> _Run:
+        """Return the run, its arguments checked and its folder open."""
+        wanted = integer("grasps_per_problem", grasps_per_problem, at_least=1, at_most=10**6)
+        most_starts = STARTS_PER_GRASP * wanted if starts is None else starts
+        most_starts, seed, _ = check_solve_arguments(most_starts, seed, options)
+        if not isinstance(simulate, bool):
+            raise InputError("simulate", simulate, "True or False")
+        if progress is not None and not callable(progress):
+            raise InputError("progress", progress, "a function of a SetProgress")
+        settings = {
+            "grasps_per_problem": wanted,
+            "starts": most_starts,
+            "unit": UNIT,
+            "seed": seed,
+            "distinct": share("distinct", distinct),
+            "simulate": simulate,
+            "options": check_options(options).to_dict(),
+        }
+        states = {name: _state_of(name, given) for name, given in check_named_problems(problems).items()}
+        search = [Path(), *map(Path, folders)]
+        for state in states.values() if simulate else ():
+            if state.data["hand"] is not None and state.data["hand"].get("type") == URDFHand.kind:
+                import_mujoco("simulation of a set")
+                state.robot_file = find_robot_file(state.data["hand"], search)
+        folder = SetFolder.of(out)
+        folder.open(settings, {name: state.data for name, state in states.items()})
+        folder.remove_partial_files()
+        most_units = ceil(most_starts / UNIT)
+        return cls(folder, states, wanted, most_units, settings, check_options(options).narrow(), progress)
+
+    def run(self, run_units: Callable[..., Any]) -> None:
+        """Run units until all problems are finished; those that other processes run are waited for."""
+        self._look_at_folder()
+        self.before = sum(state.count for state in self.states.values())
+        while units := self._missing_units():
+            is_idle = True
+            with closing(run_units(units, self._job)) as outcomes:
+                for unit, outcome in outcomes:
+                    is_idle = False
+                    self._store(unit, outcome)
+            self._look_at_folder()
+            if is_idle:
+                time.sleep(WAIT_SECONDS)
+
+    def _missing_units(self) -> list[UnitId]:
+        """Return units to run: as many as are needed if each of their starts ends with a distinct grasp."""
+        units: list[UnitId] = []
+        for state in self.states.values():
+            if state.is_finished:
+                continue
+            numbers = (n for n in range(state.next_unit, self.most_units) if n not in state.pending)
+            needed = max(ceil((self.wanted - state.count) / UNIT), 1)
+            units += [UnitId(state.name, number) for number, _ in zip(numbers, range(needed), strict=False)]
+        return units
+
+    def _job(self, unit: UnitId) -> UnitJob | None:
+        """Return the job of a unit; None where it is finished or runs elsewhere."""
+        state = self.states[unit.problem]
+        if state.is_finished or unit.number < state.next_unit or not self.folder.claim(unit):
+            return None
+        if self.payload is None or self.payload[0] != state.name:
+            make = partial(_make_unit, state.name, state.make, self.options, self.settings, state.robot_file)
+            try:
+                self.payload = state.name, WorkerPayload.of(LazyCompiledProblem(make))
+            except Exception as error:  # any error of the parts' own pickling
+                allowed = "parts that can be sent to other processes"
+                raise InputError(f"problem {state.name!r}", error_line(error), allowed) from None
+        known = () if state.distinct is None else tuple(state.distinct.known)
+        wanted = self.wanted - len(known) if unit.number == state.next_unit else None
+        return UnitJob(unit, self.payload[1], self._starts(unit.number), known, wanted)
+
+    def _starts(self, number: int) -> range:
+        """Return the starts of a unit."""
+        return range(UNIT * number, min(UNIT * (number + 1), int(self.settings["starts"])))
+
+    def _store(self, unit: UnitId, outcome: Outcome) -> None:
+        """Write the rows of a unit; where its worker failed, rows with the reason."""
+        state, content = self.states[unit.problem], outcome.content
+        if not content:
+            identity = row_identity(state.name, int(self.settings["seed"]), state.data)
+            failures = [identity.failure(start, FAILED, outcome.failure) for start in self._starts(unit.number)]
+            content = parquet_bytes(failures, state.digest, str(unit.number))
+        rows = read_rows(content, IDENTITY, state.digest, str(unit)).to_pylist()
+        self.starts += len(rows)
+        self.failures += sum(row["status"] != GRASP for row in rows)
+        self.cpu_seconds += sum(row["cpu_seconds"] + row["simulation_cpu_seconds"] for row in rows)
+        self.folder.write_unit(unit, content)
+        state.pending[unit.number] = sum(row["status"] == GRASP for row in rows)
+        self._settle(state)
+        self._report()
+
+    def _look_at_folder(self) -> None:
+        """Take up what is in the folder: finished problems, and units of earlier runs and other processes."""
+        finished = self.folder.finished()
+        for state in self.states.values():
+            if not state.is_finished and finished.is_merged(state.name):
+                self._finish(state)
+            elif not state.is_finished:
+                for number in finished.numbers(state.name):
+                    if number >= state.next_unit and number not in state.pending:
+                        rows = self._read_unit(state, number, ("status",))
+                        if rows is not None:
+                            state.pending[number] = rows["status"].to_pylist().count(GRASP)
+                self._settle(state)
+
+    def _settle(self, state: _ProblemState) -> None:
+        """Compare the grasps of finished units with those before, in the order of starts; merge a finished problem."""
+        while not state.is_finished and state.next_unit in state.pending:
+            number = state.next_unit
+            table = self._read_unit(state, number, ("start", "status", *RECORD))
+            del state.pending[number]
+            if table is None:
+                return
+            state.next_unit += 1
+            for row in table.to_pylist():
+                if row["status"] == GRASP:
+                    self._compare(state, row)
+                if state.settled == self.wanted:
+                    self._merge(state, row["start"])
+                    return
+            if state.next_unit == self.most_units:
+                self._merge(state, UNIT * self.most_units)
+
+    def _compare(self, state: _ProblemState, row: Mapping[str, Any]) -> None:
+        """Add a row's grasp to the distinct ones, or note that it is equivalent to one of them."""
+        if state.distinct is None:
+            compiled = CompiledProblem(state.make(), self.options)
+            state.distinct = DistinctCandidates(compiled, float(self.settings["distinct"]))
+        start = int(row["start"])
+        solution = unpack_solution(row, state.data, state.name, f"{state.name}, start {start}")
+        entry = KnownCandidate.of(start, solution)
+        if reason := state.distinct.reason(entry):
+            state.duplicates[start] = reason
+        else:
+            state.distinct.add(entry)
+
+    def _merge(self, state: _ProblemState, last: int) -> None:
+        """Write the rows of a finished problem, up to its last start, as one file."""
+        pa = parquet("pyarrow")
+        tables = [self._read_unit(state, number, (*LABELS, *RECORD)) for number in range(state.next_unit)]
+        if any(table is None for table in tables):
+            state.next_unit, state.distinct, state.duplicates = 0, None, {}  # a file was damaged meanwhile
+            return
+        table = pa.concat_tables(tables)
+        table = table.filter(parquet("pyarrow.compute").less_equal(table["start"], last))
+        table = _relabel(table, state.duplicates)
+        self.folder.write_merged(state.name, parquet_bytes(table, state.digest, "all"))
+        self._finish(state)
+
+    def _finish(self, state: _ProblemState) -> None:
+        """Note that a problem is finished, and let go of what is no longer needed."""
+        file = self.folder.merged_file(state.name)
+        try:
+            rows = read_rows(file, (*LABELS, *RECORD), state.digest, file.name)  # all of them, to notice any damage
+        except InputError as error:
+            self._set_aside(file, error)
+            return
+        state.is_finished, state.grasps = True, rows["status"].to_pylist().count(GRASP)
+        state.distinct, state.pending, state.duplicates = None, {}, {}
+        self.folder.remove_units(state.name)
+
+    def _read_unit(self, state: _ProblemState, number: int, columns: Sequence[str]) -> Any:
+        """Return columns of a unit's rows; None where its file is damaged, which is set aside."""
+        file = self.folder.unit_file(UnitId(state.name, number))
+        try:
+            return read_rows(file, columns, state.digest, file.name)
+        except InputError as error:
+            if not self.folder.merged_file(state.name).is_file():  # else another process has merged it
+                self._set_aside(file, error)
+            return None
+
+    def _set_aside(self, file: Path, error: InputError) -> None:
+        """Rename a damaged file, so that its starts are run again, and note it."""
+        self.notes.append(f"{file.name} is run again: {error.given}; renamed to {self.folder.set_aside(file)}")
+
+    def _report(self) -> None:
+        """Call the progress callback."""
+        if self.progress is None:
+            return
+        states = self.states.values()
+        grasps = sum(state.count for state in states)
+        self.progress(
+            SetProgress(
+                grasps,
+                self.wanted * len(states),
+                sum(max(self.wanted - state.count, 0) for state in states if not state.is_finished),
+                len(states),
+                sum(state.is_finished for state in states),
+                self.starts,
+                self.failures,
+                max(grasps - self.before, 0),
+                time.monotonic() - self.begin,
+                self.cpu_seconds,
+            )
+        )
+
+
+def check_options(options: SolveOptions | None) -> SolveOptions:
+    """Return the options of a set's starts.
+
+    Raises
+    ------
+    InputError
+        On options whose results depend on time, or that a set does not have.
+    """
+    if options is None:
+        return DEFAULT_OPTIONS
+    default = SolveOptions()
+    changed = [name for name in REFUSED if getattr(options, name) != getattr(default, name)]
+    if changed:
+        raise InputError(f"options.{changed[0]}", getattr(options, changed[0]), "its default for a set of grasps")
+    return replace(options, global_bound=False)
+
+
+def find_robot_file(hand: Json, folders: Sequence[Path]) -> Path:
+    """Return the file of a hand, by its recorded name and fingerprint.
+
+    Raises
+    ------
+    InputError
+        Where no folder has it.
+    """
+    for folder in folders:
+        file = folder / str(hand["source"])
+        if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == hand["sha256"]:
+            return file.resolve()
+    allowed = "its folder in folders= (--folder), or simulate=False (--no-simulate)"
+    raise InputError("simulate", f"True, and {hand['source']} is not found", allowed)
+
+
+def _state_of(name: str, given: GraspProblem | ProblemFactory) -> _ProblemState:
+    """Return the initial state of a problem, made once to learn its data."""
+    make = partial(_identity, given) if isinstance(given, GraspProblem) else given
+    try:
+        problem = make()
+    except Exception as error:  # whatever the user's function raises
+        raise InputError(f"problems[{name!r}]", error_line(error), "a function that returns a GraspProblem") from error
+    if not isinstance(problem, GraspProblem):
+        raise InputError(f"problems[{name!r}]", problem, "a GraspProblem, or a function that returns one")
+    data = problem.to_dict()
+    check_json(data)
+    return _ProblemState(name, make, data)
+
+
+def _identity(problem: GraspProblem) -> GraspProblem:
+    return problem
+
+
+def _make_unit(
+    name: str, make: ProblemFactory, options: SolveOptions, settings: Json, robot_file: Path | None
+) -> UnitProblem:
+    """Return the problem of a unit, in a worker."""
+    seed, distinct, simulate = int(settings["seed"]), float(settings["distinct"]), bool(settings["simulate"])
+    return UnitProblem(name, make(), options, seed, distinct, robot_file, simulate)
+
+
+def _relabel(table: Any, duplicates: Mapping[int, str]) -> Any:
+    """Return a table whose grasps that proved equivalent to earlier ones are labelled so, without their data."""
+    pa, rows = parquet("pyarrow"), table["start"].to_pylist()
+    if not duplicates:
+        return table
+    is_kept = pa.array([start not in duplicates for start in rows])
+    for i, name in enumerate(table.column_names):
+        if name == "status":
+            replaced = pa.scalar(DUPLICATE)
+        elif name == "reason":
+            replaced = pa.array([duplicates.get(start, "") for start in rows])
+        elif name in IDENTITY:
+            continue
+        else:
+            kind = table.schema.field(name).type
+            replaced = pa.scalar(False if pa.types.is_boolean(kind) else None, kind)
+        column = parquet("pyarrow.compute").if_else(is_kept, table[name], replaced)
+        table = table.set_column(i, name, column)
+    return table

@@ -1,0 +1,280 @@
+"""Folder of a set: its plan, each problem once, and one Parquet file a unit, merged when a problem is finished.
+
+``set.json`` is the plan; ``problems/NAME.json`` states a problem; ``rows/NAME--3.parquet`` has the rows of its unit 3,
+``rows/NAME.parquet`` all rows of a finished problem. Each file is written whole or not at all. A unit always gives the
+same rows, so that two processes that run it write the same. Reading executes nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO, TypedDict
+
+from nlpgrasp.common.files import file_name, hold_lock, read_object, try_lock, write_bytes, write_text
+from nlpgrasp.common.types import Json
+from nlpgrasp.errors import InputError
+from nlpgrasp.sets.grasp_unit import UnitId, data_digest
+from nlpgrasp.version import __version__
+
+SCHEMA = "nlpgrasp-set/1"
+PLAN, PROBLEMS, ROWS, LOCKS, LOCK = "set.json", "problems", "rows", ".locks", ".lock"
+SET_FOLDER = "the folder of a set of grasps"
+ABANDONED = 600.0  # seconds after which a partly written file is nobody's
+DAMAGED = ".damaged"  # appended to the name of a file that cannot be read
+
+
+@dataclass(frozen=True)
+class FinishedUnits:
+    """Finished problems and units of a folder at one time, by the file names of problems.
+
+    Parameters
+    ----------
+    merged : set of str
+        Problems whose rows are merged.
+    units : mapping of str to list of int
+    """
+
+    merged: set[str]
+    units: Mapping[str, list[int]]
+
+    def is_merged(self, problem: str) -> bool:
+        """Return whether a problem is finished."""
+        return file_name(problem) in self.merged
+
+    def numbers(self, problem: str) -> list[int]:
+        """Return the numbers of a problem's finished units, in order."""
+        return self.units.get(file_name(problem), [])
+
+
+class SetPlan(TypedDict):
+    """Plan of a set as JSON data: settings, and the digest of each problem by name."""
+
+    schema: str
+    created_by: dict[str, str]
+    settings: Json
+    problems: dict[str, str]
+
+
+@dataclass
+class SetFolder:
+    """Folder of a set of grasps.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    claims : dict of UnitId to file
+        Units that this process runs, with their locks.
+    """
+
+    path: Path
+    claims: dict[UnitId, TextIO] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, path: object) -> SetFolder:
+        """Return the folder at a path.
+
+        Raises
+        ------
+        InputError
+            When it is no path.
+        """
+        if not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path):
+            raise InputError("out", path, "the path of a folder")
+        return cls(Path(path).absolute())
+
+    # The plan
+
+    def read_plan(self) -> SetPlan:
+        """Return the plan.
+
+        Raises
+        ------
+        InputError
+            When the folder has none, or one of another schema.
+        """
+        file = self.path / PLAN
+        try:
+            data = read_object(file.read_text(encoding="utf-8"), str(file))
+        except (OSError, UnicodeDecodeError):
+            raise InputError(str(self.path), f"no readable {PLAN}", SET_FOLDER) from None
+        if data.get("schema") != SCHEMA:
+            raise InputError(f"{file}: schema", data.get("schema", "nothing"), f"{SCHEMA!r}, of this version")
+        problems, settings, created_by = (data.get(key) for key in ("problems", "settings", "created_by"))
+        if not (isinstance(problems, dict) and isinstance(settings, dict) and isinstance(created_by, dict)):
+            raise InputError(str(file), "a plan without problems and settings", SET_FOLDER)
+        return {
+            "schema": SCHEMA,
+            "created_by": {str(k): str(v) for k, v in created_by.items()},
+            "settings": settings,
+            "problems": {str(name): str(digest) for name, digest in problems.items()},
+        }
+
+    def open(self, settings: Json, problems: Mapping[str, Json]) -> SetPlan:
+        """Create the folder or check that it is one of these settings; add problems to its plan; return the plan.
+
+        Raises
+        ------
+        InputError
+            When it cannot be written, has other files, or is a set of another version, settings or problems.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError(f"out ({self.path})", "a file", "a folder")
+        if not self.path.parent.is_dir():
+            raise InputError(f"out ({self.path})", f"no folder {self.path.parent}", "a folder in one that exists")
+        if self.path.is_dir() and not (self.path / PLAN).is_file():
+            others = [p.name for p in self.path.iterdir() if p.name not in (LOCK, PROBLEMS, ROWS, LOCKS)]
+            if others and not all(name.startswith(".nlpgrasp-") for name in others):
+                raise InputError(f"out ({self.path})", "files that are no set's", "a new or empty folder")
+        try:
+            for name in ("", PROBLEMS, ROWS, LOCKS):
+                (self.path / name).mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
+        with hold_lock(self.path / LOCK):
+            return self._update_plan(settings, problems)
+
+    def remove_partial_files(self) -> None:
+        """Remove partly written files that an ended process left; those of the last minutes may be another's."""
+        for file in self.path.rglob(".nlpgrasp-*.tmp"):
+            with suppress(OSError):
+                if time.time() - file.stat().st_mtime > ABANDONED:
+                    file.unlink()
+
+    def _update_plan(self, settings: Json, problems: Mapping[str, Json]) -> SetPlan:
+        digests = {name: data_digest(data) for name, data in problems.items()}
+        plan: SetPlan = {
+            "schema": SCHEMA,
+            "created_by": {"nlpgrasp": __version__},
+            "settings": settings,
+            "problems": digests,
+        }
+        if (self.path / PLAN).is_file():
+            old = self.read_plan()
+            self._check_same(old, plan)
+            plan["problems"] = {**old["problems"], **digests}
+            if plan["problems"] == old["problems"]:
+                return plan
+        for name, data in problems.items():
+            text = json.dumps({"name": name, "problem": data}, allow_nan=False)
+            write_text(self.problem_file(name), text + "\n")
+        write_text(self.path / PLAN, json.dumps(plan, indent=1, allow_nan=False) + "\n")
+        return plan
+
+    def _check_same(self, old: SetPlan, new: SetPlan) -> None:
+        """Refuse a set of another version, settings or problems; problems may be added."""
+        difference = None
+        if old["created_by"] != new["created_by"]:
+            difference = f"a set of nlpgrasp {old['created_by'].get('nlpgrasp')}"
+        changed = [key for key, value in new["settings"].items() if old["settings"].get(key) != value]
+        others = [name for name, digest in new["problems"].items() if old["problems"].get(name, digest) != digest]
+        if changed:
+            stated = old["settings"].get(changed[0])
+            difference = f"a set with {changed[0]} {json.dumps(stated)}"
+        elif others:
+            difference = f"a set in which {others[0]!r} is another problem"
+        if difference is not None:
+            raise InputError(f"out ({self.path})", difference, "the folder of this set, or a new one")
+
+    # Files
+
+    def problem_file(self, name: str) -> Path:
+        """Return the path of the file that states a problem."""
+        return self.path / PROBLEMS / f"{file_name(name)}.json"
+
+    def read_problem(self, name: str) -> Json:
+        """Return a problem as JSON data.
+
+        Raises
+        ------
+        InputError
+            When its file cannot be read.
+        """
+        file = self.problem_file(name)
+        try:
+            problem: Json = read_object(file.read_text(encoding="utf-8"), str(file))["problem"]
+        except (OSError, UnicodeDecodeError, KeyError):
+            raise InputError(str(file), "no readable problem", "a file that ng.make_set wrote") from None
+        return problem
+
+    def unit_file(self, unit: UnitId) -> Path:
+        """Return the path of the rows of a unit."""
+        return self.path / ROWS / f"{file_name(unit.problem)}--{unit.number}.parquet"
+
+    def merged_file(self, problem: str) -> Path:
+        """Return the path of all rows of a finished problem."""
+        return self.path / ROWS / f"{file_name(problem)}.parquet"
+
+    def finished(self) -> FinishedUnits:
+        """Return the problems and units whose rows are there now."""
+        units: dict[str, list[int]] = {}
+        merged = set[str]()
+        for path in (self.path / ROWS).glob("*.parquet"):
+            stem, _, number = path.stem.rpartition("--")
+            if stem and number.isdigit():
+                units.setdefault(stem, []).append(int(number))
+            else:
+                merged.add(path.stem)
+        return FinishedUnits(merged, {stem: sorted(numbers) for stem, numbers in units.items()})
+
+    def row_files(self, problem: str, finished: FinishedUnits) -> list[Path]:
+        """Return the files with a problem's rows, in order."""
+        if finished.is_merged(problem):
+            return [self.merged_file(problem)]
+        return [self.unit_file(UnitId(problem, number)) for number in finished.numbers(problem)]
+
+    def set_aside(self, file: Path) -> str:
+        """Rename a damaged file, so that its unit is run again; return its new name."""
+        target = file.with_name(file.name + DAMAGED)
+        with suppress(OSError):
+            os.replace(file, target)
+        return target.name
+
+    # Units
+
+    def claim(self, unit: UnitId) -> bool:
+        """Reserve a unit for this process; return False where it is finished, or another process runs it."""
+        if unit in self.claims:
+            return True
+        file = (self.path / LOCKS / f"{self.unit_file(unit).stem}.lock").open("a")
+        if try_lock(file) and not self.unit_file(unit).is_file() and not self.merged_file(unit.problem).is_file():
+            self.claims[unit] = file
+            return True
+        file.close()
+        return False
+
+    def release(self, unit: UnitId) -> None:
+        """Give up a reserved unit."""
+        file = self.claims.pop(unit, None)
+        if file is not None:
+            file.close()
+
+    def close(self) -> None:
+        """Give up all reserved units."""
+        for unit in list(self.claims):
+            self.release(unit)
+
+    def write_unit(self, unit: UnitId, content: bytes) -> None:
+        """Write the rows of a finished unit."""
+        write_bytes(self.unit_file(unit), content)
+        self.release(unit)
+
+    def write_merged(self, problem: str, content: bytes) -> None:
+        """Write all rows of a finished problem, and remove the files of its units."""
+        write_bytes(self.merged_file(problem), content)
+        self.remove_units(problem)
+
+    def remove_units(self, problem: str) -> None:
+        """Remove the files of the units of a merged problem."""
+        prefix = f"{file_name(problem)}--"
+        for file in (*(self.path / ROWS).glob(f"{prefix}*"), *(self.path / LOCKS).glob(f"{prefix}*.lock")):
+            with suppress(OSError):
+                file.unlink()

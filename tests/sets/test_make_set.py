@@ -1,0 +1,300 @@
+"""Sets of grasps: rows, resumed runs, damaged files, refusals."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.sets import grasp_unit
+from nlpgrasp.sets import make_set as module
+from nlpgrasp.sets.grasp_rows import HAS, LABELS
+from tests.sets.small import SETTINGS, crash_in, labels, run_backwards, run_here, run_starts_once, square, squares
+
+WANTED = 3
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Make a set of the squares in this process."""
+
+    def make(out, problems=None, runner=run_here, wanted=WANTED, **settings):
+        monkeypatch.setattr(module, "run_local", runner)
+        monkeypatch.setattr(grasp_unit, "run_starts", run_starts_once)
+        return ng.make_set(problems or squares(), wanted, out, **{**SETTINGS, **settings})
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """An uninterrupted set: two problems of three grasps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "run_local", run_here)
+        patch.setattr(grasp_unit, "run_starts", run_starts_once)
+        return ng.make_set(squares(), WANTED, tmp_path_factory.mktemp("set") / "out", **SETTINGS)
+
+
+@pytest.fixture
+def copy(finished, tmp_path):
+    return shutil.copytree(finished.path, tmp_path / "out")
+
+
+def test_a_set_has_the_requested_grasps_of_each_problem(finished):
+    frame = finished.frame()
+    assert len(finished) == len(frame) == 2 * WANTED
+    assert finished.complete
+    assert frame["problem"].tolist() == ["rough"] * WANTED + ["smooth"] * WANTED
+    assert (frame["status"] == "grasp").all()
+    assert (frame["mu_lower"] > 0.0).all()
+    np.testing.assert_allclose(frame["mu_gap"], 1.0 - frame["mu_lower"] / frame["mu_upper"])
+    assert frame["object"].nunique() == 1
+    assert finished.cpu_seconds > 0.0
+
+
+def test_the_frame_is_columns_without_pandas(finished, monkeypatch):
+    frame = finished.frame()
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    columns = finished.frame()
+    assert isinstance(columns, ng.Columns)
+    assert list(columns) == list(frame)
+    assert columns["mu_lower"].tolist() == frame["mu_lower"].tolist()
+
+
+def test_a_set_needs_the_extra_tables(finished, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(MissingExtraError, match="a set of grasps needs the extra"):
+        ng.make_set(squares(), WANTED, finished.path)
+
+
+def test_starts_without_a_grasp_are_rows_with_reasons(finished):
+    rows = finished.frame(failures=True)
+    others = rows[rows["status"] != "grasp"]
+    assert len(others)
+    assert set(others["status"]) == {"duplicate"}
+    assert others["reason"].str.match(r"equivalent to the grasp of start \d+").all()
+    assert finished.counts()["duplicate"] == len(others)
+    assert others["contact_points"].isna().all()
+
+
+def test_no_value_is_missing_without_a_flag(finished):
+    frame = finished.frame(failures=True)
+    flags = {"mu_lower": frame["status"] == "grasp", "link_depth": frame["has_depth"], "slip": frame["simulated"]}
+    flags |= {"friction_needed": frame["has_squeeze"], "grasp_qpos": frame["has_pose"]}
+    for name, flag in flags.items():
+        assert (frame[name].notna() == flag).all(), name
+    assert not frame[list(HAS)].to_numpy().any()
+    assert list(frame) == list(LABELS)
+
+
+def test_solutions_are_made_from_rows(finished):
+    frame = finished.frame()
+    for i in (0, -1):
+        solution = finished.solution(i)
+        assert ng.verify(solution).complete
+        assert ng.verify(solution)
+        row = frame.iloc[i]
+        assert (solution.mu.lower, solution.mu.upper) == (row["mu_lower"], row["mu_upper"])
+        assert solution.grasp.points.ravel().tolist() == row["contact_points"].tolist()
+        assert solution.name == row["problem"]
+    with pytest.raises(InputError, match="index: got 6"):
+        finished.solution(6)
+
+
+def test_the_grasps_of_a_problem_are_one_solution(finished):
+    solution = finished.of_problem("rough")
+    assert len(solution.grasps) == WANTED
+    assert sorted((g.mu.lower for g in solution.grasps), reverse=True) == [g.mu.lower for g in solution.grasps]
+    assert ng.verify(solution)
+
+
+def test_an_interrupted_run_is_gone_on_with(run, finished, tmp_path):
+    def interrupt(progress):
+        raise KeyboardInterrupt
+
+    cut = run(tmp_path / "out", progress=interrupt)
+    assert not cut.complete
+    assert "Interrupted" in cut.notes[0]
+    assert "unfinished" in str(cut)
+    assert len(ng.open_set(cut.path)) == len(cut) > 0
+    kept = {p: p.stat().st_mtime_ns for p in (cut.path / "rows").glob("*.parquet")}
+    reports = []
+    assert labels(run(tmp_path / "out", progress=reports.append)) == labels(finished)
+    assert reports[-1].finished == 2
+    assert reports[-1].grasps == reports[-1].wanted == 2 * WANTED
+    assert reports[-1].missing == 0
+    assert all(not p.exists() or p.stat().st_mtime_ns == time for p, time in kept.items())
+
+
+def test_rows_do_not_depend_on_the_order_of_units(run, finished, tmp_path):
+    assert labels(run(tmp_path / "out", runner=run_backwards)) == labels(finished)
+    rows = sorted(p.name for p in (tmp_path / "out" / "rows").iterdir())
+    assert rows == ["rough.parquet", "smooth.parquet"]
+
+
+def test_problems_may_be_added(run, finished, copy):
+    grown = run(copy, {**squares(), "new": square(0.6)})
+    assert len(grown) == 3 * WANTED
+    assert labels(ng.open_set(finished.path))[1:-1] in labels(grown)
+
+
+def test_a_finished_set_is_left_as_it_is(run, finished, copy):
+    before = {p: p.stat().st_mtime_ns for p in copy.rglob("*.parquet")}
+    assert labels(run(copy, runner=never)) == labels(finished)
+    assert before == {p: p.stat().st_mtime_ns for p in copy.rglob("*.parquet")}
+
+
+def test_a_barren_problem_ends_at_its_most_starts(run, tmp_path):
+    result = run(tmp_path / "out", {"rough": square(0.8)}, wanted=9, starts=6)
+    assert result.complete
+    assert result.frame(failures=True)["start"].tolist() == list(range(6))
+    assert len(result) < 6
+
+
+def test_a_unit_whose_worker_dies_twice_has_rows_with_the_reason(run, tmp_path):
+    result = run(tmp_path / "out", runner=crash_in("smooth"), starts=8)
+    rows = result.frame(failures=True)
+    lost = rows[rows["problem"] == "smooth"]
+    assert set(lost["status"]) == {"failed"}
+    assert lost["start"].tolist() == list(range(8))
+    assert lost["reason"].str.contains("its process ended, twice").all()
+    assert len(result) == WANTED
+
+
+def damage(file, column):
+    """Flip bits of one byte of a column."""
+    chunks = parquet.ParquetFile(file).metadata.row_group(0)
+    place = next(
+        c.data_page_offset for c in map(chunks.column, range(chunks.num_columns)) if c.path_in_schema == column
+    )
+    content = bytearray(file.read_bytes())
+    content[place + 40] ^= 0xFF
+    file.write_bytes(content)
+
+
+def test_a_damaged_file_is_named_and_the_rest_is_read(run, finished, copy):
+    file = copy / "rows" / "rough.parquet"
+    file.write_bytes(file.read_bytes()[:-20])
+    with pytest.warns(UserWarning, match="rough.parquet was left out: a damaged file"):
+        damaged = ng.open_set(copy)
+    assert len(damaged) == WANTED
+    assert set(damaged.frame()["problem"]) == {"smooth"}
+    outcome = damaged.verify(workers=1)
+    assert outcome.passed
+    assert not outcome.complete
+    assert "rough.parquet" in str(outcome)
+    repaired = run(copy)
+    assert "rough.parquet is run again: a damaged file" in repaired.notes[0]
+    assert labels(repaired) == labels(finished)
+
+
+def test_a_damaged_record_is_noticed(run, finished, copy):
+    file = copy / "rows" / "rough.parquet"
+    damage(file, "numbers")  # of the stored solutions, which opening does not read
+    grasps = ng.open_set(copy)
+    with pytest.raises(InputError, match=r"rough\.parquet: got a damaged file"):
+        grasps.solution(0)
+    outcome = grasps.verify(workers=1)
+    assert list(outcome.failed) == list(range(WANTED))
+    assert outcome.verified == WANTED
+    assert labels(run(copy)) == labels(finished)
+    assert len(ng.open_set(copy).verify(workers=1).failed) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"wanted": 4}, "a set with grasps_per_problem 3"),
+        ({"seed": 1}, "a set with seed 0"),
+        ({"distinct": 0.3}, r"a set with distinct 0\.2"),
+        ({"options": ng.SolveOptions(rounds=1)}, "a set with options"),
+        ({"problems": {"rough": square(0.7)}}, "a set in which 'rough' is another problem"),
+    ],
+)
+def test_a_folder_of_another_set_is_refused(run, copy, change, message):
+    with pytest.raises(InputError, match=message):
+        run(copy, **change)
+
+
+def test_a_folder_of_another_version_is_refused(run, copy):
+    plan = json.loads((copy / "set.json").read_text())
+    (copy / "set.json").write_text(json.dumps({**plan, "created_by": {"nlpgrasp": "0.0.1"}}))
+    with pytest.raises(InputError, match=r"a set of nlpgrasp 0\.0\.1"):
+        run(copy)
+    assert len(ng.open_set(copy)) == 2 * WANTED
+    (copy / "set.json").write_text(json.dumps({**plan, "schema": "nlpgrasp-set/2"}))
+    with pytest.raises(InputError, match="schema: got nlpgrasp-set/2, expected 'nlpgrasp-set/1'"):
+        ng.open_set(copy)
+
+
+def test_other_folders_are_refused(run, tmp_path):
+    with pytest.raises(InputError, match=r"no readable set.json, expected the folder of a set"):
+        ng.open_set(tmp_path)
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(InputError, match="files that are no set's"):
+        run(tmp_path)
+    with pytest.raises(InputError, match="no folder"):
+        run(tmp_path / "a" / "b")
+
+
+def never(units, factory, workers):
+    """Run nothing: a test that gets here fails."""
+    raise AssertionError
+
+
+def failing():
+    raise ValueError("no such mesh")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"problems": {"lost": failing}}, "ValueError: no such mesh"),
+        ({"problems": [3]}, "problems by name"),
+        ({"wanted": 0}, "grasps_per_problem: got 0"),
+        ({"simulate": 1}, "simulate: got 1, expected True or False"),
+        ({"options": ng.SolveOptions(time_limit=3.0)}, r"options\.time_limit: got 3\.0, expected its default"),
+        ({"progress": 3}, "progress: got 3"),
+        ({"workers": 0}, "workers: got 0"),
+    ],
+)
+def test_invalid_arguments_are_refused_before_anything_runs(run, tmp_path, settings, message):
+    with pytest.raises(InputError, match=message):
+        run(tmp_path / "out", **{"runner": never, **settings})
+    assert not (tmp_path / "out" / "rows").exists() or "workers" in settings
+
+
+def test_verify_finds_a_row_that_was_changed(copy):
+    from nlpgrasp.sets.grasp_rows import RECORD, parquet_bytes, read_rows
+
+    file, digest = copy / "rows" / "rough.parquet", json.loads((copy / "set.json").read_text())["problems"]["rough"]
+    rows = read_rows(file, (*LABELS, *RECORD), digest, "rows").to_pylist()
+    first = next(row for row in rows if row["status"] == "grasp")
+    first["numbers"] = (1.5 * np.frombuffer(first["numbers"])).tobytes()
+    file.write_bytes(parquet_bytes(rows, digest, "all"))
+    outcome = ng.open_set(copy).verify(workers=1)
+    assert not outcome
+    assert list(outcome.failed) == [0]
+    assert "NOT verified" in str(outcome)
+    assert outcome.verified == 2 * WANTED - 1
+
+
+def test_a_set_is_exported_as_arrays_and_tables(finished, tmp_path):
+    files = finished.export(tmp_path / "arrays")
+    assert [file.name for file in files] == ["rough.npz", "smooth.npz"]
+    stack = ng.read_grasps(files[0], friction=0.8)
+    frame = finished.frame()
+    assert stack.points.shape == (WANTED, 2, 2)
+    assert stack.points[1].ravel().tolist() == frame["contact_points"][1].tolist()
+    with np.load(files[0]) as arrays:
+        assert arrays["mu"].tolist() == frame[["mu_lower", "mu_upper"]][:WANTED].to_numpy().tolist()
+        assert not arrays["simulated"].any()
+        assert np.isnan(arrays["slip"]).all()
+    tables = finished.export(tmp_path / "tables", "csv")
+    assert len(ng.read_grasps(tables[1])) == WANTED
+    with pytest.raises(InputError, match="--to: got xyz"):
+        finished.export(tmp_path, "xyz")
