@@ -6,7 +6,7 @@ import sys
 from contextlib import nullcontext, redirect_stdout
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -15,11 +15,6 @@ import nlpgrasp as ng
 from nlpgrasp.cli.console import AsJson, Folders, Rtol, report_steps, write_json_line
 from nlpgrasp.cli.experiment_command import InterruptOnce
 from nlpgrasp.cli.problem_script import load_problems
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from nlpgrasp.problem.problem import GraspProblem
 
 MAKE = "make"  # the command that SCRIPT alone stands for
 HELP = ("-h", "--help")
@@ -64,9 +59,11 @@ def make_command(
     as_json: AsJson = False,
 ) -> None:
     """Make a set of distinct, certified grasps of all problems of a script. Ctrl-C keeps what is finished."""
+    from nlpgrasp.experiments.solve_many import check_named_problems
+
     target, folders = out.absolute(), [script.absolute().parent, *(path.absolute() for path in folder or ())]
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
-        problems: Mapping[str, GraspProblem] = load_problems(script)  # type: ignore[assignment]
+        problems = check_named_problems(load_problems(script))
     with InterruptOnce(), report_steps("making the set") as report:
 
         def show(progress: ng.SetProgress) -> None:
