@@ -9,6 +9,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from nlpgrasp.analysis.squeeze import squeeze_for_task
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.interop.hand_states import HandStates
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
@@ -85,7 +86,7 @@ class RowIdentity:
 
     def grasp(self, start: int, solution: GraspSolution, hold: HoldTest | None, verdict: str, **entries: object) -> Row:
         """Return the row of a grasp, with the outcome of its simulation or, in ``verdict``, why there is none."""
-        grasp, depth, squeeze = solution.require_grasp(), solution.link_depth, solution.squeeze
+        grasp, depth = solution.require_grasp(), solution.link_depth
         row = self.failure(start, GRASP, "") | {
             "mu_lower": solution.mu.lower,
             "mu_upper": solution.mu.upper,
@@ -95,7 +96,6 @@ class RowIdentity:
             "faces": list(solution.faces),
             "has_depth": depth is not None,
             "link_depth": None if depth is None else depth.depth,
-            "friction_needed": None if squeeze is None else squeeze.friction_needed,
             "simulated": hold is not None,
             "verdict": verdict,
         }
@@ -115,6 +115,7 @@ def _posture_entries(solution: GraspSolution) -> Row:
     row |= {"way_in_free": not states.blocked, "way_in": states.blocked, "has_squeeze": not states.no_squeeze}
     if not states.no_squeeze:
         row |= {"squeeze_qpos": states.row("squeeze").tolist(), "squeeze_effort": states.effort_row().tolist()}
+        row["friction_needed"] = (solution.squeeze or squeeze_for_task(solution)).friction_needed
     lift = next((phase for phase in solution.phases if phase.name == LIFT), None)
     if lift is not None:
         pose = [*lift.palm_position.tolist(), *lift.palm_quaternion.tolist()]

@@ -22,7 +22,7 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions
 from nlpgrasp.interop.registry import format_named
 from nlpgrasp.optimize.processes import cores, separate_processes
 from nlpgrasp.quality.measure_table import Columns
-from nlpgrasp.sets.grasp_rows import FLAGS, GRASP, GROUP, LABELS, STATUSES, TEXT, WHOLE, read_rows
+from nlpgrasp.sets.grasp_rows import FLAGS, GRASP, GROUP, LABELS, STATUSES, TEXT, VECTORS, WHOLE, read_rows
 from nlpgrasp.sets.set_folder import SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
@@ -355,17 +355,20 @@ class GraspSet:
             file = target / f"{file_name(problem)}.npz"
             return [write_bytes(file, self._npz(indices, export_format, options))]
         if export_format.has_all_grasps:
-            path = target / f"{file_name(problem)}{export_format.ending}"
-            return [write_bytes(path, export_format.export(self.of_problem(problem), options))]
+            path, grasps = (
+                target / f"{file_name(problem)}{export_format.ending}",
+                map(self._without_constraints, indices),
+            )
+            return [write_bytes(path, export_format.export(self._join(list(grasps)), options))]
         starts = [self._label(i, "start") for i in indices]
         paths = [target / f"{file_name(problem)}-{start}{export_format.ending}" for start in starts]
         for index, path in zip(indices, paths, strict=True):
-            write_bytes(path, export_format.export(self.solution(index), options))
+            write_bytes(path, export_format.export(self._without_constraints(index), options))
         return paths
 
     def _npz(self, indices: Sequence[int], export_format: ExportFormat, options: ExportOptions) -> bytes:
         """Return the arrays of a problem's grasps, with their labels, as the bytes of an npz file."""
-        solutions = [self.solution(i) for i in indices]
+        solutions = [self._without_constraints(i) for i in indices]
         arrays: dict[str, NDArray[np.generic]] = {
             "mu": np.array([[s.mu.lower, s.mu.upper] for s in solutions]),
             "contact_points": np.stack([s.require_grasp().points for s in solutions]),
@@ -382,6 +385,10 @@ class GraspSet:
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, **arrays)
         return content.getvalue()
+
+    def _without_constraints(self, index: int) -> GraspSolution:
+        """Return a grasp without the values of constraints, most of its memory, for exports of many."""
+        return replace(self.solution(index), constraints=())
 
     def _label(self, index: int, name: str) -> object:
         """Return one label of a grasp."""
@@ -464,7 +471,7 @@ def _column(name: str, values: Sequence[object]) -> NDArray[np.generic]:
         return np.array(values, dtype=np.int64)
     if name in TEXT:
         return np.array(["" if value is None else value for value in values], dtype=object)
-    if all(value is None or isinstance(value, float) for value in values):
+    if name not in (*VECTORS, "faces"):
         return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
     column = np.empty(len(values), dtype=object)
     column[:] = [np.array(value) if isinstance(value, list) else value for value in values]

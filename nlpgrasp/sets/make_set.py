@@ -366,9 +366,12 @@ class _Run:
         self.starts += len(rows)
         self.failures += sum(row["status"] != GRASP for row in rows)
         self.cpu_seconds += sum(row["cpu_seconds"] + row["simulation_cpu_seconds"] for row in rows)
-        self.folder.write_unit(unit, content)
-        state.pending[unit.number] = sum(row["status"] == GRASP for row in rows)
-        self._settle(state)
+        if state.is_finished or self.folder.merged_file(state.name).is_file():
+            self.folder.release(unit)  # it proved unnecessary meanwhile
+        else:
+            self.folder.write_unit(unit, content)
+            state.pending[unit.number] = sum(row["status"] == GRASP for row in rows)
+            self._settle(state)
         self._report()
 
     def _look_at_folder(self) -> None:

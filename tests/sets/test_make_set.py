@@ -156,13 +156,13 @@ def test_a_barren_problem_ends_at_its_most_starts(run, tmp_path):
 
 
 def test_a_unit_whose_worker_dies_twice_has_rows_with_the_reason(run, tmp_path):
-    result = run(tmp_path / "out", runner=crash_in("smooth"), starts=8)
+    result = run(tmp_path / "out", runner=crash_in("smooth"), starts=4)
     rows = result.frame(failures=True)
     lost = rows[rows["problem"] == "smooth"]
     assert set(lost["status"]) == {"failed"}
-    assert lost["start"].tolist() == list(range(8))
+    assert lost["start"].tolist() == list(range(4))
     assert lost["reason"].str.contains("its process ended, twice").all()
-    assert len(result) == WANTED
+    assert set(result.frame()["problem"]) == {"rough"}
 
 
 def damage(file, column):

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.simulation import hand_protocol
+from nlpgrasp.simulation import hand_outcome, hand_protocol
 from nlpgrasp.simulation.hand_outcome import format_outcome, format_row
 from nlpgrasp.simulation.hand_world import HandWorld, Motion, Pose
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
@@ -65,6 +65,19 @@ def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
     assert data["confirmed"] is True
     assert len(data["trials"]) == len(simulation.trials)
     json.dumps(data)
+
+
+@pytest.mark.slow
+def test_a_set_asks_the_same_of_a_grasp(simulated, held, monkeypatch):
+    monkeypatch.setattr(hand_protocol, "SECONDS", 0.5)
+    simulation, _ = simulated
+    hold = hand_protocol.try_hold(held, HAND)
+    assert (hold.held, hold.caged, hold.verdict) == (simulation.held, False, "held by the squeeze")
+    assert hold.motion == Motion.largest(trial.whole for trial in simulation.of("as solved"))
+    slippery = hand_protocol.try_hold(held, HAND, ng.HandSceneOptions(friction=0.01))
+    assert (slippery.held, slippery.caged, slippery.verdict) == (False, False, "lost")
+    monkeypatch.setattr(hand_outcome, "STRICT", (1e3, 1e3))  # whatever the object does, it counts as held
+    assert hand_protocol.try_hold(held, HAND).verdict == "caged"
 
 
 @pytest.mark.slow
