@@ -200,7 +200,10 @@ class GraspSet:
         key = source.file, row // GROUP
         if key not in self._cache:
             self._cache.clear()
-            self._cache[key] = source.records(row // GROUP), SetFolder(self.path).read_problem(source.problem)
+            self._cache[key] = (
+                source.records(row // GROUP),
+                SetFolder(self.path).read_problem(source.problem, source.digest),
+            )
         records, problem = self._cache[key]
         return source.solution(records, row, problem)
 
@@ -411,7 +414,10 @@ def _verify_rows(
 ) -> list[_Outcome]:
     """Return the outcomes of verifying the grasps in some rows of one group of a file."""
     try:
-        problem, records = SetFolder(Path(path)).read_problem(source.problem), source.records(rows[0] // GROUP)
+        problem, records = (
+            SetFolder(Path(path)).read_problem(source.problem, source.digest),
+            source.records(rows[0] // GROUP),
+        )
     except InputError as error:
         return [_Outcome(False, False, (), f"NOT verified: {error}")] * len(rows)
     outcomes = list[_Outcome]()

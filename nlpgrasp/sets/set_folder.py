@@ -161,11 +161,12 @@ class SetFolder:
             old = self.read_plan()
             self._check_same(old, plan)
             plan["problems"] = {**old["problems"], **digests}
-            if plan["problems"] == old["problems"]:
-                return plan
         for name, data in problems.items():
-            text = json.dumps({"name": name, "problem": data}, allow_nan=False)
-            write_text(self.problem_file(name), text + "\n")
+            try:
+                self.read_problem(name, digests[name])
+            except InputError:  # not there, or damaged
+                text = json.dumps({"name": name, "problem": data}, allow_nan=False)
+                write_text(self.problem_file(name), text + "\n")
         write_text(self.path / PLAN, json.dumps(plan, indent=1, allow_nan=False) + "\n")
         return plan
 
@@ -190,19 +191,21 @@ class SetFolder:
         """Return the path of the file that states a problem."""
         return self.path / PROBLEMS / f"{file_name(name)}.json"
 
-    def read_problem(self, name: str) -> Json:
+    def read_problem(self, name: str, digest: str) -> Json:
         """Return a problem as JSON data.
 
         Raises
         ------
         InputError
-            When its file cannot be read.
+            When its file cannot be read, or is of a problem with another digest.
         """
         file = self.problem_file(name)
         try:
             problem: Json = read_object(file.read_text(encoding="utf-8"), str(file))["problem"]
         except (OSError, UnicodeDecodeError, KeyError):
             raise InputError(str(file), "no readable problem", "a file that ng.make_set wrote") from None
+        if not isinstance(problem, dict) or data_digest(problem) != digest:
+            raise InputError(str(file), "another problem, or damage", f"the problem with digest {digest}")
         return problem
 
     def unit_file(self, unit: UnitId) -> Path:

@@ -205,6 +205,22 @@ def test_a_damaged_record_is_noticed(run, finished, copy):
     assert len(ng.open_set(copy).verify(workers=1).failed) == 0
 
 
+def test_rows_of_another_problem_are_named(copy):
+    shutil.copy(copy / "rows" / "smooth.parquet", copy / "rows" / "rough.parquet")
+    with pytest.warns(UserWarning, match=r"rough\.parquet was left out: rows of another problem"):
+        assert len(ng.open_set(copy)) == WANTED
+
+
+def test_a_damaged_problem_is_named_and_written_anew(run, finished, copy):
+    file = copy / "problems" / "smooth.json"
+    file.write_text(file.read_text().replace("0.5", "0.6"))
+    with pytest.raises(InputError, match=r"smooth\.json: got another problem, or damage"):
+        ng.open_set(copy).solution(-1)
+    assert len(ng.open_set(copy).verify(workers=1).failed) == WANTED
+    run(copy, runner=never)
+    assert ng.verify(ng.open_set(copy).solution(-1))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
