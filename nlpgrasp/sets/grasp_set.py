@@ -23,7 +23,7 @@ from nlpgrasp.interop.registry import format_named
 from nlpgrasp.optimize.processes import cores, separate_processes
 from nlpgrasp.quality.measure_table import Columns
 from nlpgrasp.sets.grasp_rows import FLAGS, GRASP, GROUP, LABELS, STATUSES, TEXT, VECTORS, WHOLE, read_rows
-from nlpgrasp.sets.set_folder import SetFolder, SetPlan
+from nlpgrasp.sets.set_folder import FinishedUnits, SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
 from nlpgrasp.solution.solution import GraspSolution
@@ -456,17 +456,29 @@ def open_set(path: str | Path, *, warns: bool = True) -> GraspSet:
     plan = folder.read_plan()
     files, tables, notes, finished = list[RowFile](), [], list[str](), folder.finished()
     for problem, digest in plan["problems"].items():
-        for source in (RowFile(problem, digest, file) for file in folder.row_files(problem, finished)):
-            try:
-                tables.append(source.labels())
-            except InputError as error:
-                notes.append(f"{source.file.name} was left out: {error.given}")
-                continue
+        for source, labels in _read_problem_rows(folder, problem, digest, finished, notes):
             files.append(source)
+            tables.append(labels)
     for note in notes if warns else ():
         warn(f"{folder.path.name}: {note}")
     merged = frozenset(problem for problem in plan["problems"] if finished.is_merged(problem))
     return GraspSet(folder.path, tuple(notes), _plan=plan, _files=tuple(files), _tables=tuple(tables), _finished=merged)
+
+
+def _read_problem_rows(
+    folder: SetFolder, problem: str, digest: str, finished: FinishedUnits, notes: list[str]
+) -> list[tuple[RowFile, Any]]:
+    """Return the files of a problem with their labels; those that cannot be read are named in the notes."""
+    read, unreadable = list[tuple[RowFile, Any]](), list[str]()
+    for source in (RowFile(problem, digest, file) for file in folder.row_files(problem, finished)):
+        try:
+            read.append((source, source.labels()))
+        except InputError as error:
+            unreadable.append(f"{source.file.name} was left out: {error.given}")
+    if unreadable and not finished.is_merged(problem) and folder.merged_file(problem).is_file():
+        return _read_problem_rows(folder, problem, digest, folder.finished(), notes)  # its units were merged meanwhile
+    notes += unreadable
+    return read
 
 
 def _column(name: str, values: Sequence[object]) -> NDArray[np.generic]:

@@ -13,6 +13,7 @@ from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.sets import grasp_unit
 from nlpgrasp.sets import make_set as module
 from nlpgrasp.sets.grasp_rows import HAS, LABELS
+from nlpgrasp.sets.set_folder import SetFolder
 from tests.sets.small import SETTINGS, crash_in, labels, run_backwards, run_here, run_starts_once, square, squares
 
 WANTED = 3
@@ -203,6 +204,21 @@ def test_a_damaged_record_is_noticed(run, finished, copy):
     assert outcome.verified == WANTED
     assert labels(run(copy)) == labels(finished)
     assert len(ng.open_set(copy).verify(workers=1).failed) == 0
+
+
+def test_a_set_is_read_while_its_units_are_merged(run, tmp_path, monkeypatch):
+    def interrupt(progress):
+        raise KeyboardInterrupt
+
+    cut = run(tmp_path / "out", wanted=9, progress=interrupt)
+    before = SetFolder(cut.path).finished()
+    assert before.numbers("rough") == [0]
+    for file in (cut.path / "rows").iterdir():
+        file.rename(file.with_name("rough.parquet"))  # as another process merges them
+    seen = iter([before])
+    finished_units = SetFolder.finished
+    monkeypatch.setattr(SetFolder, "finished", lambda folder: next(seen, None) or finished_units(folder))
+    assert len(ng.open_set(cut.path)) == len(cut)
 
 
 def test_rows_of_another_problem_are_named(copy):
