@@ -7,8 +7,10 @@ cells also have parts between their rows (``CurvedParts``), over which ``support
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.budgets import ForceBudget, L2Budget, PerFingerBudget, PerFingerSizeBudget, SharedBudget
 from nlpgrasp.common.spatial import wrench_transform
@@ -17,27 +19,33 @@ from nlpgrasp.contacts import ContactModel, Work
 from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.cells.cell import CurvedParts, IntArray, SurfaceCell
 
-SHARED_POWER = 8.0  # power of the norm that bounds the largest of the contacts' supports from above
+SEARCH_POWER = 32.0  # power of the norm that replaces the largest of the contacts' supports in searches for directions
+THRESHOLDS, DIGITS = (0.5, 0.7, 0.9), 8  # thresholds in turn, relative to the bound to be lowered; their decimal digits
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space; beyond it tilting
+
+Powers = TypeVar("Powers", bound=FloatArray | NDArray[np.float32])
 
 
 @dataclass(frozen=True)
 class CombinationRule:
-    """Rule by which a force budget bounds a grasp's support by those of its contacts, ``phi_G^p <= sum_i s_i^p``.
+    """Rule by which a force budget combines the contacts' supports to that of the grasp, ``phi_G^p = sum_i s_i^p``.
+
+    Under the shared budget the largest s_i is the support. For any threshold theta it is at most
+    ``theta + sum_i (s_i - theta)_+``, a sum over contacts again, and tight where one s_i alone exceeds theta.
 
     Parameters
     ----------
     power : float
-        p: 2 for the L2 budget, 1 for a unit of force a finger; 8 for a shared one, whose support is the largest s_i.
+        p: 2 for the L2 budget, else 1.
     lengths : bool
         Whether a contact's unit is the length of its force (``s = |P_K(z)|``) and not its normal force.
-    exact : bool
-        Whether the sum is the support itself.
+    largest : bool
+        Whether the support is the largest s_i instead of the sum.
     """
 
     power: float
     lengths: bool
-    exact: bool = True
+    largest: bool = False
 
     @classmethod
     def of(cls, budget: ForceBudget) -> CombinationRule:
@@ -92,18 +100,27 @@ class CombinationRule:
         force, moment = np.sqrt(squares).tolist()
         return (1.0, moment / float(np.hypot(1.0, moment))) if self.lengths else (force, moment)
 
-    def combine(self, supports: FloatArray, axis: int) -> FloatArray:
-        """Return the exact support of the grasp from those of its contacts."""
-        if not self.exact:
-            return np.asarray(np.max(supports, axis=axis))
-        return np.asarray(np.sum(supports**self.power, axis=axis) ** (1.0 / self.power))
+    @property
+    def search_power(self) -> float:
+        """Power of the norm of the contacts' supports whose weakest directions are searched for."""
+        return SEARCH_POWER if self.largest else self.power
+
+    def above(self, powers: Powers, thresholds: FloatArray | float) -> Powers:
+        """Return the excess ``(s - theta)_+`` of supports over thresholds where the largest counts, else ``s^p``."""
+        return cast("Powers", np.maximum(powers - thresholds, 0.0)) if self.largest else powers
+
+    def thresholds(self, bounds: FloatArray, turn: int) -> FloatArray:
+        """Return thresholds to lower bounds on mu (b,) at a turn of several, (b,): zero where the support is a sum."""
+        if not self.largest:
+            return np.zeros(len(bounds))
+        return np.asarray(np.round(THRESHOLDS[turn % len(THRESHOLDS)] * bounds, DIGITS))
 
 
 COMBINATION_RULES: dict[type[ForceBudget], CombinationRule] = {
     L2Budget: CombinationRule(2.0, lengths=True),
     PerFingerBudget: CombinationRule(1.0, lengths=False),
     PerFingerSizeBudget: CombinationRule(1.0, lengths=True),
-    SharedBudget: CombinationRule(SHARED_POWER, lengths=False, exact=False),
+    SharedBudget: CombinationRule(1.0, lengths=False, largest=True),
 }
 
 

@@ -27,7 +27,8 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
         0 without leaves.
     data : mapping
         As in docs/how_close.md: ``origin`` (metres), ``groups`` of identical contacts with their cells,
-        ``directions``, ``mixtures``, ``motions``, ``splits``, ``twins`` and ``leaves``.
+        ``directions``, ``mixtures``, ``motions``, ``splits``, ``twins`` and ``leaves``; ``thresholds`` of the mixtures
+        under the shared budget.
     """
     recorded = tree.bounding.certified_tree(tree)
     bounding, scope, leaves = recorded.bounding, recorded.scope, recorded.leaves
@@ -50,12 +51,14 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
             [*leaf] for leaf in zip(leaves.cells.tolist(), numbers[positions].tolist(), bounds.tolist(), strict=True)
         ],
     }
+    if scope.rule.largest:
+        data["thresholds"] = [dual.threshold for dual in dual_weights]
     return float(np.max(bounds, initial=0.0)), data
 
 
 def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
     """Return dual weights without duplicates, and the index of each among these."""
-    keys = [(dual.numbers.tobytes(), dual.weights.tobytes()) for dual in dual_weights]
+    keys = [(dual.numbers.tobytes(), dual.weights.tobytes(), dual.threshold) for dual in dual_weights]
     distinct = dict(zip(keys, dual_weights, strict=True))
     positions = {key: i for i, key in enumerate(distinct)}
     return list(distinct.values()), np.array([positions[key] for key in keys], dtype=np.int64)

@@ -27,15 +27,16 @@ LEAST = 1e-5  # recorded weight below which a direction is dropped
 
 
 class DualWeights(NamedTuple):
-    """Dual weights (j,), at least zero, of numbered directions (j,)."""
+    """Dual weights (j,), at least zero, of numbered directions (j,), and a threshold (``CombinationRule.above``)."""
 
     numbers: IntArray
     weights: FloatArray
+    threshold: float = 0.0
 
     def rounded(self) -> DualWeights:
         """Return the weights as recorded: few digits, without negligible ones."""
         weights = round_weights(self.weights)
-        return DualWeights(self.numbers[weights > 0.0], weights[weights > 0.0])
+        return DualWeights(self.numbers[weights > 0.0], weights[weights > 0.0], self.threshold)
 
 
 def round_weights(weights: FloatArray) -> FloatArray:

@@ -20,7 +20,8 @@ class MarginalBound:
 
     For directions y with unit support of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for
     contacts at any points p_i, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
-    (docs/how_close.md). The weights are those of the least such bound over all placements.
+    (docs/how_close.md). The weights are those of the least such bound over all placements. Under the shared budget
+    ``mu <= theta + sum_i g_i(p_i)`` with ``g_i(p) = sum_j w_j (s_i(p, y_j) - theta)_+`` and a threshold theta.
 
     Parameters
     ----------
@@ -29,11 +30,13 @@ class MarginalBound:
     twists : (j, d) array
         Directions y, about the problem's torque origin.
     weights : (j,) array
+    threshold : float
     """
 
     scope: BoundScope
     twists: FloatArray
     weights: FloatArray
+    threshold: float
 
     @classmethod
     def of(cls, problem: GraspProblem) -> MarginalBound:
@@ -47,8 +50,8 @@ class MarginalBound:
         scope = whole_scope(problem)
         tree = tree_of(scope)
         tree.begin(0.0)
-        numbers, weights = tree.bounding.dual_weights[int(tree.leaves.dual_index[0])]
-        return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights))
+        numbers, weights, threshold = tree.bounding.dual_weights[int(tree.leaves.dual_index[0])]
+        return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights), threshold)
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the largest marginal bound of any contact, (m,), at surface points with inward normals, (m, 3) each.
@@ -61,7 +64,8 @@ class MarginalBound:
             supports, allowed_faces = group.supports, self.scope.problem.allowed_faces(group.contact_indices[0])
             allowed = np.isin(faces, allowed_faces) & group.allowed.contains(points, normals)
             z = self.twists @ supports.maps_at(points[allowed], normals[allowed])
-            bounds[allowed] = np.fmax(bounds[allowed], supports.rule.powers(supports.contact, z) @ self.weights)
+            above = supports.rule.above(supports.rule.powers(supports.contact, z), self.threshold)
+            bounds[allowed] = np.fmax(bounds[allowed], above @ self.weights)
         return bounds
 
 

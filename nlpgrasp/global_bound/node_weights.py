@@ -13,10 +13,10 @@ from nlpgrasp.global_bound.contact_cells import NONE
 from nlpgrasp.global_bound.dual_weights import DualWeights, optimal_dual_weights, round_weights
 from nlpgrasp.global_bound.node_tree import BoundingStrategy, Cells, FractionalPlacement, NodeArrays
 from nlpgrasp.global_bound.scope import BoundScope
-from nlpgrasp.global_bound.support_table import ROUNDING_MARGIN, SupportTable
+from nlpgrasp.global_bound.support_table import SupportTable
 
 BATCH = 64  # largest number of nodes bounded together
-DIRECTIONS = 16  # directions per node
+DIRECTIONS, OF_LARGEST = 16, 32  # directions per node, under the shared budget more
 FEWEST, PART = 8, 4  # nodes split at a time, at least, and all nodes so far over those split at a time
 WORK = 500_000  # rows times directions of a batch, at most
 BATCHES = 4  # work of the nodes split at a time, at most, in units of WORK
@@ -25,7 +25,7 @@ MOST_LEAVES = 10_000  # largest number of recorded leaves
 FIRST_ROUNDS = 24  # rounds of linear programs over all root nodes
 SPREAD = 1e-2  # weight of a cell's squared radius relative to the variance of the fractional contact
 
-Best = tuple[FloatArray, FloatArray, IntArray]  # bounds, weights and numbers of directions
+Best = tuple[FloatArray, FloatArray, IntArray, FloatArray]  # bounds, weights and numbers of directions, thresholds
 
 
 class NodeWeightStrategy(BoundingStrategy):
@@ -41,7 +41,7 @@ class NodeWeightStrategy(BoundingStrategy):
     drops_copies, max_open = True, MOST_OPEN
 
     def __init__(self, scope: BoundScope) -> None:
-        super().__init__(scope, DIRECTIONS)
+        super().__init__(scope, OF_LARGEST if scope.rule.largest else DIRECTIONS)
         self._placement_of: dict[Cells, FractionalPlacement] = {}
 
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
@@ -49,7 +49,10 @@ class NodeWeightStrategy(BoundingStrategy):
         self.placements = []
         if parents is None:
             initial = np.tile(self.twists.draw_initial(), (len(cells), 1))
-            batches = [self._bound_by_rounds(cells[part], initial[part], None, target) for part in self._batches(cells)]
+            batches = [
+                self._bound_by_rounds(cells[part], initial[part], None, np.zeros(len(cells[part])), target)
+                for part in self._batches(cells)
+            ]
         else:
             inherited = parents.dual_index
             batches = [self._bound_by_parents(cells[part], inherited[part], target) for part in self._batches(cells)]
@@ -65,14 +68,16 @@ class NodeWeightStrategy(BoundingStrategy):
 
     def _bound_by_parents(self, cells: IntArray, inherited: IntArray, target: float) -> list[NodeArrays]:
         """Return nodes (b, k) with bounds by their parents' dual weights (b,), by their own where above the target."""
-        numbers, weights = self._dense(inherited)
-        bounds = self._table(cells, numbers).bounds(weights)
+        numbers, weights, thresholds = self._dense(inherited)
+        bounds = self._table(cells, numbers, thresholds).bounds(weights)
         is_low = bounds <= target
         closed = NodeArrays(cells[is_low], bounds[is_low], inherited[is_low])
-        return [closed, *self._bound_by_rounds(cells[~is_low], numbers[~is_low], weights[~is_low], target)]
+        thresholds = self.scope.rule.thresholds(bounds, 0)
+        cells, numbers, weights = cells[~is_low], numbers[~is_low], weights[~is_low]
+        return [closed, *self._bound_by_rounds(cells, numbers, weights, thresholds[~is_low], target)]
 
     def _bound_by_rounds(
-        self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, target: float
+        self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, thresholds: FloatArray, target: float
     ) -> list[NodeArrays]:
         """Return nodes (b, k) with bounds by dual weights of their own, as they converge.
 
@@ -83,29 +88,31 @@ class NodeWeightStrategy(BoundingStrategy):
             Initial directions.
         weights : (b, j) array, optional
             Dual weights of their parents.
+        thresholds : (b,) array
         target : float
         """
         rounds = 2 if weights is not None else int(np.clip(FIRST_ROUNDS // max(1, len(cells)), 2, FIRST_ROUNDS))
         finished = list[NodeArrays]()
-        best = np.full(len(cells), np.inf), np.zeros(numbers.shape), numbers
-        for is_last in [False] * (rounds - 1) + [True]:
+        best = np.full(len(cells), np.inf), np.zeros(numbers.shape), numbers, thresholds
+        for turn in range(1, rounds + 1):
             if not len(cells):
                 break
-            table = self._table(cells, numbers)
+            table = self._table(cells, numbers, thresholds)
             table.select_rows(weights)
             weights, shares = optimal_dual_weights(table.powers)
-            bounds, weights = table.tighten(weights)
-            best = _lower_of_two((bounds, weights, numbers), best)
-            is_finished = (best[0] <= target) | is_last
+            bounds, weights, thresholds = table.tighten(weights)
+            best = _lower_of_two((bounds, weights, numbers, thresholds), best)
+            is_finished = (best[0] <= target) | (turn == rounds)
             dual_index = len(self.dual_weights) + np.arange(np.count_nonzero(is_finished))
             finished.append(NodeArrays(cells[is_finished], best[0][is_finished], dual_index))
             for i in np.flatnonzero(is_finished).tolist():
-                self.dual_weights.append(DualWeights(best[2][i], best[1][i]))
+                self.dual_weights.append(DualWeights(best[2][i], best[1][i], float(best[3][i])))
                 if best[0][i] > target:
                     self.placements.append(FractionalPlacement(float(best[0][i]), table.rows[i], shares[i]))
                     self._placement_of[tuple(cells[i].tolist())] = self.placements[-1]
-            best = best[0][~is_finished], best[1][~is_finished], best[2][~is_finished]
+            best = best[0][~is_finished], best[1][~is_finished], best[2][~is_finished], best[3][~is_finished]
             cells, numbers, weights = cells[~is_finished], numbers[~is_finished], weights[~is_finished]
+            thresholds = self.scope.rule.thresholds(best[0], turn)
             if len(cells):
                 spread = table.rows[~is_finished], shares[~is_finished]
                 numbers = self.twists.renew(self.scope.groups, numbers, weights, *spread)
@@ -136,31 +143,23 @@ class NodeWeightStrategy(BoundingStrategy):
         return loosest
 
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
-        """Return bounds recomputed from recorded dual weights; with weight on one direction, by the exact support."""
-        results, rule = [np.zeros(0)], self.scope.rule
+        """Return bounds recomputed from recorded dual weights."""
+        results = [np.zeros(0)]
         for i in range(0, len(nodes), BATCH):
-            numbers, weights = self._dense(nodes.dual_index[i : i + BATCH])
+            numbers, weights, thresholds = self._dense(nodes.dual_index[i : i + BATCH])
             weights = np.array([round_weights(weight) for weight in weights])
             weights /= np.sum(weights, axis=1, keepdims=True)
-            table = self._table(nodes.cells[i : i + BATCH], numbers)
-            bounds = table.bounds(weights)
-            if not rule.exact:
-                single_bounds = np.max(table.upper_bounds(None) * (weights == 1.0)[:, None], axis=2) ** (
-                    1.0 / rule.power
-                )
-                single = rule.combine(single_bounds, 1) * (1.0 + ROUNDING_MARGIN)
-                bounds = np.where(np.max(weights, axis=1) == 1.0, single, bounds)
-            results.append(bounds)
+            results.append(self._table(nodes.cells[i : i + BATCH], numbers, thresholds).bounds(weights))
         return np.concatenate(results)
 
-    def _table(self, cells: IntArray, numbers: IntArray) -> SupportTable:
-        """Return the support table of nodes (b, k) along each node's directions (b, j)."""
-        return SupportTable(self.scope.groups, cells, self.twists[numbers])
+    def _table(self, cells: IntArray, numbers: IntArray, thresholds: FloatArray) -> SupportTable:
+        """Return the support table of nodes (b, k) along each node's directions (b, j), with its threshold (b,)."""
+        return SupportTable(self.scope.groups, cells, self.twists[numbers], thresholds)
 
-    def _dense(self, indices: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return direction numbers and weights of several dual weights, (b, j) each."""
-        dual_weights = [self.dual_weights[i] for i in indices.tolist()]
-        return np.stack([dual.numbers for dual in dual_weights]), np.stack([dual.weights for dual in dual_weights])
+    def _dense(self, indices: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return direction numbers and weights of several dual weights, (b, j) each, and their thresholds, (b,)."""
+        numbers, weights, thresholds = zip(*(self.dual_weights[i] for i in indices.tolist()), strict=True)
+        return np.stack(numbers), np.stack(weights), np.array(thresholds)
 
     def _work(self, cells: IntArray) -> IntArray:
         """Return the number of rows times directions of each node."""
@@ -169,7 +168,7 @@ class NodeWeightStrategy(BoundingStrategy):
 
 
 def _lower_of_two(new: Best, old: Best) -> Best:
-    """Return the lower of two bounds of each node, with its dual weights."""
+    """Return the lower of two bounds of each node, with its dual weights and threshold."""
     better = (new[0] < old[0]) | np.isinf(old[0])
     weights, numbers = (np.where(better[:, None], new[i], old[i]) for i in (1, 2))
-    return np.minimum(new[0], old[0]), weights, numbers
+    return np.minimum(new[0], old[0]), weights, numbers, np.where(better, new[3], old[3])

@@ -134,24 +134,27 @@ class SharedWeightStrategy(BoundingStrategy):
         numbers = np.stack([self._directions(node) for node in nodes])
         rows = np.stack([self._rows(node) for node in nodes])
         best = [(np.inf, DualWeights(numbers[0], np.zeros(0)))] * len(nodes)
-        weights, fractions = np.zeros(numbers.shape), np.zeros(rows.shape)
+        weights, fractions, rule = np.zeros(numbers.shape), np.zeros(rows.shape), self.scope.rule
+        bounds = np.array([np.min(self.maxima.bounds_by_weights(node)) for node in nodes], dtype=float)
         for remaining in reversed(range(rounds)):
-            rows = np.sort(rows, axis=2)
-            weights, fractions = optimal_dual_weights(self._powers(rows, numbers))
+            rows, thresholds = np.sort(rows, axis=2), rule.thresholds(bounds, remaining)
+            powers = rule.above(self._powers(rows, numbers), thresholds[:, None, None, None])
+            weights, fractions = optimal_dual_weights(powers)
             maximal = np.empty((*nodes.shape, 1), dtype=np.int64)
             for i, (node, node_numbers, node_weights) in enumerate(zip(nodes, numbers, weights, strict=True)):
                 is_used = node_weights > LEAST
-                dual = DualWeights(node_numbers[is_used], round_weights(node_weights[is_used]))
+                dual = DualWeights(node_numbers[is_used], round_weights(node_weights[is_used]), float(thresholds[i]))
                 maximal[i, :, 0], bound = self.maxima.largest_rows(node, dual)
                 if bound < best[i][0]:
                     best[i] = bound, dual
+                bounds[i] = min(bounds[i], bound)
             if remaining:
                 numbers = self.twists.renew(self.scope.groups, numbers, weights, rows, fractions)
                 rows = np.concatenate([rows, maximal], axis=2)
         for _, dual in best:
             self.maxima.add(dual)
-        bounds = [bound ** (1.0 / self.power) for bound, _ in best]
-        return [FractionalPlacement(*values) for values in zip(bounds, rows, fractions, strict=True)]
+        roots = [bound ** (1.0 / self.power) for bound, _ in best]
+        return [FractionalPlacement(*values) for values in zip(roots, rows, fractions, strict=True)]
 
     def _powers(self, rows: IntArray, numbers: IntArray) -> FloatArray:
         """Return ``s^p`` at sorted rows (b, k, m), (b, k, m, j), zero for duplicates."""
@@ -166,7 +169,7 @@ class SharedWeightStrategy(BoundingStrategy):
     def _directions(self, node: IntArray) -> IntArray:
         """Return directions of the dual weights with the least bounds on a node, the heaviest first, (DIRECTIONS,)."""
         tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
-        numbers, weights = (np.concatenate(parts) for parts in zip(*tightest, strict=True))
+        numbers, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
         sorted_numbers = numbers[np.argsort(-weights, kind="stable")]
         distinct = sorted_numbers[np.sort(np.unique(sorted_numbers, return_index=True)[1])]
         return np.concatenate([distinct, self.twists.draw_initial()])[:DIRECTIONS]
@@ -204,8 +207,9 @@ class ClusterMaxima:
     """Maxima of weighted supports over the clusters of a mesh, for all shared dual weights.
 
     Dual weights w of directions y bound every placement, ``mu^p <= sum_i g_i(p_i)`` with
-    ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. The maxima of g over each cluster are stored for each group of identical
-    contacts, in single precision and rounded up; final bounds are recomputed in double precision.
+    ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. Under the shared budget ``g_i(p) = theta / k + sum_j w_j (s_i - theta)_+`` for
+    k contacts. The maxima of g over each cluster are stored for each group of identical contacts, in single precision
+    and rounded up; final bounds are recomputed in double precision.
 
     Parameters
     ----------
@@ -248,13 +252,19 @@ class ClusterMaxima:
             maxima = self._over_clusters(values)
             attained = np.flatnonzero(values == maxima[last:][self._cluster])
             self._maximal_rows[last * i + self._cluster[attained], k] = attained
+            maxima += self._threshold_share(dual)
             with np.errstate(over="ignore"):  # infinity is a valid bound
                 self._maxima[2 * last * i : 2 * last * (i + 1), k] = maxima.astype(np.float32) * (1 + ROUNDING)
         self._dual_weights.append(dual)
 
     def maxima_over_clusters(self, dual: DualWeights) -> FloatArray:
         """Return the largest weighted support of a contact on each cluster, group by group, in double precision."""
-        return np.concatenate([self._over_clusters(self._weighted_powers(corners, dual)) for corners in self._double])
+        maxima = [self._over_clusters(self._weighted_powers(corners, dual)) for corners in self._double]
+        return np.concatenate(maxima) + self._threshold_share(dual)
+
+    def _threshold_share(self, dual: DualWeights) -> float:
+        """Return the part of a threshold that counts for one contact."""
+        return dual.threshold / len(self._group)
 
     def largest_rows(self, node: IntArray, dual: DualWeights) -> tuple[IntArray, float]:
         """Return the maximal row of each cell of a node (k,), (k,), and the bound by given dual weights."""
@@ -265,7 +275,7 @@ class ClusterMaxima:
                 rows = self.clusters.rows_of(cell)
                 values = self._weighted_powers(self._single[group], dual, rows)
                 row = int(np.argmax(values))
-                maxima[cell, group] = rows.start + row, float(values[row])
+                maxima[cell, group] = rows.start + row, float(values[row]) + self._threshold_share(dual)
         return np.array([maxima[pair][0] for pair in pairs]), sum(maxima[pair][1] for pair in pairs)
 
     @cached_property
@@ -278,7 +288,7 @@ class ClusterMaxima:
 
     def _weighted_powers(self, corners: CornerContacts, dual: DualWeights, rows: slice = EVERY) -> FloatArray:
         shares = dual.weights / np.sum(dual.weights)
-        return corners.weighted_powers(self._twists[dual.numbers], shares, rows)
+        return corners.weighted_powers(self._twists[dual.numbers], shares, rows, dual.threshold)
 
     def _over_clusters(self, values: FloatArray) -> FloatArray:
         """Return the maxima over every cluster of values at all rows."""
@@ -357,8 +367,13 @@ class CornerContacts:
     def _convert(self, values: FloatArray) -> Numbers:
         return np.ascontiguousarray(values, dtype=self._type)
 
-    def weighted_powers(self, twists: FloatArray, weights: FloatArray, rows: slice = EVERY) -> FloatArray:
-        """Return ``sum over j of w_j s^p`` at rows, (m,), for twists (j, 6) and weights (j,)."""
+    def weighted_powers(
+        self, twists: FloatArray, weights: FloatArray, rows: slice = EVERY, threshold: float = 0.0
+    ) -> FloatArray:
+        """Return ``sum over j of w_j s^p``, or of excesses over a threshold, at rows, (m,).
+
+        For twists (j, 6) and weights (j,).
+        """
         first, last, _ = rows.indices(len(self))
         result = np.empty(last - first)
         shifted = np.concatenate([twists[:, :3] + np.cross(twists[:, 3:], self._arm), twists[:, 3:]], axis=1)
@@ -370,7 +385,8 @@ class CornerContacts:
         step = max(1, CHUNK // len(twists))
         for begin in range(first, last, step):
             end = min(last, begin + step)
-            result[begin - first : end - first] = single_weights @ self._powers(converted, squares, slice(begin, end))
+            powers = self._powers(converted, squares, slice(begin, end))
+            result[begin - first : end - first] = single_weights @ self.supports.rule.above(powers, threshold)
         return result
 
     def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:

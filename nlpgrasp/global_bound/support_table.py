@@ -15,12 +15,16 @@ where ``L Z`` and ``L X`` are sums over the force and moment parts of z, each wi
 Z falls with the square of a part's size: parts that could exceed the largest known support by more than a tolerance are
 quartered. Optimal dual weights level the largest supports, so that all parts of a cell may need it: the tolerance falls
 with the square of the cell's size, and the number of quartered parts stays the same.
+
+Under the shared budget excesses ``(s - theta)_+`` over the node's threshold replace ``s^p`` (``CombinationRule``). They
+are convex in z as well, and change by no more than s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,6 +39,7 @@ BLOCK = 256  # parts subdivided at a time, to fit the processor's cache
 ARITHMETIC_MARGIN = 0.3  # fraction of the tolerance left for independent arithmetic (``verify.bound``)
 FEW = 8  # largest number of rows per cell that linear programs use without selection
 ROUNDING_MARGIN = 1e-9  # relative margin for rounding in a bound
+SHARE = 0.25  # share of the threshold in the bound of one contact, to which tolerances are relative
 
 
 class SupportTable:
@@ -47,11 +52,19 @@ class SupportTable:
     cells : (b, k) array
         Cells of each node.
     twists : (b, j, d) array
+    thresholds : (b,) array
+        Zero but under the shared budget.
     """
 
-    def __init__(self, groups: Sequence[tuple[ContactCells, slice]], cells: IntArray, twists: FloatArray) -> None:
-        self._rule = groups[0][0].supports.rule
-        self._parts = [GroupTable.over_cells(group, cells[:, slots], twists) for group, slots in groups]
+    def __init__(
+        self,
+        groups: Sequence[tuple[ContactCells, slice]],
+        cells: IntArray,
+        twists: FloatArray,
+        thresholds: FloatArray,
+    ) -> None:
+        self._rule, self._thresholds = groups[0][0].supports.rule, thresholds
+        self._parts = [GroupTable.over_cells(group, cells[:, slots], twists, thresholds) for group, slots in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
         self.powers = np.zeros((0, 0, 0, 0))
 
@@ -63,19 +76,27 @@ class SupportTable:
 
     def bounds(self, weights: FloatArray) -> FloatArray:
         """Return the nodes' bounds by dual weights, (b,), with a margin for rounding."""
-        power = self._rule.power
-        return np.asarray(np.sum(self.upper_bounds(weights), axis=1) ** (1.0 / power) * (1.0 + ROUNDING_MARGIN))
+        total = np.sum(self.upper_bounds(weights), axis=1) ** (1.0 / self._rule.power)
+        return np.asarray((self._thresholds + total) * (1.0 + ROUNDING_MARGIN))
 
-    def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds and dual weights: a single direction where the grasp's exact support along it is lower."""
-        bounds, rule = self.bounds(weights), self._rule
-        if rule.exact:
-            return bounds, weights
-        single = rule.combine(self.upper_bounds(None) ** (1.0 / rule.power), 1) * (1.0 + ROUNDING_MARGIN)
+    def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return bounds, dual weights and thresholds.
+
+        Where the largest support along a single direction is lower, it is the threshold and the bound.
+        """
+        bounds, thresholds = self.bounds(weights), self._thresholds
+        if not self._rule.largest:
+            return bounds, weights, thresholds
+        single = np.max(self.upper_bounds(None), axis=1)
         direction = np.argmin(single, axis=1)
-        best_single = single[np.arange(len(direction)), direction]
+        least = single[np.arange(len(direction)), direction]
+        is_lower = least * (1.0 + ROUNDING_MARGIN) < bounds
         unit_weights = np.eye(weights.shape[1])[direction]
-        return np.minimum(bounds, best_single), np.where((best_single < bounds)[:, None], unit_weights, weights)
+        return (
+            np.where(is_lower, least * (1.0 + ROUNDING_MARGIN), bounds),
+            np.where(is_lower[:, None], unit_weights, weights),
+            np.where(is_lower, least, thresholds),
+        )
 
     def select_rows(self, weights: FloatArray | None) -> None:
         """Select rows for a linear program: all where they are few, else those of the largest supports."""
@@ -111,6 +132,7 @@ class GroupTable:
         Rows of each pair's cell.
     twists : (c, j, d) array
     powers : (c, m, j) array
+    thresholds : (c,) array
     owner : (c,) array
         The node of each pair.
     pair_of : (b, s) array
@@ -122,22 +144,30 @@ class GroupTable:
     rows: IntArray
     twists: FloatArray
     powers: FloatArray
+    thresholds: FloatArray
     owner: IntArray
     pair_of: IntArray
 
     @classmethod
-    def over_cells(cls, group: ContactCells, cells: IntArray, twists: FloatArray) -> GroupTable:
-        """Return the table over cells (b, s) along each node's twists (b, j, d)."""
+    def over_cells(cls, group: ContactCells, cells: IntArray, twists: FloatArray, thresholds: FloatArray) -> GroupTable:
+        """Return the table over cells (b, s) along each node's twists (b, j, d), with its threshold (b,)."""
         pairs = np.arange(len(cells))[:, None] * len(group.cells) + cells
         distinct, pair_of = np.unique(pairs, return_inverse=True)
         owner, pair_cells = np.divmod(distinct, len(group.cells))
         rows = group.supports.rows_of(pair_cells)
         powers = group.supports.powers(rows, twists[owner])
-        return cls(group, pair_cells, rows, twists[owner], powers, owner, pair_of.reshape(cells.shape))
+        return cls(
+            group, pair_cells, rows, twists[owner], powers, thresholds[owner], owner, pair_of.reshape(cells.shape)
+        )
+
+    @cached_property
+    def above(self) -> FloatArray:
+        """Powers, or excesses over the thresholds, (c, m, j)."""
+        return self.group.supports.rule.above(self.powers, self.thresholds[:, None, None])
 
     def weighted(self, weights: FloatArray) -> FloatArray:
         """Return powers weighted by each node's dual weights (b, j), by pair and row."""
-        return np.asarray((self.powers @ weights[self.owner][:, :, None])[:, :, 0])
+        return np.asarray((self.above @ weights[self.owner][:, :, None])[:, :, 0])
 
     def select_rows(self, weights: FloatArray | None, max_rows: int) -> tuple[IntArray, FloatArray]:
         """Return the selected rows, sorted, and their powers: (c, m) and (c, m, j)."""
@@ -145,17 +175,19 @@ class GroupTable:
         if max_rows <= FEW:
             indices = np.broadcast_to(np.minimum(np.arange(max_rows), m - 1), (c, max_rows))
         else:
-            weighted = np.mean(self.powers, axis=2) if weights is None else self.weighted(weights)
+            weighted = np.mean(self.above, axis=2) if weights is None else self.weighted(weights)
             along = np.argmax(self.powers, axis=1)
             indices = np.sort(np.concatenate([along, np.argmax(weighted, axis=1)[:, None]], axis=1), axis=1)
         rows = np.take_along_axis(self.rows, indices, axis=1)
-        return rows, np.take_along_axis(self.powers, indices[..., None], axis=1)
+        return rows, np.take_along_axis(self.above, indices[..., None], axis=1)
 
     def upper_bounds(self, weights: FloatArray) -> FloatArray:
         """Return upper bounds on the weighted supports under each node's dual weights, (b, s)."""
         supports = self.group.supports
         if supports.is_curved:
-            maxima = weighted_supports(supports, self.cells, self.powers, self.twists, weights[self.owner])
+            maxima = weighted_supports(
+                supports, self.cells, self.powers, self.twists, weights[self.owner], self.thresholds
+            )
             return np.asarray(maxima[self.pair_of])
         return np.asarray(np.max(self.weighted(weights), axis=1)[self.pair_of])
 
@@ -165,7 +197,12 @@ class GroupTable:
 
 
 def weighted_supports(
-    supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray, weights: FloatArray
+    supports: Supports,
+    cells: IntArray,
+    powers: FloatArray,
+    twists: FloatArray,
+    weights: FloatArray,
+    thresholds: FloatArray,
 ) -> FloatArray:
     """Return upper bounds on the weighted supports of contacts in cells, (c,).
 
@@ -179,15 +216,22 @@ def weighted_supports(
     twists : (c, j, d) array
     weights : (c, j) array
         Dual weights of each cell's node.
+    thresholds : (c,) array
     """
-    weighted = (powers @ weights[:, :, None])[:, :, 0]
+    weighted = (supports.rule.above(powers, thresholds[:, None, None]) @ weights[:, :, None])[:, :, 0]
     largest = np.max(powers, axis=1) ** (1.0 / supports.rule.power)
     speed, turning = supports.speed_bounds(cells, twists)
     interval = _SupportInterval(
-        supports, np.max(weighted, axis=1), excess_tolerance(supports, cells), *_weighted_directions(twists, weights)
+        supports,
+        np.max(weighted, axis=1),
+        excess_tolerance(supports, cells),
+        *_weighted_directions(twists, weights),
+        thresholds,
     )
     for surface, parts, rows, deviations, owner in _parts_by_surface(supports, cells):
-        excess = excess_inside_parts(supports, deviations, largest[owner], speed[owner], turning[owner])
+        excess = excess_inside_parts(
+            supports, deviations, largest[owner], speed[owner], turning[owner], thresholds[owner, None]
+        )
         upper = np.max(weighted[owner[:, None], rows], axis=1) + np.sum(weights[owner] * excess, axis=1)
         interval.refine(surface, parts, owner, upper)
     return interval.upper_bounds()
@@ -202,7 +246,7 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
     none = np.zeros((2, 3))
     deviations = np.stack([np.max([p.max_deviations for p in parts], axis=0) if parts else none for parts in curved])
     largest = maxima ** (1.0 / supports.rule.power)
-    excess = excess_inside_parts(supports, deviations, largest, *supports.speed_bounds(cells, twists))
+    excess = excess_inside_parts(supports, deviations, largest, *supports.speed_bounds(cells, twists), np.zeros(1))
     return np.asarray((maxima + excess) * (1.0 + ARITHMETIC_MARGIN * excess_tolerance(supports, cells))[:, None])
 
 
@@ -213,9 +257,14 @@ def excess_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
 
 
 def excess_inside_parts(
-    supports: Supports, deviations: FloatArray, largest: FloatArray, speed: FloatArray, turning: FloatArray
+    supports: Supports,
+    deviations: FloatArray,
+    largest: FloatArray,
+    speed: FloatArray,
+    turning: FloatArray,
+    thresholds: FloatArray,
 ) -> FloatArray:
-    """Return a bound on the excess of ``s^p`` inside parts over the corners' values.
+    """Return a bound on the excess of ``s^p`` inside parts over the corners' values, both above the thresholds.
 
     Parameters
     ----------
@@ -224,6 +273,7 @@ def excess_inside_parts(
         Coefficients of each part; see ``CurvedSurface.deviations``.
     largest, speed, turning : (..., j) arrays
         Upper bounds on s, ``|v|`` and ``|tau|`` at the corners along each direction.
+    thresholds : (..., 1) array
     """
     p, (force, moment) = supports.rule.power, supports.lipschitz
     linear = force * deviations[..., 1] + moment * deviations[..., 2]
@@ -231,7 +281,8 @@ def excess_inside_parts(
         force * deviations[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1)
     )
     largest_inside = largest + corner_change
-    return np.asarray(np.minimum(p * largest_inside ** (p - 1.0) * change, largest_inside**p - largest**p))
+    by_corners = supports.rule.above(largest_inside**p, thresholds) - supports.rule.above(largest**p, thresholds)
+    return np.asarray(np.minimum(p * largest_inside ** (p - 1.0) * change, by_corners))
 
 
 def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -273,13 +324,20 @@ class _SupportInterval:
         Relative tolerance.
     twists : (c, j, d) array
     weights : (c, j) array
+    thresholds : (c,) array
     """
 
     def __init__(
-        self, supports: Supports, lower: FloatArray, tolerance: FloatArray, twists: FloatArray, weights: FloatArray
+        self,
+        supports: Supports,
+        lower: FloatArray,
+        tolerance: FloatArray,
+        twists: FloatArray,
+        weights: FloatArray,
+        thresholds: FloatArray,
     ) -> None:
         self._supports, self._tolerance, self._twists, self._weights = supports, tolerance, twists, weights
-        self._lower, self._upper = lower, lower.copy()
+        self._lower, self._upper, self._thresholds = lower, lower.copy(), thresholds
 
     def refine(self, surface: CurvedSurface, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
         """Bound the maxima over cells by those over their parts (n, c, q), subdividing parts that may contain one.
@@ -287,7 +345,7 @@ class _SupportInterval:
         ``owner`` are the parts' cells, ``upper`` their upper bounds; subdivision raises the cells' lower bounds.
         """
         for _ in range(ROUNDS):
-            is_open = upper > (1.0 + self._tolerance[owner]) * self._lower[owner]
+            is_open = upper > (self._lower + self._tolerance * (self._lower + SHARE * self._thresholds))[owner]
             np.maximum.at(self._upper, owner[~is_open], upper[~is_open])
             if not np.any(is_open):
                 return
@@ -307,15 +365,18 @@ class _SupportInterval:
         points, normals = (x.reshape(n, v, 3) for x in surface.contacts(vertices.reshape(n * v, q)))
         powers, speed, turning = supports.evaluate(points, normals, self._twists[owner])
         supports.evaluations += powers.size
-        np.maximum.at(self._lower, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
+        thresholds = self._thresholds[owner][:, None, None]
+        above = supports.rule.above(powers, thresholds)
+        np.maximum.at(self._lower, owner, np.max(np.sum(above * weights, axis=2), axis=1))
         quarters = vertices[:, corner_indices].reshape(-1, corner_indices.shape[1], q)
         deviations = surface.deviations(quarters).reshape(n, len(corner_indices), 1, 2, 3)
         supports_at = powers ** (1.0 / supports.rule.power)
         at_corners = (supports_at[:, corner_indices], speed[:, corner_indices], turning[:, None, None])
-        excess = excess_inside_parts(supports, deviations, *at_corners)
-        upper = np.sum((powers[:, corner_indices] + excess) * weights[:, None], axis=3)
+        excess = excess_inside_parts(supports, deviations, *at_corners, thresholds[:, None])
+        upper = np.sum((above[:, corner_indices] + excess) * weights[:, None], axis=3)
         return quarters, np.repeat(owner, len(corner_indices)), np.max(upper, axis=2).ravel()
 
     def upper_bounds(self) -> FloatArray:
         """Return the upper bounds, (c,), with a margin for independent recomputation."""
-        return np.asarray(np.maximum(self._upper, self._lower) * (1.0 + ARITHMETIC_MARGIN * self._tolerance))
+        largest = np.maximum(self._upper, self._lower)
+        return np.asarray(largest + ARITHMETIC_MARGIN * self._tolerance * (largest + SHARE * self._thresholds))

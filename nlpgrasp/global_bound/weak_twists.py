@@ -199,11 +199,11 @@ class FractionalContacts:
     def value(self, twists: FloatArray) -> FloatArray:
         """Return ``sum of w s^p`` along twists (b, m, d), (b, m)."""
         s = self._work(twists)[1]
-        return np.asarray(np.sum(s**self.rule.power * self.weights[:, None], axis=2))
+        return np.asarray(np.sum(s**self.rule.search_power * self.weights[:, None], axis=2))
 
     def model(self, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the value, (b, m), and the Hessian of its quadratic model, (b, m, d, d)."""
-        p, maps = self.rule.power, self.maps
+        p, maps = self.rule.search_power, self.maps
         z, s = self._work(twists)
         scaled = np.broadcast_to(self.weights[:, None], s.shape)
         if p != 2.0:  # sum of w s^(p-2) |P z|^2 / 2, as in ``quality.screening``
@@ -243,7 +243,7 @@ def minimise_ratio(
     ratios : (b, m) array
         ``phi_G / phi_A`` there.
     """
-    power = fractional[0].rule.power
+    power = fractional[0].rule.search_power
 
     def model(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         parts = [contacts.model(u) for contacts in fractional]

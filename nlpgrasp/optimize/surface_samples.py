@@ -204,8 +204,8 @@ class SampleTables:
     ) -> None:
         self.budget: ForceBudget = problem.budget if type(problem.budget) in COMBINATION_RULES else L2Budget()
         rule = CombinationRule.of(self.budget)
-        self.power = rule.power if rule.exact else 1.0
-        self.combine: np.ufunc = np.add if rule.exact else np.maximum
+        self.power = rule.power
+        self.combine: np.ufunc = np.maximum if rule.largest else np.add
         models, origin = problem.models, problem.origin
         self._jaws = isinstance(problem.hand, ParallelJaw)
         allowed = [_satisfying_samples(rows, hand, clouds, i) for i in range(len(models))]
@@ -281,8 +281,7 @@ class SampleTable:
         """Return ``s^p``, the power of the support, at all samples along directions (j, d), (j, m)."""
         m, d, n = self.maps.shape
         work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
-        powers = (self.rule.powers if self.rule.exact else self.rule.support)(self.model, work)
-        return np.asarray(powers, dtype=np.float32)
+        return np.asarray(self.rule.powers(self.model, work), dtype=np.float32)
 
 
 def opposite_pairs(cloud: SampleCloud) -> NDArray[np.intp]:

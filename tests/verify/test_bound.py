@@ -36,6 +36,7 @@ PROBLEMS = {
     "square": problem(SQUARE, [FRICTION] * 3),
     "square, limited": problem(SQUARE, [FRICTION] * 2, constraints=KEPT),
     "square, shared": problem(SQUARE, [FRICTION] * 2, force_budget="shared"),
+    "ellipsoid, shared": problem(ng.Ellipsoid([2, 1, 1]), [FRICTION] * 3, force_budget="shared"),
     "square, hand": problem(
         SQUARE,
         [FRICTION] * 2,
@@ -84,6 +85,7 @@ CURVED = (
     "torus",
     "ellipsoid",
     "ellipsoid, limited",
+    "ellipsoid, shared",
     "cylinder, pads",
     "ellipsoid, pads",
     "torus, discs",
@@ -289,6 +291,32 @@ def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
 
 
 OLDER = Path(__file__).with_name("older.bound.json")  # of the square: each leaf has directions and weights of its own
+OLDER_SHARED = Path(__file__).with_name("older_shared.bound.json")  # of the square: without thresholds
+
+
+def test_a_shared_bound_without_thresholds_is_verified(tmp_path):
+    data = json.loads(OLDER_SHARED.read_text())
+    verification = verified(data, tmp_path)
+    assert verification.passed, str(verification)
+    recomputed = Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1]
+    assert data["upper"] * (1.0 - ABOVE) <= np.max(recomputed) <= data["upper"]
+    data["upper"] *= 0.999
+    assert not verified(data, tmp_path).passed
+
+
+@pytest.mark.parametrize("value", [None, 0.0, "none", []], ids=str)
+def test_a_shared_bound_with_other_thresholds_fails(value, tmp_path):
+    data = bound_data("ellipsoid, shared")
+    thresholds = data["certificate"]["thresholds"]
+    assert max(thresholds) > 0.0
+    data["certificate"]["thresholds"] = [] if value == [] else [value] * len(thresholds)
+    assert not verified(data, tmp_path).passed
+
+
+def test_a_shared_bound_without_its_thresholds_fails(tmp_path):
+    data = bound_data("ellipsoid, shared")
+    data["certificate"].pop("thresholds")
+    assert not verified(data, tmp_path).passed
 
 
 def test_a_file_of_the_older_form_is_verified(tmp_path):

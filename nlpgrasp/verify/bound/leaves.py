@@ -4,6 +4,10 @@ For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w p
 ``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the contacts' cells of
 ``max over the cell of sum w s^p``, divided by ``sum w phi_A(y)^p``.
 
+Under the shared budget phi_G is the largest s_i. With a threshold theta it is at most theta plus the sum of all
+excesses ``(s_i - theta)_+``, so that ``mu sum w phi_A <= theta sum w + sum of w (s_i - theta)_+``. Excesses are convex
+in the work, like s.
+
 The support s of a contact is the largest work of one unit of force. For the velocity v of the contact point and the
 twist's angular velocity tau, a force with normal part n does the work ``n v_n + f_t . v_t + m tau_n``. Its largest
 value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each with a coefficient c. A pad also tilts, with
@@ -27,7 +31,8 @@ from nlpgrasp.verify.check import NotCheckedError
 
 SEARCH_STEPS = 50  # steps of a search by thirds over angles: to the square root of rounding
 # power p of each force budget, and whether it counts the length of a force instead of its normal part
-BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (8.0, False)}
+BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (1.0, False)}
+OLDER_POWER = 8.0  # power of the shared budget in files without thresholds
 GUARD = 1e-9  # relative guard against rounding, added to every bound
 RELEVANT_SHARE = 0.5  # share of the largest leaf bound below which leaves are not refined
 MOST_ROUNDS = 8  # most subdivision rounds of curved cells
@@ -42,7 +47,7 @@ class StatedLeaves:
     ----------
     data : mapping
         ``origin``, ``directions``; ``mixtures``: numbers of directions and their dual weights; ``leaves``: cells by
-        slot, the number of dual weights, and the stated bound.
+        slot, the number of dual weights, and the stated bound; under the shared budget ``thresholds`` of the mixtures.
     groups : sequence of StatedGroup
     contacts : sequence of mapping
         Contacts of the problem, by number.
@@ -54,6 +59,7 @@ class StatedLeaves:
         self, data: Json, groups: Sequence[StatedGroup], contacts: Sequence[Json], task: Task, budget: StatedBudget
     ) -> None:
         self.leaves, self.budget, self._dual_weights_data = data["leaves"], budget, data["mixtures"]
+        self._thresholds = array("thresholds", data.get("thresholds", np.zeros(len(data["mixtures"]))), (None,))
         self.twists = array("directions", data["directions"], (None, task.dimension))
         self.supports = task.support(self.twists)[0]
         self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
@@ -80,29 +86,31 @@ class StatedLeaves:
 
     def _bounds_by_weights(self, index: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
         """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
-        weights, twists, task_power = self._dual_weights(index)
+        weights, twists, threshold, task_power = self._dual_weights(index)
         aggregate = max if self.budget.shared and len(weights) == 1 else sum
         cells_of_nodes = [list(zip(self._slots, node, strict=True)) for node in nodes]
-        largest = self._power_bounds({slot for cells in cells_of_nodes for slot in cells}, twists, weights)
+        offset = threshold * float(np.sum(weights))
+        largest = self._power_bounds({slot for cells in cells_of_nodes for slot in cells}, twists, weights, threshold)
         bounds = []
         for cells, claim in zip(cells_of_nodes, claimed, strict=True):
-            requested = (claim / (1.0 + GUARD)) ** self.budget.power * task_power
-            total = _total([largest[slot] for slot in cells], requested, aggregate)
+            requested = (claim / (1.0 + GUARD)) ** self.budget.power * task_power - offset
+            total = offset + _total([largest[slot] for slot in cells], requested, aggregate)
             bounds.append(float((total / task_power) ** (1.0 / self.budget.power)) * (1.0 + GUARD))
         return bounds
 
-    def _dual_weights(self, index: int) -> tuple[FloatArray, FloatArray, float]:
-        """Return dual weights (j,) by number, their directions (j, d), and their ``sum w phi_A(y)^p``."""
+    def _dual_weights(self, index: int) -> tuple[FloatArray, FloatArray, float, float]:
+        """Return dual weights (j,) by number, their directions (j, d), threshold, and ``sum w phi_A(y)^p``."""
         if not 0 <= index < len(self._dual_weights_data):
             raise ValueError(f"mixture {index} of {len(self._dual_weights_data)}")
         numbers, stated_weights = self._dual_weights_data[index]
         weights, indices = array("weights", stated_weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
         if not (np.all(weights > 0.0) and len(weights) and np.all(indices >= 0)):
             raise ValueError(f"weights {stated_weights} of directions {numbers}")
-        return weights, self.twists[indices], float(weights @ self.supports[indices] ** self.budget.power)
+        task_power = float(weights @ self.supports[indices] ** self.budget.power)
+        return weights, self.twists[indices], float(self._thresholds[index]), task_power
 
     def _power_bounds(
-        self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
+        self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray, threshold: float
     ) -> dict[tuple[int, int], PowerBounds]:
         """Return bounds on the largest weighted power over each cell, by group and cell number."""
         bounds: dict[tuple[int, int], PowerBounds] = {}
@@ -110,7 +118,7 @@ class StatedLeaves:
             cells_of_group = {
                 cell_number: group.cells[cell_number] for slot_group, cell_number in cells if slot_group == i
             }
-            power = WeightedPower(contact, twists, weights, self.origin)
+            power = WeightedPower(contact, twists, weights, threshold, self.origin)
             over_meshes = _largest_over_mesh(
                 {n: cell for n, cell in cells_of_group.items() if isinstance(cell, StatedMeshCell)}, power
             )
@@ -174,12 +182,12 @@ class PowerBounds:
     def _bounds(self, face: StatedCurvedFace, parts: FloatArray) -> FloatArray:
         """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
         n, c, q = parts.shape
-        contact, twists, weights = self._power.contact, self._power.twists, self._power.weights
+        power, weights = self._power, self._power.weights
         points, normals = face.contacts(parts.reshape(n * c, q))
-        powers, speeds = contact.powers(points, normals, twists, self._power.origin)
-        self.lower = max(self.lower, float(np.max(powers @ weights)))
+        powers, speeds = power.contact.powers(points, normals, power.twists, power.origin)
+        self.lower = max(self.lower, float(np.max(power.contact.above(powers, power.threshold) @ weights)))
         errors = np.repeat(face.interpolation_errors(parts), c, axis=0)
-        upper = contact.upper_bounds(powers, speeds, errors, twists) @ weights
+        upper = power.contact.upper_bounds(powers, speeds, errors, power.twists, power.threshold) @ weights
         return np.asarray(np.max(upper.reshape(n, c), axis=1))
 
 
@@ -226,13 +234,14 @@ def _largest_over_mesh(cells: dict[int, StatedMeshCell], power: WeightedPower) -
 
 @dataclass(frozen=True)
 class WeightedPower:
-    """The weighted power ``sum of w s^p`` of one contact, s its support along each direction.
+    """The weighted power ``sum of w s^p`` of one contact, s its support along each direction, or that of excesses.
 
     Parameters
     ----------
     contact : StatedContact
     twists : (j, d) array
     weights : (j,) array
+    threshold : float
     origin : (space,) array
         Torque origin, metres.
     """
@@ -240,15 +249,15 @@ class WeightedPower:
     contact: StatedContact
     twists: FloatArray
     weights: FloatArray
+    threshold: float
     origin: FloatArray
 
     def largest(self, contacts: VertexContacts) -> float:
         """Return the largest weighted power over vertex contacts; 0 without any."""
         if not len(contacts.points):
             return 0.0
-        return float(
-            np.max(self.contact.powers(contacts.points, contacts.normals, self.twists, self.origin)[0] @ self.weights)
-        )
+        powers, _ = self.contact.powers(contacts.points, contacts.normals, self.twists, self.origin)
+        return float(np.max(self.contact.above(powers, self.threshold) @ self.weights))
 
 
 @dataclass(frozen=True)
@@ -360,14 +369,19 @@ class StatedContact:
         tilting = np.sqrt(np.maximum(turning**2 - torsion**2, 0.0))
         return self.work(normal, [sliding, torsion, tilting]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
+    def above(self, powers: FloatArray, threshold: float) -> FloatArray:
+        """Return the excess of supports over a threshold under a shared budget, else the powers."""
+        return np.maximum(powers - threshold, 0.0) if self.budget.has_thresholds else powers
+
     def upper_bounds(
-        self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray
+        self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray, threshold: float
     ) -> FloatArray:
         """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
 
         The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the length L of the longest force, the interpolation error z
         of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less. The work
-        of forces and that of moments have their own L, and their products are added.
+        of forces and that of moments have their own L, and their products are added. Excesses over a threshold change
+        by no more than s, which is ``s + L x`` at most.
 
         Parameters
         ----------
@@ -376,6 +390,7 @@ class StatedContact:
         errors : (m, 2, 3) array
             Interpolation coefficients of the part that it is a corner of.
         twists : (j, 6) array
+        threshold : float
         """
         angular_speeds, p = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power
         force, moment = self.longest_parts
@@ -384,7 +399,8 @@ class StatedContact:
             force * errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1)
         )
         largest = powers ** (1.0 / p) + difference
-        return np.asarray(np.minimum(powers + p * largest ** (p - 1.0) * error, largest**p))
+        by_convexity = self.above(powers, threshold) + p * largest ** (p - 1.0) * error
+        return np.asarray(np.minimum(by_convexity, self.above(largest**p, threshold)))
 
 
 def _disc_coefficients(data: Json) -> tuple[float, float, float]:
@@ -426,16 +442,27 @@ class StatedBudget:
     lengths : bool
         Whether the budget counts a force's length, not its normal part.
     shared : bool
+    has_thresholds : bool
+        Whether sums of excesses over thresholds bound the largest s, instead of sums of powers.
     """
 
     power: float
     lengths: bool
     shared: bool
+    has_thresholds: bool
 
     @classmethod
-    def of(cls, data: str | Json) -> StatedBudget:
-        """Return the budget of its JSON data; raise ``NotCheckedError`` on an unknown kind."""
+    def of(cls, data: str | Json, has_thresholds: bool) -> StatedBudget:
+        """Return the budget of its JSON data, in a file with or without thresholds.
+
+        Raises
+        ------
+        NotCheckedError
+            On an unknown kind.
+        """
         kind = data if isinstance(data, str) else str(data["type"])
         if kind not in BUDGETS:
             raise NotCheckedError(f"nothing recomputes bounds under the force budget {kind!r}")
-        return cls(*BUDGETS[kind], shared=kind == "shared")
+        power, lengths = BUDGETS[kind]
+        shared = kind == "shared"
+        return cls(OLDER_POWER if shared and not has_thresholds else power, lengths, shared, shared and has_thresholds)

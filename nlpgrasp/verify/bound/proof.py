@@ -191,7 +191,7 @@ class Proof:
     @cached_property
     def budget(self) -> StatedBudget:
         """Force budget of the bound."""
-        return StatedBudget.of(self.problem["force_budget"])
+        return StatedBudget.of(self.problem["force_budget"], "thresholds" in self.data)
 
     @cached_property
     def leaves(self) -> StatedLeaves:
