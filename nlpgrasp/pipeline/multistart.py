@@ -138,6 +138,14 @@ class Multistart:
         return best_of([r for r in self.results if r.record.mu.lower >= self.floor])
 
     @property
+    def gap(self) -> float:
+        """Relative gap of the best start to the bound so far; inf without either."""
+        best = self.best
+        if self._tree is None or best is None or best.record.mu.lower <= 0.0:
+            return float("inf")
+        return self._tree.upper / best.record.mu.lower - 1.0
+
+    @property
     def next_index(self) -> int:
         """Index of the next further start, after the requested ones."""
         return max([self.runner.count, *(r.record.index + 1 for r in self.results)])
@@ -215,7 +223,9 @@ class Multistart:
         best = self.best
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
-    def run_until_proved(self, starts: int, rtol: float, contacts: Sequence[FloatArray] = ()) -> None:
+    def run_until_proved(
+        self, starts: int, rtol: float, contacts: Sequence[FloatArray] = (), patience: int | None = None
+    ) -> int:
         """Run starts one at a time in this process, until the best one is within the bound's gap or memory is full.
 
         Parameters
@@ -226,15 +236,30 @@ class Multistart:
             Relative gap to which the best start is certified before each.
         contacts : sequence of (k, space) array
             Contacts of known grasps, from which candidates begin as well.
+        patience : int, optional
+            Number of starts in a row after which to stop where none of them is better by ``rtol``; unlimited by
+            default. It does not count before there is a grasp.
+
+        Returns
+        -------
+        int
+            Number of starts run.
         """
         self._clock.restart()
-        nodes = node_limit(self.runner.problem, 2) // 4
-        for _ in range(starts):
-            self.certify_best(rtol)
+        problem, count, idle = self.runner.problem, 0, 0
+        nodes = node_limit(problem, starts=4) if problem.body.space == 2 else node_limit(problem, starts=2) // 4
+        proposed = list[Sequence[GraspCandidate]]()
+        while count < starts and (patience is None or idle < patience):
+            best = self.certify_best(rtol)
             if self._branch_further(nodes) or self.deadline.should_stop():
                 break
-            self._add_start(contacts)
+            proposed = proposed or self._propose_near(contacts, starts)
+            self._add_start(candidates=proposed[count])
+            count += 1
+            before, after = (0.0 if start is None else start.record.mu.upper for start in (best, self.best))
+            idle = 0 if after <= 0.0 or after > (1.0 + rtol) * before else idle + 1
         self._clock.mark("starts")
+        return count
 
     def replace_results(self, *starts: StartGrasp) -> None:
         """Replace the results that have the same indices as some starts."""
@@ -263,15 +288,31 @@ class Multistart:
                 self._add_start()
         self._clock.mark("closing the gap")
 
-    def _add_start(self, contacts: Sequence[FloatArray] = ()) -> None:
-        """Run one more start in this process, also from contacts (k, space) and the bound's relaxed placements.
+    def _add_start(self, candidates: Sequence[GraspCandidate] = ()) -> None:
+        """Run one more start in this process, from candidates or else also from the bound's relaxed placements.
 
         Requested starts that have not been run come first.
         """
         finished = {result.record.index for result in self.results}
         index = next((i for i in range(self.runner.count) if i not in finished), self.next_index)
-        relaxed = [] if self._tree is None else self._tree.relaxed_placements(RELAXED)
-        self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, [*contacts, *relaxed]))
+        relaxed = [] if candidates else self._relaxed_placements()
+        self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, relaxed, candidates))
+
+    def _propose_near(self, contacts: Sequence[FloatArray], starts: int) -> list[Sequence[GraspCandidate]]:
+        """Return candidates for each of some further starts, also near contacts (k, space) and relaxed placements.
+
+        Empty for each where the proposal fails numerically: those starts propose on their own.
+        """
+        known = [*contacts, *self._relaxed_placements()]
+        try:
+            proposed = propose(self.runner.compiled, np.random.default_rng([self.seed, 0]), known, starts)
+        except SOLVER_ERRORS:
+            return [()] * starts
+        return deal_candidates(proposed, starts)
+
+    def _relaxed_placements(self) -> list[FloatArray]:
+        """Return contact positions (k, space) of the bound's latest relaxed placements."""
+        return [] if self._tree is None else self._tree.relaxed_placements(RELAXED)
 
     def _branch_further(self, nodes: int) -> bool:
         """Branch on further nodes; return whether the search is finished: gap closed, or memory full."""

@@ -1,24 +1,29 @@
-"""Dynamic grasping (Section 3.6): grasps for a task that changes with a parameter.
+"""Dynamic grasping (Section 3.6): grasps for a task, and surroundings, that change with a parameter.
 
 The contacts for one task are a few refinement steps away from a local optimum for a slightly different task: the
 program is the same except for its cuts. So the grasp of each step is a warm start of the next, certified unchanged and
-refined. A short branch and bound, and a start of its own, show whether another local optimum is so much better that a
-regrasp pays; for smaller gains the fingers stay where they are.
+refined. A short branch and bound, and starts of its own, show whether another local optimum is so much better that a
+regrasp pays; for smaller gains the fingers stay where they are. Steps that are proved to be near the best need no
+start, and leave theirs to those whose gap to the bound stays large.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
+from nlpgrasp.common.formatting import format_headroom
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.registry import constraint_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.processes import single_thread
@@ -35,6 +40,9 @@ from nlpgrasp.solution.solution import GraspSolution
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
 REMEMBERED = 16  # latest grasps whose contacts a start begins from as well
+ALLOWED_SHARE = 0.25  # starts allowed for each step, on the average, over those of a cold solve
+PATIENCE = 3  # starts in a row without a gain after which a step ends
+REGRASP_GAIN = 0.01  # default least relative gain for which the fingers move
 
 
 @dataclass(frozen=True)
@@ -52,9 +60,11 @@ class DynamicStep:
     regrasp : bool
         Whether this is another local optimum, not reached by sliding.
     stayed : float
-        Upper bound on mu of the previous value's contacts for this task.
+        Upper bound on mu of the previous value's contacts for this task; 0 where they violate its constraints.
     cold : bool
         Whether no followed grasp held, so that this one comes from a cold solve.
+    starts : int
+        Number of starts run, beside the warm start.
     """
 
     parameter: float
@@ -63,6 +73,12 @@ class DynamicStep:
     regrasp: bool
     stayed: float
     cold: bool = False
+    starts: int = 0
+
+    @property
+    def gap(self) -> float:
+        """Relative gap of the certified quality to the bound over all placements, at most; inf if unknown."""
+        return self.solution.gap
 
     @property
     def how(self) -> str:
@@ -105,17 +121,17 @@ class DynamicGrasp:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
             warnings = "".join(f"; {warning}" for warning in link_obstructions(step.solution.hand))
-            lines.append(f"{text}; staying would give at most {step.stayed:.4g}{warnings}")
+            lines.append(f"{text}; staying would give at most {step.stayed:.4g}; {format_headroom(step.gap)}{warnings}")
         return "\n".join(lines)
 
 
 def follow_task(
-    problem_at: Callable[[float], GraspProblem],
-    parameters: ArrayLike,
+    problem_at: Callable[[float], GraspProblem] | Sequence[GraspProblem],
+    parameters: ArrayLike | None = None,
     starts: int = 8,
     seed: int = 0,
     options: SolveOptions | None = None,
-    regrasp_gain: float = 0.02,
+    regrasp_gain: float = REGRASP_GAIN,
 ) -> DynamicGrasp:
     """Return the grasps for a task that changes with a parameter, each with the previous one as a warm start.
 
@@ -123,17 +139,20 @@ def follow_task(
 
     Parameters
     ----------
-    problem_at : callable
-        Function of the parameter that returns the problem. Only its task and its name may differ.
-    parameters : (m,) array
-        At least 2, in the order in which the task changes.
+    problem_at : callable or sequence of GraspProblem
+        Function of the parameter that returns the problem, or one problem per step. Only the task, the constraints
+        (surroundings such as a table or an obstacle among them) and the name may differ.
+    parameters : (m,) array, optional
+        At least 2, in the order in which the task changes; 0, 1, 2, ... by default for a sequence of problems.
     starts : int
-        Most starts of a cold solve: at the first step, and where the previous grasp does not hold. At other steps there
-        is one beside the warm start. None is run once the bound proves the grasp to be within a percent of the best.
+        Most starts of a step: at the first step, and where the previous grasp does not hold, those of a cold solve. A
+        quarter of them is allowed for each other step, and what proved steps have left: a step that is not proved is
+        solved anew, beside the warm start, by at least one start and as many as are allowed, until three in a row gain
+        nothing. None is run once the bound proves the grasp to be within a percent of the best.
     seed : int
         Of the starts.
     options : SolveOptions, optional
-        Of each step's solve. The fingers move by mu alone.
+        Of each step's solve; a time limit is that of a step. The fingers move by mu alone.
     regrasp_gain : float
         Least relative gain for which the fingers move, by sliding or by a regrasp to another local optimum; at least
         zero.
@@ -141,37 +160,49 @@ def follow_task(
     Returns
     -------
     DynamicGrasp
-        One step per parameter value, with a global bound where branch and bound covers the problem
-        (``step.solution.gap``). A step without a grasp, even of a cold solve, says so by its status.
+        One step per parameter value, with a global bound where branch and bound covers the problem (``step.gap``). A
+        step without a grasp, even of a cold solve, says so by its status.
 
     Raises
     ------
     InputError
-        When more than the task changes, a task is empty, or no grasp is found for any.
+        When more than task and constraints change, a task is empty, or no grasp is found for any.
     """
-    if not callable(problem_at):
-        raise InputError("problem_at", problem_at, "a function of the parameter")
     starts, seed, options = check_solve_arguments(starts, seed, options)
-    values = array("parameters", parameters, (None,))
-    if len(values) < 2:
-        raise InputError("parameters", f"{len(values)} values", "at least 2")
+    problems, values = _check_steps(problem_at, parameters)
     gain = number("regrasp_gain", regrasp_gain, at_least=0.0)
-    problems = [_problem_at(problem_at, value) for value in values.tolist()]
-    for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
-        _check_same_but_task(problems[0], problem, value)
     options = options.narrow()
-    first_compiled = CompiledProblem(problems[0], replace(options, rounds=min(options.rounds, ROUNDS)))
-    compiled = [first_compiled, *(first_compiled.with_task(problem) for problem in problems[1:])]
     with single_thread():
-        steps = tuple(_follow(zip(compiled, values.tolist(), strict=True), starts, seed, options, gain))
+        compiled = _compile(problems, replace(options, rounds=min(options.rounds, ROUNDS)))
+        steps = tuple(_follow(zip(compiled, values, strict=True), starts, seed, options, gain))
     if not any(step.solution.mu.lower > 0.0 for step in steps):
         raise InputError("problem_at", "no grasp found for any of the parameters", "tasks with a grasp")
     return DynamicGrasp(problems[0].name, steps)
 
 
-def _problem_at(problem_at: Callable[[float], GraspProblem], value: float) -> GraspProblem:
+def _check_steps(
+    problem_at: Callable[[float], GraspProblem] | Sequence[GraspProblem], parameters: ArrayLike | None
+) -> tuple[list[GraspProblem], list[float]]:
+    """Return the validated problems and the parameter values of the steps."""
+    listed = list(problem_at) if isinstance(problem_at, Sequence) else None
+    if listed is None and not callable(problem_at):
+        raise InputError("problem_at", problem_at, "a function of the parameter, or a sequence of problems")
+    if parameters is None and listed is None:
+        raise InputError("parameters", None, "the values at which problem_at is a problem")
+    values = array("parameters", range(len(listed or ())) if parameters is None else parameters, (None,)).tolist()
+    if len(values) < 2:
+        raise InputError("parameters", f"{len(values)} values", "at least 2")
+    if listed is not None and len(listed) != len(values):
+        raise InputError("parameters", f"{len(values)} values", f"{len(listed)}, one for each problem")
+    results = [problem_at(value) for value in values] if callable(problem_at) else listed or []
+    problems = [_check_problem(problem, value) for problem, value in zip(results, values, strict=True)]
+    for problem, value in zip(problems[1:], values[1:], strict=True):
+        _check_same_grasp(problems[0], problem, value)
+    return problems, values
+
+
+def _check_problem(problem: object, value: float) -> GraspProblem:
     """Return the validated problem at a value of the parameter."""
-    problem = problem_at(value)
     if not isinstance(problem, GraspProblem):
         raise InputError("problem_at", problem, f"a GraspProblem at {value:g}")
     if problem.objective == "nu":
@@ -181,16 +212,43 @@ def _problem_at(problem_at: Callable[[float], GraspProblem], value: float) -> Gr
     return problem
 
 
-def _check_same_but_task(first: GraspProblem, second: GraspProblem, value: float) -> None:
-    """Refuse problems that differ in more than their task."""
+def _check_same_grasp(first: GraspProblem, second: GraspProblem, value: float) -> None:
+    """Refuse problems that differ in more than their task and constraints."""
     a, b = first.to_dict(), second.to_dict()
-    differ = [name for name in a if name != "task" and a[name] != b[name]]
+    differ = [name for name in a if name not in ("task", "constraints") and a[name] != b[name]]
     if not np.array_equal(first.origin, second.origin):
         differ.append("torque_origin")
     if differ:
         raise InputError(
-            "problem_at", f"another {', '.join(differ)} at {value:g}", "problems that differ in their task"
+            "problem_at", f"another {', '.join(differ)} at {value:g}", "problems that differ in task and constraints"
         )
+
+
+def _compile(problems: Sequence[GraspProblem], options: SolveOptions) -> Iterator[CompiledProblem]:
+    """Yield the compiled problems; those with the same constraints share programs and samples."""
+    distinct = list[CompiledProblem]()
+    for problem in problems:
+        known = next((c for c in distinct if _has_same_constraints(c.problem, problem)), None)
+        if known is None:
+            distinct.append(CompiledProblem(problem, options))
+        yield distinct[-1] if known is None else known.with_task(problem)
+
+
+def _has_same_constraints(first: GraspProblem, second: GraspProblem) -> bool:
+    """Return whether the constraints of two problems are known to be equal: the same objects, or equal whole data."""
+    if len(first.constraints) != len(second.constraints):
+        return False
+    pairs = zip(first.constraints, second.constraints, strict=True)
+    return all(a is b or (_is_data(a) and a.to_dict() == b.to_dict()) for a, b in pairs)
+
+
+def _is_data(constraint: PlacementConstraint) -> bool:
+    """Return whether a constraint is stated by its data alone, unlike one with an expression of the user's."""
+    try:
+        constraint_from_dict(constraint.to_dict())
+    except InputError:
+        return False
+    return True
 
 
 def _follow(
@@ -198,19 +256,23 @@ def _follow(
 ) -> Iterator[DynamicStep]:
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
     current: StartGrasp | None = None
-    contact_points = deque[FloatArray](maxlen=REMEMBERED)
+    contact_points, allowed = deque[FloatArray](maxlen=REMEMBERED), 0.0
     for compiled, parameter in tasks:
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
         if current is not None:
             search.add_warm_start(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
         rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
-        search.run_until_proved(starts if is_lost else 1, rtol, contact_points)
+        allowed += ALLOWED_SHARE * starts
+        most = starts if is_lost else min(max(int(allowed), 1), starts)
+        count = search.run_until_proved(most, rtol, contact_points, None if is_lost else PATIENCE)
+        allowed = max(allowed - count, 0.0)
         search.close_gap()
         answer = _select_answer(search, rtol, gain)
         if answer is not None:
             search.accept_unchanged(answer)
-        yield _step(compiled, search, current, parameter, cold=is_lost and current is not None)
+        step = _step(compiled, search, current, parameter, cold=is_lost and current is not None)
+        yield replace(step, starts=count)
         current = search.chosen or current
         contact_points.extend(r.on_body.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
 
@@ -237,11 +299,14 @@ def _step(
     solution, chosen = replace(search.answer(), starts=(), best_start=None), search.chosen
     moved, regrasp, stayed = np.zeros(len(compiled.problem.models)), False, solution.mu.upper
     if previous is not None:
-        previous_grasp, budget = previous.on_body.grasp, compiled.budget(previous.on_body.candidate)
-        stayed = mu(previous_grasp, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
+        before = previous.on_body
+        budget = compiled.budget(before.candidate)
+        stayed = 0.0
+        if GraspOnBody.of(compiled, before.candidate, before.grasp, before.surface).is_feasible:
+            stayed = mu(before.grasp, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
         if chosen is not None:
             regrasp = chosen.record.origin is not CandidateOrigin.WARM_START
-            moved = _displacements(previous_grasp, chosen.on_body.grasp, is_any_order=regrasp)
+            moved = _displacements(before.grasp, chosen.on_body.grasp, is_any_order=regrasp)
     return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
 
 

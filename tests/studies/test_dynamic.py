@@ -9,7 +9,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.pipeline import multistart
 from nlpgrasp.pipeline.multistart import Multistart
-from problems.filling_cup import center_of_mass, filled
+from problems.filling_cup import HEIGHT, center_of_mass, filled, into_rack
 from tests.hands.urdf import four_finger_hand
 from tests.studies.random_paths import compared, random_path
 
@@ -187,6 +187,75 @@ def test_a_basin_in_the_middle_of_a_path_is_found():
     assert middle not in ends
 
 
+TRIANGLE = ng.Polygon([[-1.0, -0.6], [1.1, -0.6], [0.2, 1.0]])
+TURNS = {  # degrees: middle and torque, semi-axes, friction of both fingers
+    -72: ([-1.1524, 0.2426], -0.2208, [0.9926, 0.7599, 0.7861], [0.5144, 0.8465]),
+    -100: ([0.4061, 0.9201], -0.0861, [0.7399, 0.5912, 0.8903], [0.5358, 0.7206]),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", TURNS)
+def test_a_middle_that_turns_about_a_triangle_with_unlike_fingers(degrees):
+    """One start a step followed the wrong basin: a longer search of all placements shows that it is wrong."""
+    middle, torque, axes, frictions = TURNS[degrees]
+
+    def at(share):
+        c, s = np.cos(np.radians(degrees) * share), np.sin(np.radians(degrees) * share)
+        task = ng.TaskEllipsoid(axes, center=[c * middle[0] - s * middle[1], s * middle[0] + c * middle[1], torque])
+        return ng.GraspProblem(TRIANGLE, [ng.FrictionContact(f) for f in frictions], task)
+
+    for step in ng.follow_task(at, np.linspace(0.0, 1.0, 8), starts=6, options=ONE).steps[3::4]:
+        cold = ng.solve(at(step.parameter), 6, options=ONE)
+        assert step.solution.mu.lower >= 0.98 * cold.mu.lower
+        assert step.gap <= 0.1
+
+
+def rising(limit):
+    """Return a rectangle of which only the part above a limit may be touched."""
+    above = ng.Workspace(ng.BoxRegion([-2.0, limit], [2.0, 2.0]))
+    task = ng.TaskEllipsoid([1.0, 1.0, 0.5])
+    return ng.GraspProblem(SIDES, [ng.FrictionContact(0.7)] * 2, task, constraints=[above])
+
+
+def test_fingers_move_out_of_the_way_of_surroundings_that_change():
+    limits = [-0.4, 0.1, 0.2]
+    followed = ng.follow_task([rising(limit) for limit in limits], limits, starts=2, options=ONE)
+    for step in followed.steps:
+        assert step.solution.status is ng.Status.SOLVED
+        assert np.all(step.solution.grasp.points[:, 1] >= step.parameter - 1e-6)
+        assert ng.verify(step.solution, rtol=0.05).passed
+    assert [step.stayed > 0.0 for step in followed.steps] == [True, False, False]  # in the way
+    cold = ng.solve(rising(limits[-1]), 2, options=ONE)
+    assert followed.steps[-1].solution.mu.lower >= 0.98 * cold.mu.lower
+    assert str(followed).count("no placement is more than") == 3
+
+
+def test_expressions_that_look_alike_are_compiled_for_each_step():
+    """Their files say only the name: a step may not keep the limit of another one."""
+
+    def below(limit):
+        row = ng.Constraint("height", lambda p, n: p[0][1] + p[1][1] - limit, upper=0.0)
+        return replace(rising(-1.0), constraints=[row])
+
+    followed = ng.follow_task(below, [0.4, -0.4], starts=1, options=ONE)
+    for step in followed.steps:
+        assert np.sum(step.solution.grasp.points[:, 1]) <= step.parameter + 1e-5
+
+
+@pytest.mark.slow
+def test_a_cup_that_is_set_into_a_rack():
+    """Section 3.6, compliant motion: the rim rises, pushes more, and the fingers stay above it."""
+    depths = [0.01, 0.06, 0.1]
+    followed = ng.follow_task(into_rack, depths, starts=3, options=ONE)
+    for step in followed.steps:
+        assert step.solution.status is ng.Status.SOLVED
+        assert np.all(step.solution.grasp.points[:, 2] >= step.parameter - 0.5 * HEIGHT + 0.005 - 1e-6)
+    cold = ng.solve(into_rack(depths[-1]), 3, options=ONE)
+    assert followed.steps[-1].solution.mu.lower >= 0.98 * cold.mu.lower
+    assert followed.steps[-1].stayed == 0.0
+
+
 def swelling(size):
     return ng.GraspProblem(SIDES, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0 + 0.01 * size, 0.5]))
 
@@ -287,6 +356,9 @@ def growing(size):
         (lambda: ng.follow_task(None, [0.5, 1.0]), "a function of the parameter"),
         (lambda: ng.follow_task(filled, [0.5, 1.0], options=3), "a SolveOptions"),
         (lambda: ng.follow_task(filled, 0.5), "parameters"),
+        (lambda: ng.follow_task(filled), "the values at which problem_at is a problem"),
+        (lambda: ng.follow_task([filled(0.5), filled(1.0)], [0.5, 0.7, 1.0]), "expected 2, one for each problem"),
+        (lambda: ng.follow_task([filled(0.5)]), "at least 2"),
     ],
 )
 def test_bad_input_is_one_sentence(call, message):
