@@ -8,7 +8,8 @@ from nlpgrasp.motion.palm_path import PalmPath, palm_path
 from nlpgrasp.studies.contact_numbers import ContactCurve, how_many_contacts
 from nlpgrasp.studies.contact_types import TypeAssignment, TypeChoice, TypeUpgrade, choose_contact_types
 from nlpgrasp.studies.dynamic_grasping import DynamicGrasp, DynamicStep, follow_task
-from nlpgrasp.studies.fine_manipulation import FineManipulation, FingerMove, fine_manipulation
+from nlpgrasp.studies.fine_manipulation import FineManipulation, fine_manipulation
+from nlpgrasp.studies.finger_moves import FingerMove
 from nlpgrasp.studies.first_choice import FirstChoice, Reason, first_choice
 
 __all__ = [

@@ -22,6 +22,7 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.registry import constraint_from_dict
 from nlpgrasp.errors import InputError
+from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
@@ -31,17 +32,20 @@ from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.optimize.warm_starts import WarmStart
 from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import mu
+from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.obstructions import link_obstructions
 from nlpgrasp.solution.records import CandidateOrigin
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.studies.finger_moves import FingerMove, HoldingQuality, match_contacts, ordered_moves
+from nlpgrasp.tasks import Task
 
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
 REMEMBERED = 16  # latest grasps whose contacts a start begins from as well
-ALLOWED_SHARE = 0.25  # starts allowed for each step, on the average, over those of a cold solve
+ALLOWED_SHARE = 1.0 / 6.0  # starts allowed for each step, on the average, over those of a cold solve
 PATIENCE = 3  # starts in a row without a gain after which a step ends
+OWN_TASK = "task"  # the task while fingers move to the grasp of a step: the step's own
 REGRASP_GAIN = 0.01  # default least relative gain for which the fingers move
 
 
@@ -65,6 +69,13 @@ class DynamicStep:
         Whether no followed grasp held, so that this one comes from a cold solve.
     starts : int
         Number of starts run, beside the warm start.
+    moves : tuple of FingerMove
+        Moves from the previous grasp to this one, one finger at a time, in the order that holds the body best; empty
+        where no finger moves, or none is planned.
+    held : Bounds or None
+        Least quality on the whole path of all moves, the lower end certified everywhere; without moves that of the
+        grasp that stays. None where it was not requested, without a previous grasp, and where the force budget depends
+        on the contacts' frames or the hand's posture.
     """
 
     parameter: float
@@ -74,6 +85,18 @@ class DynamicStep:
     stayed: float
     cold: bool = False
     starts: int = 0
+    moves: tuple[FingerMove, ...] = ()
+    held: Bounds | None = None
+
+    @property
+    def held_text(self) -> str:
+        """Quality while the fingers move, as text; empty where none moves or it was not requested."""
+        if self.held is None or not self.moves:
+            return ""
+        if self.held.upper <= 0.0:
+            return "not held while the fingers move"
+        certified = "everywhere on the way" if self.held.lower > 0.0 else "at stations of the way alone"
+        return f"held with {self.held} {certified}"
 
     @property
     def gap(self) -> float:
@@ -95,9 +118,9 @@ class DynamicStep:
 
 @dataclass(frozen=True)
 class DynamicGrasp:
-    """Grasps for a changing task, each certified for the parameter of its own step.
+    """Grasps for a changing task, each certified for the parameter of its own step, and the moves between them.
 
-    Nothing is certified between two steps: neither the tasks between them, nor the grasps while fingers slide.
+    Tasks between two values of the parameter are not certified, and moves only where that was requested.
 
     Parameters
     ----------
@@ -116,12 +139,16 @@ class DynamicGrasp:
         return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
 
     def __str__(self) -> str:
-        lines = [f"{self.name}: {len(self.steps)} steps, certified at each, not between them"]
+        is_certified = any(step.held is not None for step in self.steps)
+        between = "for tasks between them" if is_certified else 'between them (hold="task" certifies moves)'
+        lines = [f"{self.name}: {len(self.steps)} steps, certified at each, not {between}"]
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
             warnings = "".join(f"; {warning}" for warning in link_obstructions(step.solution.hand))
-            lines.append(f"{text}; staying would give at most {step.stayed:.4g}; {format_headroom(step.gap)}{warnings}")
+            moving = f"; {step.held_text}" if step.held_text else ""
+            headroom = format_headroom(step.gap)
+            lines.append(f"{text}; staying would give at most {step.stayed:.4g}; {headroom}{moving}{warnings}")
         return "\n".join(lines)
 
 
@@ -132,10 +159,13 @@ def follow_task(
     seed: int = 0,
     options: SolveOptions | None = None,
     regrasp_gain: float = REGRASP_GAIN,
+    hold: Task | str | None = None,
 ) -> DynamicGrasp:
     """Return the grasps for a task that changes with a parameter, each with the previous one as a warm start.
 
-    Each is certified for its own parameter value; nothing is certified between two values, nor while fingers slide.
+    Each is certified for its own parameter value. With ``hold`` the moves to it are certified, too (``step.held``), one
+    finger at a time: a finger is lifted where the others hold the body alone, and else slides without friction. The
+    motion of a hand's links is not checked.
 
     Parameters
     ----------
@@ -146,7 +176,7 @@ def follow_task(
         At least 2, in the order in which the task changes; 0, 1, 2, ... by default for a sequence of problems.
     starts : int
         Most starts of a step: at the first step, and where the previous grasp does not hold, those of a cold solve. A
-        quarter of them is allowed for each other step, and what proved steps have left: a step that is not proved is
+        sixth of them is allowed for each other step, and what proved steps have left: a step that is not proved is
         solved anew, beside the warm start, by at least one start and as many as are allowed, until three in a row gain
         nothing. None is run once the bound proves the grasp to be within a percent of the best.
     seed : int
@@ -156,6 +186,9 @@ def follow_task(
     regrasp_gain : float
         Least relative gain for which the fingers move, by sliding or by a regrasp to another local optimum; at least
         zero.
+    hold : Task or "task", optional
+        Task while a finger moves to the grasp of a step, ``"task"`` for the step's own. Moves are not certified if it
+        is left out.
 
     Returns
     -------
@@ -171,10 +204,12 @@ def follow_task(
     starts, seed, options = check_solve_arguments(starts, seed, options)
     problems, values = _check_steps(problem_at, parameters)
     gain = number("regrasp_gain", regrasp_gain, at_least=0.0)
+    if not (hold in (None, OWN_TASK) or (isinstance(hold, Task) and hold.dimension == problems[0].dimension)):
+        raise InputError("hold", hold, f'"task", or a task of dimension {problems[0].dimension}')
     options = options.narrow()
     with single_thread():
         compiled = _compile(problems, replace(options, rounds=min(options.rounds, ROUNDS)))
-        steps = tuple(_follow(zip(compiled, values, strict=True), starts, seed, options, gain))
+        steps = tuple(_follow(zip(compiled, values, strict=True), starts, seed, options, gain, hold))
     if not any(step.solution.mu.lower > 0.0 for step in steps):
         raise InputError("problem_at", "no grasp found for any of the parameters", "tasks with a grasp")
     return DynamicGrasp(problems[0].name, steps)
@@ -252,10 +287,16 @@ def _is_data(constraint: PlacementConstraint) -> bool:
 
 
 def _follow(
-    tasks: Iterable[tuple[CompiledProblem, float]], starts: int, seed: int, options: SolveOptions, gain: float
+    tasks: Iterable[tuple[CompiledProblem, float]],
+    starts: int,
+    seed: int,
+    options: SolveOptions,
+    gain: float,
+    hold: Task | str | None,
 ) -> Iterator[DynamicStep]:
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
     current: StartGrasp | None = None
+    graph: SurfaceGraph | None = None
     contact_points, allowed = deque[FloatArray](maxlen=REMEMBERED), 0.0
     for compiled, parameter in tasks:
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
@@ -272,6 +313,10 @@ def _follow(
         if answer is not None:
             search.accept_unchanged(answer)
         step = _step(compiled, search, current, parameter, cold=is_lost and current is not None)
+        if hold is not None and current is not None and search.chosen is not None:
+            graph = graph or SurfaceGraph(compiled.problem.body)
+            task = hold if isinstance(hold, Task) else compiled.problem.task
+            step = _with_moves(step, compiled.problem, graph, (current, search.chosen), task)
         yield replace(step, starts=count)
         current = search.chosen or current
         contact_points.extend(r.on_body.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
@@ -308,6 +353,34 @@ def _step(
             regrasp = chosen.record.origin is not CandidateOrigin.WARM_START
             moved = _displacements(before.grasp, chosen.on_body.grasp, is_any_order=regrasp)
     return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
+
+
+def _with_moves(
+    step: DynamicStep,
+    problem: GraspProblem,
+    graph: SurfaceGraph,
+    starts: tuple[StartGrasp, StartGrasp],
+    task: Task,
+) -> DynamicStep:
+    """Return a step with the moves from the previous grasp to its own, certified for the task meanwhile."""
+    if problem.budget.depends_on_frames:
+        return step
+    before, after = (start.on_body for start in starts)
+    order = tuple(range(len(before.grasp)))
+    if step.regrasp:
+        order = match_contacts(problem, graph, before.grasp, after.grasp)
+    ends = [
+        [PathStation(p, n, face) for p, n, face in zip(b.grasp.points, b.grasp.normals, b.candidate.faces, strict=True)]
+        for b in (before, after)
+    ]
+    paths = [graph.stations(ends[0][i], ends[1][j]) for i, j in enumerate(order)]
+    moving = [i for i, j in enumerate(order) if np.any(ends[0][i].point != ends[1][j].point)]
+    if not moving:
+        return replace(step, held=mu(after.grasp, task, RTOL, force_budget=problem.budget))
+    holding = HoldingQuality(problem, before.grasp, after.grasp, order, paths, task)
+    moves = ordered_moves(holding, None, moving)
+    lower, upper = (min(getattr(move.held, end) for move in moves) for end in ("lower", "upper"))
+    return replace(step, moves=moves, held=Bounds(lower, upper))
 
 
 def _displacements(before: Grasp, after: Grasp, is_any_order: bool) -> FloatArray:

@@ -3,45 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
-from heapq import heappop, heappush
-from itertools import count
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
-from nlpgrasp.budgets import L2Budget
-from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts import ContactModel, PointContact
+from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
-from nlpgrasp.motion.finger_motion import ContactMotions, FingerPath, LinkedMotions
+from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
+from nlpgrasp.motion.finger_motion import ContactMotions, LinkedMotions
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.sliding_contact import SurfacePath, least_mu_along
-from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.studies.finger_moves import FingerMove, HoldingQuality, match_contacts, ordered_moves
 from nlpgrasp.tasks import TaskEllipsoid
 
-SLIDE_STATIONS = 6  # evenly spaced stations for estimating a slide
-HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
-TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
-MOST_TURN = np.radians(2.0)  # largest turn of the normal over a chord of a certified path
-S = TypeVar("S")
-LIFTED, SLIDES = False, True  # ways of a move: whether the finger slides
 UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
 LIFT = 5e-3  # metres: default height of a lifted finger
-
-
-_Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
-_WIDEST: _Width = (0, -np.inf)  # width of the empty path
 
 
 def fine_manipulation(
@@ -94,7 +73,7 @@ def fine_manipulation(
     if pick_solution.grasp is None or goal_solution.grasp is None:
         return FineManipulation(pick_solution, goal_solution)
     graph = SurfaceGraph(pick.body)
-    order = _match_contacts(pick, graph, pick_solution.grasp, goal_solution.grasp)
+    order = match_contacts(pick, graph, pick_solution.grasp, goal_solution.grasp)
     paths = [
         graph.stations(
             PathStation(pick_solution.grasp.points[i], pick_solution.grasp.normals[i], pick_solution.faces[i]),
@@ -161,77 +140,6 @@ class FineManipulation:
         return "\n".join([*lines, self.outcome])
 
 
-@dataclass(frozen=True)
-class FingerMove:
-    """Move of one finger to its new contact while the others hold the body.
-
-    Parameters
-    ----------
-    finger : int
-        Index of the finger that moves.
-    path : (m, space) array
-        Points of the body's surface from the old contact to the new one, metres, body frame.
-    slides : bool
-        Whether the finger slides under pressure (without friction), or is lifted.
-    held : Bounds
-        Least quality for the holding task on the whole path. For a lifted finger it is that of the other fingers, for a
-        sliding one that of all fingers, wherever it is.
-    motion : FingerPath or None
-        The hand's motion, or its obstruction; None without a hand of known limits.
-    stations : int
-        Number of certified grasps: 1 for a lifted finger.
-    """
-
-    finger: int
-    path: FloatArray
-    slides: bool
-    held: Bounds
-    motion: FingerPath | None = None
-    stations: int = 1
-
-    @property
-    def length(self) -> float:
-        """Length of the path, metres."""
-        return float(np.sum(np.linalg.norm(np.diff(self.path, axis=0), axis=1)))
-
-    @property
-    def feasible(self) -> bool:
-        """Whether no known limit of the hand prevents the move."""
-        return self.motion is None or self.motion.feasible
-
-    @property
-    def least(self) -> float:
-        """Certified quality on the whole path."""
-        return self.held.lower
-
-    @property
-    def certified(self) -> bool:
-        """Whether a quality above zero is certified everywhere on the path."""
-        return self.least > 0.0
-
-    @property
-    def held_text(self) -> str:
-        """Quality during the move as text."""
-        if self.held.upper <= 0.0:
-            return "not held everywhere on its path" if self.slides else "not held by the other fingers"
-        if not self.certified:
-            return f"held with {self.held} at {self.stations} stations, not certified between them"
-        return f"held with {self.held}" + (" everywhere on its path" if self.slides else "")
-
-    def to_dict(self) -> Json:
-        """Return the move as JSON data."""
-        return {
-            "finger": self.finger,
-            "path": self.path.tolist(),
-            "slides": self.slides,
-            "held": self.held.to_dict(),
-            "stations": self.stations,
-            "certified": self.certified,
-            "least": self.least,
-            "motion": None if self.motion is None else self.motion.to_dict(),
-        }
-
-
 def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
     """Refuse problems with different bodies or contacts; return the holding task."""
     for name, problem in (("pick", pick), ("goal", goal)):
@@ -269,211 +177,7 @@ def _plan_moves(
     return ordered_moves(holding)
 
 
-def _match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goal: Grasp) -> tuple[int, ...]:
-    """Return the new contact of each finger, in the matching of least total path length."""
-    k = len(pick)
-    keeps_contacts = problem.hand is not None and not problem.hand.follows_contacts  # finger i has contact i
-    cost = np.full((k, k), np.inf)
-    for i in range(k):
-        lengths = graph.distances(pick.points[i], goal.points)
-        for j in range(k):
-            if i == j or (not keeps_contacts and problem.models[i] == problem.models[j]):
-                cost[i, j] = lengths[j]
-    # a cost that the matching avoids wherever it can
-    largest = np.max(cost[np.isfinite(cost)])
-    return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
-
-
-def ordered_moves(holding: HoldingQuality, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
-    """Return the certified moves in the order, among those the hand allows, that maximises the least holding quality.
-
-    A move during which the other fingers hold the body alone is valued by their quality, certified on the whole path,
-    whether the finger is lifted or slides; it is lifted where the hand can do that. Any other move is a slide, ranks
-    below all of those, and is valued by its least quality at a few stations.
-
-    This is a widest-path search over the sets of moved fingers: the strongest node is expanded first, and the hand's
-    motion is computed only for the strongest move. Each set keeps the posture in which it was reached first. Where the
-    hand allows no order, the strongest of all is returned, with the obstruction.
-    """
-    node = _widest_path(holding, motions)
-    if node is None:
-        strongest: _SearchNode[S] | None = _widest_path(holding, None)
-        node = _execute_moves(() if strongest is None else strongest.sequence, motions)
-    moves, moved = [], frozenset[int]()
-    for finger, slides, motion in node.sequence:
-        moves.append(replace(holding.move(moved, finger, slides), motion=motion))
-        moved = moved | {finger}
-    return tuple(moves)
-
-
-def _widest_path(holding: HoldingQuality, motions: Motions[S] | None) -> _SearchNode[S] | None:
-    """Return the end of the widest path, None where there is none."""
-    numbers, visited, fingers = count(), set[frozenset[int]](), frozenset(range(len(holding.paths)))
-    start = _SearchNode[S](posture=None if motions is None else motions.start())
-    queue = [(_WIDEST, next(numbers), start)]
-    while queue:
-        width, _, node = heappop(queue)
-        if node.pending is not None:
-            child = _node_after_move(node, node.pending, motions)
-            if child is not None:
-                heappush(queue, (width, next(numbers), child))
-        elif node.moved == fingers:
-            return node
-        elif node.moved not in visited:
-            visited.add(node.moved)
-            options = [_rank_move(holding, node.moved, finger) for finger in fingers - node.moved]
-            for strength, finger, ways in sorted(options):
-                if motions is None or strength[1] < 0.0:
-                    heappush(queue, (max(width, strength), next(numbers), replace(node, pending=(finger, ways))))
-    return None
-
-
-def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
-    """Return a move's rank, finger and ways: lifted, else sliding, where the others hold the body; else sliding."""
-    others = holding.others(moved, finger).lower
-    if others > 0.0:
-        return (0, -others), finger, (LIFTED, SLIDES)
-    return (1, -holding.sliding(moved, finger)), finger, (SLIDES,)
-
-
-def _node_after_move(
-    node: _SearchNode[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None
-) -> _SearchNode[S] | None:
-    """Return the search node after a move; None where the hand cannot do it."""
-    finger, ways = move
-    for slides in ways:
-        motion, posture = None, node.posture
-        if motions is not None and node.posture is not None:
-            motion, posture = motions.move(node.posture, finger, slides)
-        if motion is None or motion.feasible:
-            return _SearchNode(node.moved | {finger}, (*node.sequence, (finger, slides, motion)), posture)
-    return None
-
-
-def _execute_moves(
-    sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None
-) -> _SearchNode[S]:
-    """Return the search node after all moves of a sequence; those after an obstruction are left unexamined."""
-    result, posture, blocked = [], None if motions is None else motions.start(), None
-    for finger, slides, _ in sequence:
-        motion: FingerPath | None = None
-        if motions is not None and posture is not None:
-            if blocked is None:
-                motion, posture = motions.move(posture, finger, slides)
-                blocked = None if motion.feasible else finger
-            else:
-                motion = unexamined_move(f"not looked at, as finger {blocked} does not get to its place")
-        result.append((finger, slides, motion))
-    return _SearchNode(sequence=tuple(result), posture=posture)
-
-
 def _format_fingers(fingers: Sequence[str]) -> str:
     """Return fingers that move, as text."""
     *others, last = fingers
     return f"fingers {', '.join(others)} and {last} move" if others else f"finger {last} moves"
-
-
-def unexamined_move(reason: str) -> FingerPath:
-    """Return the record of a move that was not examined."""
-    return FingerPath(False, reason, np.zeros((0, 3)), np.zeros(0), (), np.zeros(0))
-
-
-class Motions(Protocol[S]):
-    """Interface of a hand's finger motions between postures."""
-
-    def start(self) -> S:
-        """Return the posture of the first grasp."""
-
-    def move(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
-        """Return the path of a finger to its new contact, and the final posture."""
-
-
-@dataclass(frozen=True)
-class _SearchNode(Generic[S]):
-    """Search node: moved fingers, their moves and the posture.
-
-    ``pending`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
-    taken.
-    """
-
-    moved: frozenset[int] = frozenset()
-    sequence: tuple[tuple[int, bool, FingerPath | None], ...] = ()
-    posture: S | None = None
-    pending: tuple[int, tuple[bool, ...]] | None = field(default=None)
-
-
-class HoldingQuality:
-    """Quality of intermediate grasps while one finger moves.
-
-    Parameters
-    ----------
-    problem : GraspProblem
-    pick, goal : Grasp
-    order : sequence of int
-        Contact of ``goal`` that each finger takes.
-    paths : sequence of k sequences of PathStation
-        Path of each finger from its contact to its new one.
-    hold : TaskEllipsoid
-        Task of the fingers meanwhile.
-    """
-
-    def __init__(
-        self,
-        problem: GraspProblem,
-        pick: Grasp,
-        goal: Grasp,
-        order: Sequence[int],
-        paths: Sequence[Sequence[PathStation]],
-        hold: TaskEllipsoid,
-    ) -> None:
-        self.problem, self.hold = problem, hold
-        self.pick, self.goal, self.order, self.paths = pick, goal, order, paths
-        self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
-        size = problem.body.size
-        self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size, MOST_TURN) for path in paths]
-        self.others, self.sliding = cache(self._others), cache(self._sliding)
-
-    def _others(self, moved: frozenset[int], finger: int) -> Bounds:
-        """Return the certified quality of the other fingers alone."""
-        return self._certified(self._grasp(moved, finger))
-
-    def _sliding(self, moved: frozenset[int], finger: int) -> float:
-        """Return an estimate of the least quality while the finger slides, from a few stations."""
-        path = self._curves[finger]
-        stations = first_stations(path.total, path.edges, SLIDE_STATIONS)
-        return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
-
-    def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
-        """Return the move of a finger, certified on its whole path."""
-        curve, others = self._curves[finger], self.others(moved, finger)
-        if not slides:
-            return FingerMove(finger, curve.points, slides, others)
-        path = SurfacePath(curve.points, curve.normals, curve.deviations())
-        along = least_mu_along(path, self._grasp(moved, finger), self.hold, self.budget, others.lower)
-        return FingerMove(finger, curve.points, slides, along.bounds, stations=along.stations)
-
-    def _estimate(self, grasp: Grasp) -> float:
-        return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
-
-    def _certified(self, grasp: Grasp) -> Bounds:
-        return mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget)
-
-    def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
-        """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
-        contacts: list[tuple[FloatArray, FloatArray, ContactModel]] = [
-            (self.goal.points[self.order[i]], self.goal.normals[self.order[i]], model)
-            if i in moved
-            else (self.pick.points[i], self.pick.normals[i], model)
-            for i, model in enumerate(self.problem.models)
-            if i != finger
-        ]
-        if station is not None:
-            point, normal, _ = self._curves[finger].at(station)
-            contacts.append((point, normal, PointContact()))
-        points, normals, models = zip(*contacts, strict=True)
-        return Grasp(points, normals, models, self.problem.origin)
-
-
-def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int) -> FloatArray:
-    """Return a path's corners and ``count`` evenly spaced stations, in order."""
-    return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))

@@ -231,6 +231,41 @@ def test_fingers_move_out_of_the_way_of_surroundings_that_change():
     assert str(followed).count("no placement is more than") == 3
 
 
+def gripped(share):
+    """Return a rectangle with four fingers whose load turns."""
+    task = ng.TaskEllipsoid([0.3, 0.3, 0.2], center=[np.sin(share), np.cos(share), 0.0])
+    return ng.GraspProblem(SIDES, [ng.FrictionContact(0.6)] * 4, task, constraints=[ng.Spread(max=2.0)])
+
+
+WEIGHT = ng.TaskEllipsoid([0.1, 0.1, 0.05], center=[0.0, 0.5, 0.0])
+
+
+def test_moves_between_steps_are_certified_on_their_whole_way():
+    """Each finger is lifted; the others hold the weight alone, by certificates of their own."""
+    followed = ng.follow_task(gripped, [0.0, 0.2], starts=1, options=ONE, regrasp_gain=0.0, hold=WEIGHT)
+    first, second = followed.steps
+    assert first.held is None
+    assert len({move.finger for move in second.moves}) == np.count_nonzero(second.moved)
+    points, normals = first.solution.grasp.points.copy(), first.solution.grasp.normals.copy()
+    for move in second.moves:
+        rest = [i for i in range(4) if i != move.finger]
+        others = ng.Grasp(points[rest], normals[rest], ng.FrictionContact(0.6), np.zeros(2))
+        assert ng.mu(others, WEIGHT, 0.01).upper >= second.held.lower
+        assert not move.slides
+        target = int(np.argmin(np.linalg.norm(second.solution.grasp.points - move.path[-1], axis=1)))
+        points[move.finger] = second.solution.grasp.points[target]
+        normals[move.finger] = second.solution.grasp.normals[target]
+    assert second.held.lower == min(move.held.lower for move in second.moves) > 1.0
+    assert f"held with {second.held} everywhere on the way" in str(followed)
+
+
+def test_a_body_that_is_dropped_between_two_steps_is_said_to_be():
+    """Each of two fingers alone holds nothing."""
+    followed = ng.follow_task(rising, [0.1, 0.2], starts=1, options=ONE, hold=ng.TaskEllipsoid([0.1] * 3))
+    assert followed.steps[1].held.upper == 0.0
+    assert "not held while the fingers move" in str(followed)
+
+
 def test_expressions_that_look_alike_are_compiled_for_each_step():
     """Their files say only the name: a step may not keep the limit of another one."""
 
@@ -359,6 +394,7 @@ def growing(size):
         (lambda: ng.follow_task(filled), "the values at which problem_at is a problem"),
         (lambda: ng.follow_task([filled(0.5), filled(1.0)], [0.5, 0.7, 1.0]), "expected 2, one for each problem"),
         (lambda: ng.follow_task([filled(0.5)]), "at least 2"),
+        (lambda: ng.follow_task(filled, [0.5, 1.0], hold=ng.TaskEllipsoid([1.0] * 3)), "a task of dimension 6"),
     ],
 )
 def test_bad_input_is_one_sentence(call, message):

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
-from nlpgrasp.studies.fine_manipulation import HoldingQuality, ordered_moves
+from nlpgrasp.studies.finger_moves import HoldingQuality, ordered_moves
 from tests.quick import first
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

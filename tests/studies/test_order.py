@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.finger_motion import FingerPath
-from nlpgrasp.studies.fine_manipulation import FingerMove, ordered_moves, unexamined_move
+from nlpgrasp.studies.finger_moves import FingerMove, ordered_moves, unexamined_move
 
 
 class Held:
