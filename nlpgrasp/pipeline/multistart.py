@@ -223,17 +223,30 @@ class Multistart:
         best = self.best
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
+    def prove(self, rtol: float) -> bool:
+        """Certify the best start to a relative gap and branch further; return whether no further start is needed.
+
+        None is where the best is within the bound's gap, memory is full, or the deadline is over.
+        """
+        self._clock.restart()
+        problem = self.runner.problem
+        nodes = node_limit(problem, starts=4) if problem.body.space == 2 else node_limit(problem, starts=2) // 4
+        self.certify_best(rtol)
+        is_finished = self._branch_further(nodes) or self.deadline.should_stop()
+        self._clock.mark("starts")
+        return is_finished
+
     def run_until_proved(
         self, starts: int, rtol: float, contacts: Sequence[FloatArray] = (), patience: int | None = None
     ) -> int:
-        """Run starts one at a time in this process, until the best one is within the bound's gap or memory is full.
+        """Run starts one at a time in this process, until after one of them no further is needed (``prove``).
 
         Parameters
         ----------
         starts : int
-            Number of starts, at most.
+            Number of starts, at least 1, at most.
         rtol : float
-            Relative gap to which the best start is certified before each.
+            Relative gap to which the best start is certified after each.
         contacts : sequence of (k, space) array
             Contacts of known grasps, from which candidates begin as well.
         patience : int, optional
@@ -246,20 +259,16 @@ class Multistart:
             Number of starts run.
         """
         self._clock.restart()
-        problem, count, idle = self.runner.problem, 0, 0
-        nodes = node_limit(problem, starts=4) if problem.body.space == 2 else node_limit(problem, starts=2) // 4
-        proposed = list[Sequence[GraspCandidate]]()
-        while count < starts and (patience is None or idle < patience):
-            best = self.certify_best(rtol)
-            if self._branch_further(nodes) or self.deadline.should_stop():
-                break
-            proposed = proposed or self._propose_near(contacts, starts)
-            self._add_start(candidates=proposed[count])
-            count += 1
-            before, after = (0.0 if start is None else start.record.mu.upper for start in (best, self.best))
-            idle = 0 if after <= 0.0 or after > (1.0 + rtol) * before else idle + 1
-        self._clock.mark("starts")
-        return count
+        idle = 0
+        for count, candidates in enumerate(self._propose_near(contacts, starts), 1):
+            before = self.best
+            self._add_start(candidates)
+            self._clock.mark("starts")
+            old, new = (0.0 if start is None else start.record.mu.upper for start in (before, self.best))
+            idle = 0 if new <= 0.0 or new > (1.0 + rtol) * old else idle + 1
+            if count == starts or idle == patience or self.prove(rtol):
+                return count
+        return starts
 
     def replace_results(self, *starts: StartGrasp) -> None:
         """Replace the results that have the same indices as some starts."""
@@ -358,14 +367,15 @@ class Multistart:
             self.chosen = add_hand_record(self.runner.compiled, best)
         self.replace_results(self.chosen)
 
-    def answer(self) -> GraspSolution:
-        """Bound, certify and analyse the chosen start, and return the solution."""
-        return self.analyse(self.certify(self.bound()))
+    def answer(self, branch: bool = True) -> GraspSolution:
+        """Bound (``branch`` as in ``bound``), certify and analyse the chosen start, and return the solution."""
+        return self.analyse(self.certify(self.bound(branch)))
 
-    def bound(self) -> GlobalBound | None:
+    def bound(self, branch: bool = True) -> GlobalBound | None:
         """Return the bound over all placements, after a short branch and bound; None for problems not covered.
 
-        Where a gap is requested, ``close_gap`` has computed it. A search resumed from a solution returns its bound.
+        Where a gap is requested, ``close_gap`` has computed it; without ``branch`` it is the bound so far. A search
+        resumed from a solution returns its bound.
         """
         self._clock.restart()
         if self._tree is None:
@@ -374,7 +384,7 @@ class Multistart:
         if best is not None:
             weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
             self._tree.update_incumbent(best.record.mu.lower, weak)
-        if self.runner.options.gap is None:
+        if branch and self.runner.options.gap is None:
             size = self.runner.problem, self.runner.count
             tree, most = self._tree, evaluation_limit(*size)
             nodes = node_limit(*size) - self._nodes

@@ -43,7 +43,9 @@ from nlpgrasp.tasks import Task
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
 REMEMBERED = 16  # latest grasps whose contacts a start begins from as well
-ALLOWED_SHARE = 1.0 / 6.0  # starts allowed for each step, on the average, over those of a cold solve
+ALLOWED_SHARE = 1.0 / 12.0  # starts allowed for each step, on the average, over those of a cold solve
+GROWN = 1.02  # growth of bound over quality since the last start after which a step is solved anew at once
+SAVED = 2  # starts that are saved while it does not grow
 PATIENCE = 3  # starts in a row without a gain after which a step ends
 OWN_TASK = "task"  # the task while fingers move to the grasp of a step: the step's own
 REGRASP_GAIN = 0.01  # default least relative gain for which the fingers move
@@ -176,9 +178,9 @@ def follow_task(
         At least 2, in the order in which the task changes; 0, 1, 2, ... by default for a sequence of problems.
     starts : int
         Most starts of a step: at the first step, and where the previous grasp does not hold, those of a cold solve. A
-        sixth of them is allowed for each other step, and what proved steps have left: a step that is not proved is
-        solved anew, beside the warm start, by at least one start and as many as are allowed, until three in a row gain
-        nothing. None is run once the bound proves the grasp to be within a percent of the best.
+        twelfth of them is allowed for each other step, and what the steps before have left: a step that the bound does
+        not prove to be within a percent of the best is solved anew by as many, beside the warm start, until three in a
+        row gain nothing. While the gap to the bound does not grow, two are saved first.
     seed : int
         Of the starts.
     options : SolveOptions, optional
@@ -297,7 +299,8 @@ def _follow(
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
     current: StartGrasp | None = None
     graph: SurfaceGraph | None = None
-    contact_points, allowed = deque[FloatArray](maxlen=REMEMBERED), 0.0
+    contact_points = deque[FloatArray](maxlen=REMEMBERED)
+    allowed, known_gap = 1.0, 0.0
     for compiled, parameter in tasks:
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
@@ -305,9 +308,13 @@ def _follow(
             search.add_warm_start(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
         rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
         allowed += ALLOWED_SHARE * starts
-        most = starts if is_lost else min(max(int(allowed), 1), starts)
-        count = search.run_until_proved(most, rtol, contact_points, None if is_lost else PATIENCE)
-        allowed = max(allowed - count, 0.0)
+        count, is_proved = 0, search.prove(rtol)
+        if is_lost and not is_proved:
+            count = search.run_until_proved(starts, rtol, contact_points)
+        elif not is_proved and allowed >= (1 if 1.0 + search.gap > GROWN * (1.0 + known_gap) else SAVED):
+            count = search.run_until_proved(min(int(allowed), starts), rtol, contact_points, PATIENCE)
+            allowed -= count
+        known_gap = search.gap if count or is_proved else known_gap
         search.close_gap()
         answer = _select_answer(search, rtol, gain)
         if answer is not None:
@@ -341,7 +348,7 @@ def _step(
 
     Its solution does not list the starts: fingers may stay where another start is better.
     """
-    solution, chosen = replace(search.answer(), starts=(), best_start=None), search.chosen
+    solution, chosen = replace(search.answer(branch=False), starts=(), best_start=None), search.chosen
     moved, regrasp, stayed = np.zeros(len(compiled.problem.models)), False, solution.mu.upper
     if previous is not None:
         before = previous.on_body
