@@ -230,7 +230,8 @@ class Multistart:
         """
         self._clock.restart()
         problem = self.runner.problem
-        nodes = node_limit(problem, starts=4) if problem.body.space == 2 else node_limit(problem, starts=2) // 4
+        is_first = problem.body.space == 2 and not self._nodes  # in the plane nodes take less time than starts
+        nodes = node_limit(problem, starts=4) if is_first else node_limit(problem, starts=2) // 4
         self.certify_best(rtol)
         is_finished = self._branch_further(nodes) or self.deadline.should_stop()
         self._clock.mark("starts")

@@ -43,7 +43,7 @@ from nlpgrasp.tasks import Task
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
 REMEMBERED = 16  # latest grasps whose contacts a start begins from as well
-ALLOWED_SHARE = 1.0 / 12.0  # starts allowed for each step, on the average, over those of a cold solve
+ALLOWED_SHARE = {2: 1.0 / 4.0, 3: 1.0 / 12.0}  # by dimension: starts allowed for a step over those of a cold solve
 GROWN = 1.02  # growth of bound over quality since the last start after which a step is solved anew at once
 SAVED = 2  # starts that are saved while it does not grow
 PATIENCE = 3  # starts in a row without a gain after which a step ends
@@ -177,10 +177,11 @@ def follow_task(
     parameters : (m,) array, optional
         At least 2, in the order in which the task changes; 0, 1, 2, ... by default for a sequence of problems.
     starts : int
-        Most starts of a step: at the first step, and where the previous grasp does not hold, those of a cold solve. A
-        twelfth of them is allowed for each other step, and what the steps before have left: a step that the bound does
-        not prove to be within a percent of the best is solved anew by as many, beside the warm start, until three in a
-        row gain nothing. While the gap to the bound does not grow, two are saved first.
+        Most starts of a step: those of a cold solve at the first one, and where the previous grasp does not hold. A
+        quarter of them is allowed for each other step, a twelfth in space, and what the steps before have left: a step
+        that the bound does not prove to be within a percent of the best is solved anew by as many, at least one. While
+        the gap to the bound does not grow, two are saved first. After the first step, three starts in a row that gain
+        nothing are the last ones.
     seed : int
         Of the starts.
     options : SolveOptions, optional
@@ -307,13 +308,14 @@ def _follow(
         if current is not None:
             search.add_warm_start(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
         rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
-        allowed += ALLOWED_SHARE * starts
+        allowed += ALLOWED_SHARE[compiled.problem.body.space] * starts
         count, is_proved = 0, search.prove(rtol)
         if is_lost and not is_proved:
-            count = search.run_until_proved(starts, rtol, contact_points)
-        elif not is_proved and allowed >= (1 if 1.0 + search.gap > GROWN * (1.0 + known_gap) else SAVED):
-            count = search.run_until_proved(min(int(allowed), starts), rtol, contact_points, PATIENCE)
-            allowed -= count
+            patience = None if current is None else PATIENCE
+            count = search.run_until_proved(starts, rtol, contact_points, patience)
+        elif not is_proved and (allowed >= SAVED or 1.0 + search.gap > GROWN * (1.0 + known_gap)):
+            count = search.run_until_proved(min(max(int(allowed), 1), starts), rtol, contact_points, PATIENCE)
+            allowed = max(allowed - count, 0.0)
         known_gap = search.gap if count or is_proved else known_gap
         search.close_gap()
         answer = _select_answer(search, rtol, gain)
