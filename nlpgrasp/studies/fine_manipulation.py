@@ -1,24 +1,45 @@
-"""Fine manipulation (Section 3.5.1): pick-up under constraints, then finger moves to a better grasp."""
+"""Fine manipulation (Section 3.5.1): pick-up under constraints, then finger moves to the best grasp within reach.
+
+The goal is searched for from the pick-up: with a hand whose palm has a pose, among the grasps of the same palm. Each
+goal, and each grasp in which only some of the fingers have moved to it, is a node of a best-first search by mu; a node
+is reached where the hand can make the moves of its fingers in some order and the body is held during all of them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from heapq import heappop, heappush
+from itertools import count
 
 import numpy as np
 
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
+from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
 from nlpgrasp.motion.finger_motion import ContactMotions, LinkedMotions
 from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.optimize.parallel_starts import StartRunner
+from nlpgrasp.optimize.processes import single_thread
+from nlpgrasp.optimize.warm_starts import WarmStart
+from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import mu
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.studies.finger_moves import FingerMove, HoldingQuality, match_contacts, ordered_moves
+from nlpgrasp.studies.finger_moves import HELD_RTOL, FingerMove, HoldingQuality, match_contacts, ordered_moves
 from nlpgrasp.tasks import TaskEllipsoid
 
+GOALS = 8  # distinct goals of a hand with a pose, at most
+MOST_PLANS = 24  # nodes whose moves are planned, at most
+STILL = 1e-3  # share of the body's size: displacement of a contact for which its finger does not move
+PALM_OFFSET, PALM_TURN = 1e-4, 1e-3  # metres and radians: tolerance of a palm that stays
 UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
 LIFT = 5e-3  # metres: default height of a lifted finger
 
@@ -33,13 +54,17 @@ def fine_manipulation(
     *,
     lift: float = LIFT,
 ) -> FineManipulation:
-    """Solve a pick-up problem and an in-hand problem, and plan the finger moves between their grasps.
+    """Solve a pick-up problem, and plan the finger moves to the best grasp of an in-hand problem within reach.
 
     Fingers move one after another along shortest paths over the body, in the order that maximises the quality of the
     weakest intermediate grasp. A finger is lifted where the other fingers hold the body alone: their certificate is
     valid along the whole path. Otherwise, or where the hand cannot lift it, the finger slides without friction, and the
     least quality of all fingers is certified between the stations of its path as well. Fingers with equal contact
     models may swap contacts, unless the hand has a pose.
+
+    Goals are tried best first: those of the in-hand problem (with a URDF hand, those of the pick-up's palm pose), and
+    grasps in which only some of the fingers have moved to one of them. The first that is better than the pick-up's
+    grasp and that all moves reach is ``goal``; ``unreached`` says what is in the way of better ones.
 
     Parameters
     ----------
@@ -69,20 +94,17 @@ def fine_manipulation(
     """
     hold = _check_problems(pick, goal, hold)
     lift = number("lift", lift, above=0.0)
-    pick_solution, goal_solution = (solve(problem, starts, seed, options) for problem in (pick, goal))
-    if pick_solution.grasp is None or goal_solution.grasp is None:
-        return FineManipulation(pick_solution, goal_solution)
-    graph = SurfaceGraph(pick.body)
-    order = match_contacts(pick, graph, pick_solution.grasp, goal_solution.grasp)
-    paths = [
-        graph.stations(
-            PathStation(pick_solution.grasp.points[i], pick_solution.grasp.normals[i], pick_solution.faces[i]),
-            PathStation(goal_solution.grasp.points[j], goal_solution.grasp.normals[j], goal_solution.faces[j]),
-        )
-        for i, j in enumerate(order)
-    ]
-    holding = HoldingQuality(pick, pick_solution.grasp, goal_solution.grasp, order, paths, hold)
-    return FineManipulation(pick_solution, goal_solution, order, _plan_moves(goal, pick_solution, holding, lift))
+    picked = solve(pick, starts, seed, options)
+    if picked.grasp is None:
+        return FineManipulation(picked, solve(goal, starts, seed, options))
+    if isinstance(goal.hand, URDFHand):
+        held = replace(goal, constraints=(*goal.constraints, HeldPalm(goal.hand, picked.hand or {})))
+        in_hand = solve(held, starts, seed, options, keep=GOALS, warm_starts=[picked])
+    else:
+        in_hand = solve(goal, starts, seed, options)
+    if in_hand.grasp is None:
+        return FineManipulation(picked, in_hand)
+    return _GoalSearch(pick, goal, picked, in_hand, hold, lift, options or SolveOptions()).run(seed)
 
 
 @dataclass(frozen=True)
@@ -96,19 +118,26 @@ class FineManipulation:
     order : tuple of int
         Contact of ``goal.grasp`` that each finger takes.
     moves : tuple of FingerMove
-        Moves in order; empty where either grasp is missing. If the hand's limits allow no order, those with the best
-        holding quality, with the reasons.
+        Moves in order; empty where either grasp is missing, or no finger has to move. If no better grasp is reached,
+        those to the best goal, with the reasons.
+    unreached : tuple of str
+        Better grasps that are not reached, with the reasons.
     """
 
     pick: GraspSolution
     goal: GraspSolution
     order: tuple[int, ...] = ()
     moves: tuple[FingerMove, ...] = ()
+    unreached: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:
         """Whether both grasps exist, every move is feasible, and the body is held on the whole path of each."""
-        return bool(self.moves) and self.feasible and all(m.certified for m in self.moves)
+        return self._has_grasps and self.feasible and all(m.certified for m in self.moves)
+
+    @property
+    def _has_grasps(self) -> bool:
+        return self.pick.grasp is not None and self.goal.grasp is not None
 
     @property
     def feasible(self) -> bool:
@@ -118,17 +147,20 @@ class FineManipulation:
     @property
     def outcome(self) -> str:
         """The result in a sentence."""
-        if not self.moves:
+        if not self._has_grasps:
             return "no moves: one of the two grasps was not found"
+        if not self.moves:
+            return "no better grasp is reached: the fingers stay" if self.unreached else "no finger has to move"
         if not self.feasible:
             return "the hand cannot make all of these moves"
         if self.success:
             return "the body is held during every move, certified along the whole path"
-        dropped = [str(m.finger) for m in self.moves if m.held.upper <= 0.0]
+        dropped = [m.finger for m in self.moves if m.held.upper <= 0.0]
+        uncertain = dropped or [m.finger for m in self.moves if not m.certified]
+        moving = f"{_format_fingers(uncertain)} move{'' if len(uncertain) > 1 else 's'}"
         if dropped:
-            return f"the body is not held while {_format_fingers(dropped)}"
-        uncertain = [str(m.finger) for m in self.moves if not m.certified]
-        return f"it is not certified that the body is held while {_format_fingers(uncertain)}"
+            return f"the body is not held while {moving}"
+        return f"it is not certified that the body is held while {moving}"
 
     def __str__(self) -> str:
         lines = [f"pick up: {self.pick.mu}", f"in the hand: {self.goal.mu}"]
@@ -137,7 +169,7 @@ class FineManipulation:
             lines.append(f"finger {move.finger} {motion} {1e3 * move.length:.0f} mm; meanwhile {move.held_text}")
             if move.motion is not None:
                 lines.append(f"  {move.motion}")
-        return "\n".join([*lines, self.outcome])
+        return "\n".join([*lines, *(f"not reached: {text}" for text in self.unreached), self.outcome])
 
 
 def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
@@ -164,20 +196,173 @@ def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid 
     return hold
 
 
-def _plan_moves(
-    problem: GraspProblem, solution: GraspSolution, holding: HoldingQuality, lift: float
-) -> tuple[FingerMove, ...]:
-    """Return the moves in the best order that the hand allows, if its limits are known."""
-    grasp, hand, paths = solution.require_grasp(), problem.hand, holding.paths
-    if isinstance(hand, URDFHand):
-        values = hand.values_of(solution.hand or {})
-        return ordered_moves(holding, LinkedMotions(problem, hand, values, paths, lift))
-    if hand is not None and hand.follows_contacts:
-        return ordered_moves(holding, ContactMotions(problem, hand, (grasp.points, grasp.normals), paths, lift))
-    return ordered_moves(holding)
+class HeldPalm(PlacementConstraint):
+    """The palm pose of a posture, to a tenth of a millimetre and a milliradian.
+
+    Parameters
+    ----------
+    hand : URDFHand
+    posture : mapping
+        ``hand`` of a solution.
+    """
+
+    kind = "held palm"
+
+    def __init__(self, hand: URDFHand, posture: Json) -> None:
+        frame = hand.tree.palm_frame(hand.values_of(posture))
+        self.position, self.turn = frame[:3, 3], frame[:3, :3]
+
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
+        """Return the limits on the palm's displacement, and on its turn by the antisymmetric part of the rotation."""
+        palm = placement.palm
+        if palm is None:
+            raise InputError(self.kind, "no palm", "a hand with a palm")
+        offset, turn = palm.position - self.position, self.turn.T @ palm.rotation
+        spin = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        limit, facing = PALM_OFFSET, turn[0, 0] + turn[1, 1] + turn[2, 2]
+        return [
+            *(ScalarConstraint(self.kind, offset[i], -limit, limit, scale=placement.size, unit="m") for i in range(3)),
+            *(ScalarConstraint(self.kind, s, -2.0 * PALM_TURN, 2.0 * PALM_TURN) for s in spin),
+            ScalarConstraint(self.kind, facing, 2.9),  # not turned by 180 degrees
+        ]
+
+    def to_dict(self) -> Json:
+        """Return the kind and the palm's position, as JSON data."""
+        return {"type": self.kind, "position": self.position.tolist()}
 
 
-def _format_fingers(fingers: Sequence[str]) -> str:
-    """Return fingers that move, as text."""
-    *others, last = fingers
-    return f"fingers {', '.join(others)} and {last} move" if others else f"finger {last} moves"
+@dataclass(frozen=True)
+class _Goal:
+    """A goal grasp: contact of each finger in it, fingers that have to move, and the quality of intermediate grasps."""
+
+    found: FoundGrasp
+    order: tuple[int, ...]
+    moving: frozenset[int]
+    holding: HoldingQuality
+
+    def grasp(self, moved: frozenset[int]) -> Grasp:
+        """Return the grasp in which some fingers have moved, in the order of the fingers."""
+        pick, goal = self.holding.pick, self.holding.goal
+        points, normals = pick.points.copy(), pick.normals.copy()
+        for i in moved:
+            points[i], normals[i] = goal.points[self.order[i]], goal.normals[self.order[i]]
+        return Grasp(points, normals, pick.contacts, pick.torque_origin)
+
+
+class _GoalSearch:
+    """Best-first search over goals, and sets of fingers that move to them, for one that the hand reaches.
+
+    Parameters
+    ----------
+    pick, goal : GraspProblem
+    picked, in_hand : GraspSolution
+        The pick-up's grasp, and grasps of the goal's problem.
+    hold : TaskEllipsoid
+    lift : float
+        Metres.
+    options : SolveOptions
+        For the certificate of the grasp that is reached.
+    """
+
+    def __init__(
+        self,
+        pick: GraspProblem,
+        goal: GraspProblem,
+        picked: GraspSolution,
+        in_hand: GraspSolution,
+        hold: TaskEllipsoid,
+        lift: float,
+        options: SolveOptions,
+    ) -> None:
+        self.pick, self.goal, self.picked, self.in_hand = pick, goal, picked, in_hand
+        self.hold, self.lift, self.options = hold, lift, options
+        self.graph, self.grasp = SurfaceGraph(pick.body), picked.require_grasp()
+
+    def run(self, seed: int) -> FineManipulation:
+        """Return the moves to the best grasp that is reached, or those to the best goal with what is in their way."""
+        numbers, unreached, plans = count(), list[str](), list[FineManipulation]()
+        queue, seen = list[tuple[float, int, _Goal, frozenset[int]]](), set[tuple[int, frozenset[int]]]()
+        for found in self.in_hand.grasps:
+            goal = self._goal(found)
+            heappush(queue, (-found.mu.lower, next(numbers), goal, goal.moving))
+        least = max(self._quality(self.grasp, queue[0][2]), 0.0)
+        while queue and len(plans) < MOST_PLANS and (not plans or -queue[0][0] > least):
+            value, _, goal, moved = heappop(queue)
+            plan = self._plan(goal, moved)
+            if plan.success and (reached := self._reached(plan, goal, moved, seed)) is not None:
+                return replace(reached, unreached=tuple(unreached))
+            plans.append(plan)
+            unreached.append(f"mu {-value:.4g} by {_format_fingers(sorted(moved))}: {_obstruction(plan)}")
+            blocked = next((move.finger for move in plan.moves if not move.feasible), None)
+            for fewer in (moved - {finger} for finger in (moved if blocked is None else [blocked])):
+                if fewer and (id(goal), fewer) not in seen:
+                    seen.add((id(goal), fewer))
+                    heappush(queue, (-self._quality(goal.grasp(fewer), goal), next(numbers), goal, fewer))
+        return replace(plans[0], unreached=tuple(unreached))
+
+    def _goal(self, found: FoundGrasp) -> _Goal:
+        """Return a goal with the matching of its contacts and the paths of the fingers."""
+        order = match_contacts(self.pick, self.graph, self.grasp, found.grasp)
+        here, there = (
+            [PathStation(p, n, face) for p, n, face in zip(grasp.points, grasp.normals, faces, strict=True)]
+            for grasp, faces in ((self.grasp, self.picked.faces), (found.grasp, found.faces))
+        )
+        paths = [self.graph.stations(here[i], there[j]) for i, j in enumerate(order)]
+        distances = np.linalg.norm(found.grasp.points[list(order)] - self.grasp.points, axis=1)
+        moving = frozenset(np.flatnonzero(distances > STILL * self.pick.body.size).tolist())
+        return _Goal(found, order, moving, HoldingQuality(self.pick, self.grasp, found.grasp, order, paths, self.hold))
+
+    def _quality(self, grasp: Grasp, goal: _Goal) -> float:
+        """Return the certified quality of a grasp for the goal's task."""
+        return mu(grasp, self.goal.task, HELD_RTOL, force_budget=goal.holding.budget).lower
+
+    def _plan(self, goal: _Goal, moved: frozenset[int]) -> FineManipulation:
+        """Return the moves of some fingers to a goal, in the best order that the hand allows."""
+        hand, holding, paths = self.goal.hand, goal.holding, goal.holding.paths
+        if isinstance(hand, URDFHand):
+            values = hand.values_of(self.picked.hand or {})
+            moves = ordered_moves(holding, LinkedMotions(self.goal, hand, values, paths, self.lift), moved)
+        elif hand is not None and hand.follows_contacts:
+            contacts = self.grasp.points, self.grasp.normals
+            moves = ordered_moves(holding, ContactMotions(self.goal, hand, contacts, paths, self.lift), moved)
+        else:
+            moves = ordered_moves(holding, None, moved)
+        return FineManipulation(self.picked, self.in_hand, goal.order, moves)
+
+    def _reached(
+        self, plan: FineManipulation, goal: _Goal, moved: frozenset[int], seed: int
+    ) -> FineManipulation | None:
+        """Return a plan with the grasp and posture that its moves lead to, certified; None where it is infeasible."""
+        hand, posture = self.goal.hand, None
+        if isinstance(hand, URDFHand):
+            values = hand.values_of(self.picked.hand or {})
+            names = [joint.name for joint in hand.robot.free_joints]
+            for motion in (move.motion for move in plan.moves):
+                if motion is not None and motion.joints is not None:
+                    values["joints"][[names.index(name) for name in motion.joint_names]] = motion.joints[-1]
+            posture = hand.describe(values)
+        elif goal.found is self.in_hand.grasps[0] and moved == goal.moving:
+            return plan
+        faces = [goal.found.faces[j] if i in moved else self.picked.faces[i] for i, j in enumerate(goal.order)]
+        found = FoundGrasp(goal.grasp(moved), tuple(faces), goal.found.mu, hand=posture)
+        with single_thread():
+            search = Multistart(StartRunner(self.goal, self.options.narrow(), 1), seed)
+            search.add_warm_start(WarmStart.of(search.runner.compiled, found, found.grasp.normals), improve=False)
+            if search.best is None:
+                return None
+            search.accept_unchanged(search.best)
+            return replace(plan, goal=search.answer(), order=tuple(range(len(goal.order))))
+
+
+def _obstruction(plan: FineManipulation) -> str:
+    """Return what keeps a plan from being made, as text."""
+    for move in plan.moves:
+        if move.motion is not None and not move.feasible:
+            return f"finger {move.finger}, {move.motion.reason}"
+    return "the grasp is not feasible for the hand" if plan.success else plan.outcome
+
+
+def _format_fingers(fingers: Sequence[int]) -> str:
+    """Return fingers as text."""
+    *others, last = map(str, fingers)
+    return f"fingers {', '.join(others)} and {last}" if others else f"finger {last}"

@@ -143,7 +143,7 @@ def move(lower, *, slides, upper=None, stations=6, motion=None):
 
 
 def manipulation(*moves):
-    grasps = SimpleNamespace(mu="")
+    grasps = SimpleNamespace(mu="", grasp="a grasp")
     return ng.FineManipulation(grasps, grasps, tuple(range(len(moves))), moves)
 
 
@@ -177,7 +177,11 @@ def test_a_body_that_is_dropped_somewhere_is_no_success():
         plan = manipulation(move(0.5, slides=False), dropped)
         assert not plan.success
         assert str(plan).endswith("the body is not held while finger 1 moves")
-    assert manipulation().outcome == "no moves: one of the two grasps was not found"
+    assert manipulation().outcome == "no finger has to move"
+    missing = SimpleNamespace(mu="no grasp", grasp=None)
+    plan = ng.FineManipulation(missing, missing)
+    assert not plan.success
+    assert plan.outcome == "no moves: one of the two grasps was not found"
 
 
 def test_an_infeasible_move_is_no_success():
