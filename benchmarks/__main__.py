@@ -3,6 +3,7 @@
 import sys
 
 from benchmarks import (
+    along,
     baseline,
     best,
     by_hand,
@@ -45,6 +46,7 @@ BENCHMARKS = {
     "sets": sets,
     "tasks": tasks,
     "following": following,
+    "along": along,
     "libraries": libraries,
     "experiments": experiments,
     "program": program,

@@ -35,7 +35,7 @@ def _random_stations(body, count, rng):
     return stations
 
 
-def _slide(kind, seed, budget="l2"):
+def random_slide(kind, seed, budget="l2"):
     """Return a random slide that the contacts that stay do not decide, with the grasp that stays and its task."""
     rng = np.random.default_rng(seed)
     body = BODIES[kind](rng)
@@ -56,7 +56,7 @@ def _slide(kind, seed, budget="l2"):
             return body, path, others, task, budget, slid
 
 
-def _least_on_surface(body, path, others, task, budget, rng):
+def least_on_surface(body, path, others, task, budget, rng):
     """Return the least upper bound at random points of a path: on the surface, or rolling over an edge."""
     least = np.inf
     for _ in range(DENSE):
@@ -77,8 +77,8 @@ def _least_on_surface(body, path, others, task, budget, rng):
 
 
 def check_slide(kind, seed, budget="l2"):
-    body, path, others, task, budget, slid = _slide(kind, seed, budget)
-    least = _least_on_surface(body, path, others, task, budget, np.random.default_rng(seed))
+    body, path, others, task, budget, slid = random_slide(kind, seed, budget)
+    least = least_on_surface(body, path, others, task, budget, np.random.default_rng(seed))
     assert slid.bounds.lower <= least * (1.0 + 1e-9)
     assert slid.bounds.upper >= slid.bounds.lower
     assert slid.stations <= MOST_STATIONS

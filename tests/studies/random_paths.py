@@ -1,4 +1,7 @@
-"""Random paths of tasks for tests and the benchmark of dynamic grasping; half of them turn by over 60 degrees."""
+"""Random paths of tasks for tests and the benchmark of dynamic grasping; half of them turn by over 60 degrees.
+
+From number 100 on they are planar, on a triangle and two other polygons, with fingers of unlike friction.
+"""
 
 import time
 from dataclasses import dataclass
@@ -8,12 +11,13 @@ import numpy as np
 import nlpgrasp as ng
 from nlpgrasp.bodies import Body
 
-COUNT, STEPS, STARTS = 30, 8, 6
+COUNT, STEPS, STARTS, UNLIKE = 30, 8, 6, 100
 WIDE, SMALL = (1.1, 2.0), (0.1, 0.9)  # turns in radians
 PLANAR = (
     ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]]),
     ng.Polygon([[0.0, 0.0], [2.0, 0.0], [2.5, 1.0], [1.0, 2.0], [-0.3, 1.2]]),
 )
+TRIANGLE = ng.Polygon([[-1.0, -0.6], [1.1, -0.6], [0.2, 1.0]])
 SPATIAL = (ng.Box([0.08, 0.05, 0.04]), ng.Ellipsoid([0.05, 0.03, 0.04]))
 
 
@@ -42,6 +46,29 @@ class RandomPath:
 
 
 @dataclass(frozen=True)
+class UnlikePath:
+    """Tasks whose middle, a force with a moment, turns in the plane; fingers of unlike friction."""
+
+    body: Body
+    frictions: tuple[float, ...]
+    middle: np.ndarray
+    moment: float
+    axes: np.ndarray
+    turn: float
+
+    @property
+    def contacts(self):
+        return len(self.frictions)
+
+    def at(self, share):
+        """Return the problem after this share of the turn."""
+        c, s = np.cos(self.turn * share), np.sin(self.turn * share)
+        middle = [*(np.array([[c, -s], [s, c]]) @ self.middle), self.moment]
+        contacts = [ng.FrictionContact(friction) for friction in self.frictions]
+        return ng.GraspProblem(self.body, contacts, ng.TaskEllipsoid(self.axes, center=middle))
+
+
+@dataclass(frozen=True)
 class Compared:
     """A path followed and solved cold at some of its steps: certified qualities there, 0 without a grasp.
 
@@ -64,6 +91,8 @@ class Compared:
 
 def random_path(number):
     """Return path ``number``: two planar ones, then a spatial one; two that turn far, then two that do not."""
+    if number >= UNLIKE:
+        return _unlike_path(number - UNLIKE)
     rng = np.random.default_rng(number)
     turn = float(rng.uniform(*(WIDE if number % 4 < 2 else SMALL)) * rng.choice([-1.0, 1.0]))
     if number % 3 < 2:
@@ -72,6 +101,17 @@ def random_path(number):
     axis = _unit(rng.normal(size=3))
     middle = rng.uniform(0.2, 0.8) * _unit(np.cross(axis, rng.normal(size=3)))
     return RandomPath(SPATIAL[number // 3 % 2], int(rng.integers(3, 5)), middle, axis, turn)
+
+
+def _unlike_path(number):
+    """Return a path of two or three unlike fingers; three turn by over 60 degrees, then one does not."""
+    rng = np.random.default_rng(1000 + number)
+    frictions = tuple(rng.uniform(0.3, 1.0) for _ in range(2 + number % 2))
+    turn = np.radians(rng.uniform(60.0, 110.0) if number % 4 < 3 else rng.uniform(10.0, 60.0)) * rng.choice([-1, 1])
+    middle = rng.normal(size=2)
+    middle *= rng.uniform(0.6, 1.6) / np.linalg.norm(middle)
+    moment, axes = rng.uniform(-0.3, 0.3), rng.uniform(0.2, 1.0, 3)
+    return UnlikePath((TRIANGLE, PLANAR[1], PLANAR[0])[number % 3], frictions, middle, moment, axes, float(turn))
 
 
 def compared(number, at=range(STEPS)):

@@ -13,13 +13,13 @@ WEIGHT = ng.TaskEllipsoid([0.1, 0.1, 0.0], center=[0.0, 1.0, 0.0])
 NOBODY = frozenset()
 
 
-def holding(start, end, points, normals, friction=0.45):
+def holding(start, end, points, normals, friction=0.45, body=SQUARE):
     """Return what holds while finger 2 goes from one station to another and fingers 0 and 1 stay."""
     contacts = [ng.FrictionContact(friction)] * 3
     here, there = (ng.Grasp([*points, s.point], [*normals, s.normal], contacts, np.zeros(2)) for s in (start, end))
-    problem = ng.GraspProblem(SQUARE, contacts, ng.TaskEllipsoid([1.0] * 3), torque_origin=[0.0, 0.0])
+    problem = ng.GraspProblem(body, contacts, ng.TaskEllipsoid([1.0] * 3), torque_origin=[0.0, 0.0])
     stay = [[PathStation(here.points[i], here.normals[i], "")] * 2 for i in range(2)]
-    return HoldingQuality(problem, here, there, range(3), [*stay, SurfaceGraph(SQUARE).stations(start, end)], WEIGHT)
+    return HoldingQuality(problem, here, there, range(3), [*stay, SurfaceGraph(body).stations(start, end)], WEIGHT)
 
 
 def station(point, normal, face):
@@ -40,6 +40,36 @@ def test_a_body_that_is_dropped_at_a_corner_is_seen():
     assert move.held.upper == 0.0
     assert not move.certified
     assert move.held_text == "not held everywhere on its path"
+
+
+PENTAGON = np.array([[-1.0, -1.0], [0.9, -1.0], [1.3, 0.1], [0.0, 1.0], [-1.2, 0.3]])
+
+
+def on_edge(edge, share):
+    """Return the station at a share of an edge of the pentagon."""
+    a, b = PENTAGON[edge], PENTAGON[(edge + 1) % 5]
+    along = (b - a) / np.linalg.norm(b - a)
+    return station(a + share * (b - a), [-along[1], along[0]], f"edge{edge}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_a_finger_slides_around_a_corner_of_a_five_sided_polygon(seed):
+    """Against 400 places, while two others on the other sides do not hold the body alone."""
+    rng = np.random.default_rng(seed)
+    upper = 0.0
+    while upper < 0.05:  # until the finger matters
+        sides = [on_edge(edge, rng.uniform(0.2, 0.8)) for edge in (2, 4)]
+        start, end = on_edge(0, rng.uniform(0.3, 0.9)), on_edge(1, rng.uniform(0.1, 0.7))
+        points, normals = ([getattr(side, name) for side in sides] for name in ("point", "normal"))
+        quality = holding(start, end, points, normals, 0.4, ng.Polygon(PENTAGON))
+        total = quality._curves[2].total
+        upper = max(quality._certified(quality._grasp(NOBODY, 2, way)).lower for way in (0.0, total))
+    move = quality.move(NOBODY, 2, True)
+    dense = [quality._certified(quality._grasp(NOBODY, 2, way)).upper for way in np.linspace(0.0, total, 400)]
+    assert move.held.lower <= min(dense) * (1.0 + 1e-9)
+    assert move.held.upper <= 1.05 * min(dense) + 1e-9
+    assert move.certified == (move.held.lower > 0.0)
 
 
 @pytest.mark.slow

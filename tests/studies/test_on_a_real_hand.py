@@ -1,10 +1,15 @@
 """Palm and finger motions of a four-finger hand, checked by triangles and MuJoCo kinematics."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.motion.contact_path import PathStation
+from nlpgrasp.motion.finger_motion import LinkedMotions
+from nlpgrasp.studies.finger_moves import FingerMove
 from tests.hands.urdf import FOUR, Mujoco, four_finger_hand
 
 SEED = 1
@@ -107,6 +112,31 @@ def test_fingertips_walk_to_the_best_grasp_within_reach(walk):
     better = [float(text.split()[1]) for text in walk.unreached]
     assert all(value >= walk.goal.mu.lower * 0.95 for value in better)  # tried first, in this order
     assert better == sorted(better, reverse=True)
+
+
+@pytest.mark.slow
+def test_fingertips_slide_by_two_millimetres_unless_a_joint_is_at_its_limit(picked, solution):
+    """To both sides along the box, with the palm and the other fingers where they are; no link is in the way."""
+    hand, grasp, shapes = four_finger_hand(), solution.grasp, Shapes()
+    values = hand.values_of(solution.hand)
+    palm, joints = hand.tree.palm_frame(values), solution.hand["joint_positions"]
+    ends = [PathStation(*contact) for contact in zip(grasp.points, grasp.normals, solution.faces, strict=True)]
+    done = 0
+    for finger, along in product(range(4), (-0.002, 0.002)):
+        target = grasp.points[finger] + [along, 0.0, 0.0]
+        if abs(target[0]) > 0.5 * EXTENTS[0] or abs(grasp.normals[finger, 0]) > 0.5:
+            continue
+        paths = [[end, end] for end in ends]
+        paths[finger][1] = PathStation(target, grasp.normals[finger], solution.faces[finger])
+        motion, _ = LinkedMotions(picked, hand, values, paths, 0.005).move(values, finger, True)
+        if not motion.feasible:
+            assert motion.reason.startswith("joint "), motion.reason
+            continue
+        move = FingerMove(finger, motion.points, True, ng.Bounds(0.0, 0.0), motion)
+        assert move.length == pytest.approx(0.002)
+        check_by_triangles(shapes, palm, dict(joints), hand, move)
+        done += 1
+    assert done >= 4
 
 
 @pytest.mark.slow
