@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from heapq import heappop, heappush
 from itertools import count
 
@@ -285,20 +286,28 @@ class _GoalSearch:
         for found in self.in_hand.grasps:
             goal = self._goal(found)
             heappush(queue, (-found.mu.lower, next(numbers), goal, goal.moving))
-        least = max(self._quality(self.grasp, queue[0][2]), 0.0)
+        least = 0.0
         while queue and len(plans) < MOST_PLANS and (not plans or -queue[0][0] > least):
             value, _, goal, moved = heappop(queue)
             plan = self._plan(goal, moved)
             if plan.success and (reached := self._reached(plan, goal, moved, seed)) is not None:
                 return replace(reached, unreached=tuple(unreached))
+            if not plans and self._certified(self.picked.grasps[0], seed) is not None:
+                least = max(self._quality(self.grasp, goal), 0.0)  # of the fingers that stay
             plans.append(plan)
-            unreached.append(f"mu {-value:.4g} by {_format_fingers(sorted(moved))}: {_obstruction(plan)}")
+            if moved:
+                unreached.append(f"mu {-value:.4g} by {_format_fingers(sorted(moved))}: {_obstruction(plan)}")
             blocked = next((move.finger for move in plan.moves if not move.feasible), None)
             for fewer in (moved - {finger} for finger in (moved if blocked is None else [blocked])):
                 if fewer and (id(goal), fewer) not in seen:
                     seen.add((id(goal), fewer))
                     heappush(queue, (-self._quality(goal.grasp(fewer), goal), next(numbers), goal, fewer))
-        return replace(plans[0], unreached=tuple(unreached))
+        own = self._certified(self.in_hand.grasps[0], seed) if isinstance(self.goal.hand, URDFHand) else None
+        return replace(plans[0], goal=self.in_hand if own is None else own, unreached=tuple(unreached))
+
+    @cached_property
+    def _runner(self) -> StartRunner:
+        return StartRunner(self.goal, self.options.narrow(), 1)
 
     def _goal(self, found: FoundGrasp) -> _Goal:
         """Return a goal with the matching of its contacts and the paths of the fingers."""
@@ -344,14 +353,18 @@ class _GoalSearch:
         elif goal.found is self.in_hand.grasps[0] and moved == goal.moving:
             return plan
         faces = [goal.found.faces[j] if i in moved else self.picked.faces[i] for i, j in enumerate(goal.order)]
-        found = FoundGrasp(goal.grasp(moved), tuple(faces), goal.found.mu, hand=posture)
+        reached = self._certified(FoundGrasp(goal.grasp(moved), tuple(faces), goal.found.mu, hand=posture), seed)
+        return None if reached is None else replace(plan, goal=reached, order=tuple(range(len(faces))))
+
+    def _certified(self, found: FoundGrasp, seed: int) -> GraspSolution | None:
+        """Return a grasp certified for the goal's problem as it is; None where it is infeasible."""
         with single_thread():
-            search = Multistart(StartRunner(self.goal, self.options.narrow(), 1), seed)
+            search = Multistart(self._runner, seed)
             search.add_warm_start(WarmStart.of(search.runner.compiled, found, found.grasp.normals), improve=False)
             if search.best is None:
                 return None
             search.accept_unchanged(search.best)
-            return replace(plan, goal=search.answer(), order=tuple(range(len(goal.order))))
+            return search.answer()
 
 
 def _obstruction(plan: FineManipulation) -> str:

@@ -1,13 +1,20 @@
 """Fine manipulation: pick-up beside a table, then finger moves to a better grasp."""
 
+import importlib
 import runpy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
+from nlpgrasp.studies.fine_manipulation import FineManipulation
+from nlpgrasp.studies.finger_moves import FingerMove, unexamined_move
+from tests.studies.held_box import NORMALS, POINTS, grasped
 
+FINE = importlib.import_module("nlpgrasp.studies.fine_manipulation")  # the function has its name
+BLOCKED = FingerMove(1, np.zeros((2, 3)), True, ng.Bounds(1.0, 1.0), unexamined_move("no"))
 OPTIONS = ng.SolveOptions(rtol=0.05, final_rtol=0.05)
 
 
@@ -87,6 +94,34 @@ def test_fingers_below_a_body_carry_it(space):
     for move in plan.moves:
         assert move.held.lower > (1.6 if move.slides else 1.3)
         assert move.held.upper < 2.0 / 1.1 + 1e-6
+
+
+def test_a_pick_up_that_no_reachable_grasp_improves_says_so(tmp_path):
+    solution, _ = grasped(tmp_path)
+    plan = FineManipulation(solution, solution, (0, 1), (), ("mu 1.2 by finger 0: finger 0, out of reach",))
+    assert plan.success
+    assert plan.outcome == "no better grasp is reached: the fingers stay"
+    assert "not reached: mu 1.2 by finger 0: finger 0, out of reach" in str(plan)
+    assert replace(plan, unreached=()).outcome == "no finger has to move"
+    missing = replace(plan, goal=replace(solution, grasp=None))
+    assert not missing.success
+    assert missing.outcome == "no moves: one of the two grasps was not found"
+
+
+def test_a_hand_that_reaches_no_goal_returns_the_best_one_with_the_reasons(tmp_path, monkeypatch):
+    """The pick-up's grasp is forbidden in the goal's problem, and every motion is blocked."""
+    solution, problem = grasped(tmp_path)
+    low = ng.Workspace(ng.BoxRegion([-1.0, -1.0, -1.0], [1.0, 1.0, 0.0]))  # the contacts are 5 mm above
+    grasp = ng.Grasp(POINTS + np.array([0.01, 0.0, 0.0]), NORMALS, ng.FrictionContact(0.5), np.zeros(3))
+    found = iter([solution, replace(solution, grasp=grasp)])  # of the pick-up, and within reach of its palm
+    monkeypatch.setattr(FINE, "solve", lambda *_, **__: next(found))
+    monkeypatch.setattr(FINE, "ordered_moves", lambda *_: (BLOCKED,))
+    plan = ng.fine_manipulation(problem, replace(problem, constraints=[low]), starts=1)
+    assert not plan.success
+    assert plan.moves == (BLOCKED,)
+    assert plan.outcome == "the hand cannot make all of these moves"
+    (reason,) = plan.unreached  # finger 0 alone would leave a grasp without quality
+    assert reason.endswith("by fingers 0 and 1: finger 1, no")
 
 
 def test_other_bodies_and_contacts_are_refused(names):
