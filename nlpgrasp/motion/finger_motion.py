@@ -7,6 +7,10 @@ chord deviates most to second order, the fingertip is off the path by less than 
 penetrated anything by more than the tolerance (``CollisionModel.clearance_bounds``). Where a step of ``LEAST_STEP``
 fails, the finger stops.
 
+Spheres are larger than the links that they cover. Where one is in the way of the body, the path is tried again with the
+links' own shapes instead of their spheres against the body: they may not penetrate at waypoints, and no point of them
+moves so far in a step that one could penetrate by more than the tolerance between waypoints.
+
 A hand that is given by its contacts alone (``ContactMotions``), such as free fingertips or jaws, constrains these
 jointly. Its constraints are evaluated at waypoints ``WAYPOINT_STEP`` apart: between two, no distance of two contacts or
 from an obstacle differs by more than half of it from those at both ends. The palm point may move: any point that all
@@ -19,6 +23,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -31,8 +36,10 @@ from nlpgrasp.hands.base import Hand, Values
 from nlpgrasp.motion.contact_path import LIFTED, SLIDING, ContactPath, FingerTransfer, PathStation, TargetContact
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.finger_kinematics import FingerJoints, describe_obstruction, format_path_position
-from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.link_clearance import CollisionModel, point_motion_bounds
+from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import BODY, LEAST_DEPTH
 
 LEAST_STEP, LARGEST_STEP = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
 MAX_JOINT_STEP = 0.1  # radians between waypoints; share of the span for sliding joints
@@ -40,6 +47,7 @@ SLIDE_CANDIDATES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, 
 BALL_TOLERANCE = 1e-12  # relative tolerance of a point in a ball
 WAYPOINT_STEP = 5e-3  # distance of waypoints of hands without links, over the body's size
 CONSTRAINT_TOLERANCE = 1e-6  # feasibility tolerance, relative to the constraint's scale
+AGAINST_BODY = f"against {BODY}"  # in the reason of a path on which a link's sphere is in the way of the body
 PALM = "palm"  # name of the variable for the palm point
 Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
@@ -134,6 +142,7 @@ class LinkedMotions:
         self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
         self.model = CollisionModel(problem, hand)
         self.fingers = [FingerJoints(hand, i, self.model, problem.body.size) for i in range(hand.count)]
+        self._problem = problem
         self._first = self._with_slides(values)
         self._contact_paths: dict[tuple[int, float], ContactPath] = {}
 
@@ -148,7 +157,16 @@ class LinkedMotions:
             arm = self.hand.tips[finger][1].standoff + lift
             self._contact_paths[finger, lift] = ContactPath(self.body, self.paths[finger], arm, self.model.tolerance)
         transfer = FingerTransfer(self._contact_paths[finger, lift], lift)
-        return FingerStepper(self.fingers[finger], transfer).move(posture)
+        path, end = FingerStepper(self.fingers[finger], transfer).move(posture)
+        is_body_in_way = AGAINST_BODY in path.reason and self.hand.clearance == 0.0
+        if path.feasible or not is_body_in_way or not self._shapes.has_shapes:
+            return path, end
+        by_shapes, shapes_end = FingerStepper(self.fingers[finger], transfer, self._shapes).move(posture)
+        return (by_shapes, shapes_end) if by_shapes.feasible else (path, end)
+
+    @cached_property
+    def _shapes(self) -> PenetrationModel:
+        return PenetrationModel(self._problem, self.hand)
 
     def _with_slides(self, values: Values) -> Values:
         """Return the values with the sliding tip coordinates that bring the fingertips nearest to their contacts."""
@@ -174,15 +192,33 @@ class FingerStepper:
     ----------
     joints : FingerJoints
     transfer : FingerTransfer
+    shapes : PenetrationModel, optional
+        The links' own shapes, which stand for their spheres against the body.
     """
 
-    def __init__(self, joints: FingerJoints, transfer: FingerTransfer) -> None:
-        self.joints, self.transfer, self.model = joints, transfer, joints.model
+    def __init__(self, joints: FingerJoints, transfer: FingerTransfer, shapes: PenetrationModel | None = None) -> None:
+        self.joints, self.transfer, self.model, self.shapes = joints, transfer, joints.model, shapes
         self._tip = self.model.tip_mask()
 
+    @cached_property
+    def _shape_motion_bounds(self) -> FloatArray:
+        """Bound on the motion of each link's own points per unit of each free joint, (links, joints), metres."""
+        hand = self.joints.hand
+        farthest = {
+            link: max(float(np.max(np.linalg.norm(shape.mesh.vertices, axis=1))) for shape in link_shapes)
+            for link, link_shapes in hand.robot.shapes.items()
+            if link_shapes
+        }
+        return np.array([point_motion_bounds(hand, *pair) for pair in farthest.items()])
+
     def clearance_limits(self, path_length: float) -> FloatArray:
-        """Return the lower limits of the clearances, (n,): a lifted fingertip stays off the body."""
+        """Return the lower limits of the clearances, (n,): a lifted fingertip stays off the body.
+
+        Those of links from the body are minus infinity where the links' own shapes stand for their spheres.
+        """
         limits = self.model.least_clearances()
+        if self.shapes is not None:
+            limits[: len(self.model.sphere_indices)][~self._tip[: len(self.model.sphere_indices)]] = -np.inf
         if self.transfer.at(path_length).phase == LIFTED:
             limits[self._tip] = 0.0
         return limits - self.model.tolerance / 2.0
@@ -217,6 +253,8 @@ class FingerStepper:
         result = self.joints.reach(values, target, limits)
         if not result.is_reached:
             return None
+        if self.shapes is not None and self.shapes.in_posture(result.values).depth > LEAST_DEPTH:
+            return None
         return Waypoint(path_length, target, result.values, self.model.clearances(result.values))
 
     def _step(self, start: Waypoint, path_length: float) -> Waypoint | None:
@@ -233,8 +271,20 @@ class FingerStepper:
         middle_values = {name: (start.values[name] + end.values[name]) / 2.0 for name in start.values}
         if self.joints.residual(middle_values, self.transfer.at(middle)) * self.joints.size > self.model.tolerance:
             return None
+        if self.shapes is not None:  # the depth between two waypoints is at most (a + b + l) / 2
+            lengths = self._shape_motion_bounds @ np.abs(end.values["joints"] - start.values["joints"])
+            if LEAST_DEPTH + np.max(lengths) / 2.0 > self.model.tolerance:
+                return None
         bounds = self.model.clearance_bounds(start.values, end.values, (start.clearances, end.clearances))
         return end if np.all(bounds >= limits - self.model.tolerance / 2.0) else None
+
+    def _least_clearance(self, waypoint: Waypoint) -> float:
+        """Return the least clearance at a waypoint, metres; 0 of links from the body by their own shapes."""
+        clearances = waypoint.clearances.copy()
+        if self.shapes is not None:
+            of_body = slice(len(self.model.sphere_indices))
+            clearances[of_body] = np.maximum(clearances[of_body], 0.0)
+        return float(np.min(clearances[~self._tip], initial=np.inf))
 
     def _record(self, waypoints: list[Waypoint], reason: str) -> FingerPath:
         """Return the finger's path through the waypoints, infeasible where there is a reason."""
@@ -246,7 +296,7 @@ class FingerStepper:
             points=np.array([h.point for h in targets]).reshape(-1, 3),
             along=np.array([h.along for h in targets]),
             phases=tuple(h.phase for h in targets),
-            clearances=np.array([np.min(w.clearances[~self._tip], initial=np.inf) for w in waypoints]),
+            clearances=np.array([self._least_clearance(w) for w in waypoints]),
             joint_names=self.joints.names,
             joints=np.array([w.values["joints"][self.joints.joint_indices] for w in waypoints]).reshape(
                 len(waypoints), len(self.joints.joint_indices)

@@ -152,6 +152,28 @@ class CollisionModel:
         return f"fingertip {self.spheres.links[sphere]}" if tip else f"link {self.spheres.links[sphere]}"
 
 
+def point_motion_bounds(hand: URDFHand, link: str, distance: float) -> FloatArray:
+    """Return a bound on the motion of a link's points per unit of each free joint, (joints,), metres.
+
+    Parameters
+    ----------
+    hand : URDFHand
+    link : str
+    distance : float
+        Largest distance of the points from the origin of the link's frame, metres.
+    """
+    robot, length = hand.robot, distance
+    index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
+    result = np.zeros(len(index))
+    for joint in reversed(robot.chain(link)):
+        if joint.moves:
+            driver, multiplier, _ = robot.driving_joint(joint)
+            result[index[driver]] += abs(multiplier) * (length if joint.is_revolute else 1.0)
+            length += 0.0 if joint.is_revolute else max(abs(joint.lower), abs(joint.upper))
+        length += float(np.linalg.norm(joint.xyz))
+    return result
+
+
 class LinkSphereModel:
     """Spheres around the links of a hand, those of round fingertips last.
 
@@ -211,18 +233,9 @@ class LinkSphereModel:
     @cached_property
     def motion_bounds(self) -> FloatArray:
         """Bound on each sphere's motion per unit of each free joint, (s, joints), metres."""
-        robot = self.hand.robot
-        index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
-        result = np.zeros((len(self.links), len(index)))
-        for s, link in enumerate(self.links):
-            length = float(np.linalg.norm(self._centres[s])) + (self.hand.tree.span if self._sliding[s] else 0.0)
-            for joint in reversed(robot.chain(link)):
-                if joint.moves:
-                    driver, multiplier, _ = robot.driving_joint(joint)
-                    result[s, index[driver]] += abs(multiplier) * (length if joint.is_revolute else 1.0)
-                    length += 0.0 if joint.is_revolute else max(abs(joint.lower), abs(joint.upper))
-                length += float(np.linalg.norm(joint.xyz))
-        return result
+        lengths = np.linalg.norm(self._centres, axis=1) + np.where(self._sliding, self.hand.tree.span, 0.0)
+        bounds = [point_motion_bounds(self.hand, *pair) for pair in zip(self.links, lengths.tolist(), strict=True)]
+        return np.array(bounds).reshape(len(self.links), len(self.hand.robot.free_joints))
 
     def path_length_bounds(self, before: Values, after: Values) -> FloatArray:
         """Return a bound on each centre's path length, (s,), metres, along a straight joint path between postures.

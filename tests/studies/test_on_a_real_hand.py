@@ -1,6 +1,6 @@
 """Palm and finger motions of a four-finger hand, checked by triangles and MuJoCo kinematics."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -9,8 +9,9 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import PathStation
 from nlpgrasp.motion.finger_motion import LinkedMotions
+from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.studies.finger_moves import FingerMove
-from tests.hands.urdf import FOUR, Mujoco, four_finger_hand
+from tests.hands.urdf import FOUR, Mujoco, four_finger_hand, three_finger_hand
 
 SEED = 1
 OPTIONS = ng.SolveOptions(workers=1, robust_offset=0.0, robust_friction=0.0)
@@ -137,6 +138,36 @@ def test_fingertips_slide_by_two_millimetres_unless_a_joint_is_at_its_limit(pick
         check_by_triangles(shapes, palm, dict(joints), hand, move)
         done += 1
     assert done >= 4
+
+
+@pytest.mark.slow
+def test_links_whose_spheres_are_in_the_way_but_whose_shapes_are_not_slide():
+    """2 mm with a three-finger hand at a cylinder's end: spheres stop it after 0.5 mm, the links stay off the body."""
+    hand, body = three_finger_hand(), ng.Cylinder(0.025, 0.1)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[body.size] * 3])
+    cylinder = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand)
+    found = ng.solve(cylinder, starts=1, seed=0, options=OPTIONS)
+    values, shapes = hand.values_of(found.hand), PenetrationModel(cylinder, hand)
+    grasp, by_shapes = found.grasp, 0
+    ends = [PathStation(*contact) for contact in zip(grasp.points, grasp.normals, found.faces, strict=True)]
+    for finger, direction in product(range(3), (*np.eye(3), *-np.eye(3))):
+        target = body.snap(found.faces[finger], (grasp.points[finger] + 0.002 * direction)[None])
+        if abs(direction @ grasp.normals[finger]) > 0.5 or not body.is_on(found.faces[finger], target, 0.0)[0]:
+            continue
+        inward = -body.evaluate(found.faces[finger], target)[2][0]
+        paths = [[end, end] for end in ends]
+        paths[finger][1] = PathStation(target[0], inward, found.faces[finger])
+        motions = LinkedMotions(cylinder, hand, values, paths, 0.005)
+        motion, _ = motions.move(motions.start(), finger, True)
+        assert "against the body" not in motion.reason
+        by_shapes += motion.feasible and "_shapes" in vars(motions)
+        postures = [{**values, "joints": values["joints"].copy()} for _ in motion.joints if motion.feasible]
+        for posture, joints in zip(postures, motion.joints, strict=False):
+            posture["joints"][motions.fingers[finger].joint_indices] = joints
+        for before, after in pairwise(postures):
+            middle = {**before, "joints": (before["joints"] + after["joints"]) / 2.0}
+            assert shapes.in_posture(middle).depth <= motion.tolerance
+    assert by_shapes >= 1
 
 
 @pytest.mark.slow
