@@ -238,7 +238,7 @@ class Multistart:
         return is_finished
 
     def run_until_proved(
-        self, starts: int, rtol: float, contacts: Sequence[FloatArray] = (), patience: int | None = None
+        self, starts: int, rtol: float, contacts: Sequence[FloatArray] | None = (), patience: int | None = None
     ) -> int:
         """Run starts one at a time in this process, until after one of them no further is needed (``prove``).
 
@@ -249,7 +249,8 @@ class Multistart:
         rtol : float
             Relative gap to which the best start is certified after each.
         contacts : sequence of (k, space) array
-            Contacts of known grasps, from which candidates begin as well.
+            Contacts of known grasps: candidates begin from them and the bound's relaxed placements, too; None for the
+            candidates of ``propose``, as in a solve.
         patience : int, optional
             Number of starts in a row after which to stop where none of them is better by ``rtol``; unlimited by
             default. It does not count before there is a grasp.
@@ -308,12 +309,13 @@ class Multistart:
         relaxed = [] if candidates else self._relaxed_placements()
         self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, relaxed, candidates))
 
-    def _propose_near(self, contacts: Sequence[FloatArray], starts: int) -> list[Sequence[GraspCandidate]]:
+    def _propose_near(self, contacts: Sequence[FloatArray] | None, starts: int) -> list[Sequence[GraspCandidate]]:
         """Return candidates for each of some further starts, also near contacts (k, space) and relaxed placements.
 
+        Without contacts, those of a solve with as many starts.
         Empty for each where the proposal fails numerically: those starts propose on their own.
         """
-        known = [*contacts, *self._relaxed_placements()]
+        known = [] if contacts is None else [*contacts, *self._relaxed_placements()]
         try:
             proposed = propose(self.runner.compiled, np.random.default_rng([self.seed, 0]), known, starts)
         except SOLVER_ERRORS:

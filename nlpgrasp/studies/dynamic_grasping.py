@@ -312,7 +312,7 @@ def _follow(
         count, is_proved = 0, search.prove(rtol)
         if is_lost and not is_proved:
             patience = None if current is None else PATIENCE
-            count = search.run_until_proved(starts, rtol, contact_points, patience)
+            count = search.run_until_proved(starts, rtol, None, patience)
         elif not is_proved and (allowed >= SAVED or 1.0 + search.gap > GROWN * (1.0 + known_gap)):
             count = search.run_until_proved(min(max(int(allowed), 1), starts), rtol, contact_points, PATIENCE)
             allowed = max(allowed - count, 0.0)
