@@ -2,6 +2,7 @@
 
 from nlpgrasp import hands
 from nlpgrasp.analysis.analyse import analyse
+from nlpgrasp.analysis.grip_force import grip_force
 from nlpgrasp.analysis.squeeze import squeeze
 from nlpgrasp.bodies import (
     Box,
@@ -99,6 +100,7 @@ from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_h
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
 from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.force_records import ForcesNeeded
+from nlpgrasp.solution.grip_record import GripForce
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.phase_record import Phase
@@ -182,6 +184,7 @@ __all__ = [
     "GraspSet",
     "GraspSolution",
     "GraspStack",
+    "GripForce",
     "HalfSpace",
     "HandSceneOptions",
     "HandSimulation",
@@ -268,6 +271,7 @@ __all__ = [
     "follow_task",
     "formulate",
     "gravity",
+    "grip_force",
     "hand_torque_limits",
     "hands",
     "how_many_contacts",

@@ -45,6 +45,7 @@ ROUNDING = 1e-9  # rounding tolerance of a number of lines
 TIE_TOLERANCE = 1e-6  # share of the body's size: clearances this close are ties
 MAX_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
+SAFETY_FACTOR = 1.2  # default factor on the grip force at less friction
 SAME_POINT = 1e-12  # metres: distance of a stated tool centre point from the default one that counts as none
 
 
@@ -84,11 +85,16 @@ class ParallelJaw(Hand):
     tcp : (3,) sequence of float, optional
         Tool centre point, the middle between the pads, in the gripper's own frame, metres; by default
         ``finger_length`` along ``approach_axis``. The Franka hand's is ``(0, 0, 0.1034)``.
+    max_force : float, optional
+        Largest normal force of each jaw, newtons: a solution states whether the task's grip force stays within it.
+    safety_factor : float
+        Of the stated grip force with its margin: a factor on the force at 10 % less friction, at least 1.
 
     Raises
     ------
     InputError
-        On lengths that no gripper has, and on axes that are no unit directions or not at right angles to each other.
+        On lengths that no gripper has, on axes that are no unit directions or not at right angles to each other, and
+        on forces and factors out of range.
     """
 
     kind: ClassVar[str] = "parallel_jaw"
@@ -100,6 +106,8 @@ class ParallelJaw(Hand):
     closing_axis: str | Sequence[float] = CLOSING_AXIS
     approach_axis: str | Sequence[float] = APPROACH_AXIS
     tcp: Sequence[float] | None = None
+    max_force: float | None = None
+    safety_factor: float = SAFETY_FACTOR
     count: int = field(default=2, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -117,6 +125,10 @@ class ParallelJaw(Hand):
         object.__setattr__(self, "closing_axis", axis_name(axes[:, 0]))
         object.__setattr__(self, "approach_axis", axis_name(axes[:, 2]))
         object.__setattr__(self, "tcp", self._stated_tcp(self.finger_length * axes[:, 2]))
+        if self.max_force is not None:
+            object.__setattr__(self, "max_force", number("ParallelJaw.max_force", self.max_force, above=0.0))
+        factor = number("ParallelJaw.safety_factor", self.safety_factor, at_least=1.0)
+        object.__setattr__(self, "safety_factor", factor)
 
     def _stated_tcp(self, default: FloatArray) -> tuple[float, ...] | None:
         """Return the checked tool centre point; None where it is the default one."""
@@ -200,6 +212,8 @@ class ParallelJaw(Hand):
             "finger_thickness": self.finger_thickness,
             **{name: axis if isinstance(axis, str) else list(axis) for name, axis in axes.items()},
             "tcp": self.tool_centre_point.tolist(),
+            **({} if self.max_force is None else {"max_force": self.max_force}),
+            **({} if self.safety_factor == SAFETY_FACTOR else {"safety_factor": self.safety_factor}),
         }
 
 

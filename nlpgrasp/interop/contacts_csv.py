@@ -16,6 +16,7 @@ from nlpgrasp.common.validation import FloatArray, in_metres
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.interop.hand_states import GRIP, SAFE_GRIP, grip_fields
 from nlpgrasp.problem.checks import warn_of_friction
 from nlpgrasp.quality.grasp import Grasp, do_all_point_away
 from nlpgrasp.solution.solution import GraspSolution
@@ -35,7 +36,8 @@ def contacts_csv(solution: GraspSolution) -> str:
     """Return the contacts of a solution as CSV text: positions, inward normals, contact models, body frame, SI units.
 
     Of several kept grasps all are written: the column ``grasp`` numbers them, best first, and ``mu`` is the certified
-    lower bound of each. Line, plane, elliptic and bilateral contacts are named in the column ``model``, and refused on
+    lower bound of each. Of parallel jaws, ``grip_force`` and ``grip_force_with_margin`` are normal forces of each jaw,
+    newtons. Line, plane, elliptic and bilateral contacts are named in the column ``model``, and refused on
     import, as the columns do not describe them completely.
 
     Raises
@@ -45,19 +47,24 @@ def contacts_csv(solution: GraspSolution) -> str:
     """
     answer = solution.require_grasp()
     space, has_several = answer.space, bool(solution.others)
-    grasps = [(answer, solution.faces, solution.mu)]
+    grasps = [(answer, solution.faces, solution.mu, grip_fields(solution))]
     if has_several:
-        grasps = [(kept.grasp, kept.faces, kept.mu) for kept in solution.grasps]
+        kept = [(grasp, grip_fields(solution.with_answer(grasp))) for grasp in solution.grasps]
+        grasps = [(grasp.grasp, grasp.faces, grasp.mu, grip) for grasp, grip in kept]
+    forces = (GRIP, SAFE_GRIP) if any(grip for *_, grip in grasps) else ()
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     first_heads = [GRASP, "mu"] if has_several else []
-    writer.writerow([*first_heads, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION])
-    for number, (grasp, faces, mu) in enumerate(grasps):
+    writer.writerow(
+        [*first_heads, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION, *forces]
+    )
+    for number, (grasp, faces, mu, grip) in enumerate(grasps):
         first_cells = [number, mu.lower] if has_several else []
         entries = zip(grasp.points, grasp.normals, faces, grasp.contacts, strict=True)
         for i, (point, normal, face, model) in enumerate(entries):
             coefficients = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
-            writer.writerow([*first_cells, i, *point.tolist(), *normal.tolist(), face, model.label, *coefficients])
+            cells = [*point.tolist(), *normal.tolist(), face, model.label, *coefficients]
+            writer.writerow([*first_cells, i, *cells, *(grip.get(name, "") for name in forces)])
     return text.getvalue()
 
 

@@ -22,6 +22,7 @@ from nlpgrasp.solution.phase_record import PREGRASP
 from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
+GRIP, SAFE_GRIP = "grip_force", "grip_force_with_margin"  # normal forces of each jaw, newtons
 UNKNOWN_APPROACH = "the file states no way in"
 NOT_ADDED = "the solve left it out"
 # part of a gripper's name in public models to its preset, or to jaws in the frame of that model
@@ -177,17 +178,13 @@ def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
 
 
 def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> HandStates:
-    """Return the states of parallel jaws, whose joints share the opening evenly and close with the squeeze's force.
+    """Return the states of parallel jaws, whose joints share the opening evenly and close with the force to set.
 
     Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
     """
     gripper = ParallelJaw.from_dict(solution.problem["hand"])
-    try:
-        force = float(np.mean(squeeze_for_task(solution).normal))
-    except InputError as error:  # contacts that cannot be squeezed
-        efforts, reason = {}, str(error)
-    else:
-        efforts, reason = dict.fromkeys(joints, -force), ""
+    force, reason = _closing_force(solution)
+    efforts = {} if reason else dict.fromkeys(joints, -force)
     grasp_position, open_position = hand["opening"] / len(joints), gripper.opening / len(joints)
     pose, closed_position = _pose_vector(hand["palm_pose"]), gripper.closed / len(joints)
     return HandStates(
@@ -204,6 +201,27 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
         blocked="; ".join(approach_obstructions(hand)),
         no_squeeze=reason,
     )
+
+
+def _closing_force(solution: GraspSolution) -> tuple[float, str]:
+    """Return the normal force of each jaw to set, newtons, and why there is none, as text; one of them is empty.
+
+    The grip force with its margin, within the limit; of files without one, that of the squeeze.
+    """
+    if solution.grip is not None:
+        force = solution.grip.setting(solution.max_force)
+        return (force, "") if solution.grip.holds else (0.0, solution.grip.warning(None))
+    try:
+        return float(np.mean(squeeze_for_task(solution).normal)), ""
+    except InputError as error:  # contacts that cannot be squeezed
+        return 0.0, str(error)
+
+
+def grip_fields(solution: GraspSolution) -> dict[str, float]:
+    """Return grip force and grip force with margin of parallel jaws, newtons, by name; empty where not known."""
+    grip = solution.grip
+    values = {} if grip is None else {GRIP: grip.force.upper, SAFE_GRIP: grip.with_margin.upper}
+    return {name: value for name, value in values.items() if np.isfinite(value)}
 
 
 def _pose_vector(data: Json) -> FloatArray:

@@ -12,7 +12,14 @@ import yaml
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
-from nlpgrasp.interop.hand_states import HandStates, approach_warning, object_file, object_scale, warn_of_axes
+from nlpgrasp.interop.hand_states import (
+    HandStates,
+    approach_warning,
+    grip_fields,
+    object_file,
+    object_scale,
+    warn_of_axes,
+)
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
@@ -53,8 +60,9 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
 
     ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
     names in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Additional fields
-    beyond the format: ``closing_axis``, ``approach_axis`` and ``tcp`` of parallel jaws, in the frame of the pose; and
-    ``way_in``, the reason for a straight approach that is not free.
+    beyond the format: ``closing_axis``, ``approach_axis`` and ``tcp`` of parallel jaws, in the frame of the pose;
+    ``grip_force`` and ``grip_force_with_margin``, normal forces of each jaw in newtons; and ``way_in``, the reason for
+    a straight approach that is not free.
 
     Parameters
     ----------
@@ -86,6 +94,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
             "orientation": {"w": w, "xyz": xyz},
             "cspace_position": dict(hand.joints),
             "pregrasp_cspace_position": dict(hand.open_joints),
+            **grip_fields(solution),
             **({"way_in": f"not free: {reason}"} if (reason := approach_warning(hand)) else {}),
         }
     hand_of_first = next(iter(hands.values()))

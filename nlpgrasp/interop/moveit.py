@@ -34,9 +34,10 @@ POSTURE_SECONDS = 1  # seconds to the only point of a posture's trajectory
 def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str:
     """Return the kept grasps as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
 
-    ``grasp_quality`` is the certified lower bound of mu, ``effort`` the joint torques of the squeeze,
-    ``max_contact_force`` the problem's limit or 0 (none). Comments before the list state a gripper's axes and
-    tool centre point, and which grasps have no free approach, as the messages have no field for them.
+    ``grasp_quality`` is the certified lower bound of mu, ``effort`` the joint torques of the squeeze, of parallel jaws
+    the grip force with its margin, within the limit; ``max_contact_force`` is the limit or 0 (none). Comments before
+    the list state a gripper's axes and tool centre point, the force to set it to for each grasp, and which grasps have
+    no free approach, as the messages have no field for them.
 
     Parameters
     ----------
@@ -66,7 +67,9 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     blocked = {name: reason for name, hand in hands.items() if (reason := approach_warning(hand))}
     comments = "".join(f"# {name}: way in not free: {' '.join(reason.split())}\n" for name, reason in blocked.items())
     text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
-    return f"{axes_comment(first)}{comments}{text}"
+    grips = {name: line for name, (grasp_solution, _) in states.items() if (line := grasp_solution.grip_line())}
+    forces = "".join(f"# {name}: {line}\n" for name, line in grips.items())
+    return f"{axes_comment(first)}{forces}{comments}{text}"
 
 
 def _message(name: str, solution: GraspSolution, hand: HandStates, options: ExportOptions) -> Json:

@@ -8,6 +8,7 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, finger_forces
 from nlpgrasp.quality.grasp import Grasp
@@ -66,4 +67,5 @@ def compute_exerted_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBud
     moment = moments[hardest] / quality if has_moments else None
     scaled = [forces[i] / quality for i in listed]
     needed = ForcesNeeded.of(grasp, wrenches[hardest] / quality, forces[hardest] / quality, moment, scaled, bounds)
-    return ExertedForces(by_wrench, listed_moments, replace(needed, within=needed.is_within(problem.max_force)))
+    limit = None if isinstance(problem.hand, ParallelJaw) else problem.max_force  # of jaws: that of their grip force
+    return ExertedForces(by_wrench, listed_moments, replace(needed, within=needed.is_within(limit)))

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import scipy
 
+from nlpgrasp.analysis.grip_force import add_grip
 from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.types import Json
@@ -234,7 +235,7 @@ def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
         best_start=best.record.index,
         source=problem,
     )
-    squeezed = add_squeeze(solution, problem.hand)
+    squeezed = add_grip(add_squeeze(solution, problem.hand), problem.hand)
     search.clock.mark("squeeze")
     return squeezed
 

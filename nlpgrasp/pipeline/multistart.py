@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_analyses
+from nlpgrasp.analysis.grip_force import add_grips
 from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
 from nlpgrasp.analysis.squeeze import add_squeezes
 from nlpgrasp.common.deadline import Deadline, Stopwatch
@@ -426,7 +427,8 @@ class Multistart:
         """Return the solution with the requested analyses, the other distinct grasps and the record of the solve."""
         solution = self._add_analyses(solution)
         if self._others is not None:
-            solution = add_squeezes(replace(solution, others=self._others.grasps()), self.runner.problem.hand)
+            hand = self.runner.problem.hand
+            solution = add_grips(add_squeezes(replace(solution, others=self._others.grasps()), hand), hand)
             self._clock.mark("other grasps")
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
         record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)

@@ -18,7 +18,7 @@ from nlpgrasp.common.formatting import format_number, format_ranges, vector
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.hands import Hand
+from nlpgrasp.hands import Hand, ParallelJaw
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import component_ranges
 
@@ -240,6 +240,6 @@ def _describe_edge_margin(problem: ProblemView) -> DescribedPart:
 
 def _describe_budget(problem: ProblemView) -> DescribedPart:
     """Return the description of the force budget."""
-    limit = problem.max_force
-    notes = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
+    limit, finger = problem.max_force, "jaw" if isinstance(problem.hand, ParallelJaw) else "finger"
+    notes = () if limit is None else (f"max_force: no {finger} is to press harder than {limit:g} N",)
     return DescribedPart("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *notes))

@@ -77,8 +77,8 @@ class GraspProblem(DisplayedProblem):
     name : str
         For prints, reports and files.
     max_force : float, optional
-        Limit of each finger's force, newtons: the solution states whether the given task stays within it. It does not
-        affect the search.
+        Limit of each finger's force, of parallel jaws the normal force, newtons: the solution states whether the given
+        task stays within it. It does not affect the search.
     objective : {"mu", "delta", "nu"}
         What a solve maximises: mu of the task; delta (3.1-1b), which is mu of the unit ball of wrenches; or the volume
         nu (3.2-1), among grasps that exert the task, by default that ball.

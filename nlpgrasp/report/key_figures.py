@@ -17,6 +17,8 @@ from nlpgrasp.common.formatting import (
 )
 from nlpgrasp.report.html_parts import ticks
 from nlpgrasp.report.page_builder import KeyFigure
+from nlpgrasp.solution.grip_record import DIGITS as GRIP_DIGITS
+from nlpgrasp.solution.grip_record import GripForce
 from nlpgrasp.solution.obstructions import tip_deviations
 from nlpgrasp.solution.quality_record import measure_meaning
 from nlpgrasp.solution.records import Status
@@ -160,6 +162,8 @@ def _quality_figure(solution: GraspSolution) -> KeyFigure:
 def _effort_figure(solution: GraspSolution) -> KeyFigure:
     """Return the effort for the task at full size."""
     title, budget = "What the task takes", solution.budget
+    if solution.grip is not None:
+        return _grip_figure(solution, solution.grip)
     if solution.mu.lower <= 0.0:
         return KeyFigure(title, "more than any force", ("some wrench of the task is not held at all",), "bad")
     effort = 1.0 / solution.mu.lower
@@ -168,6 +172,15 @@ def _effort_figure(solution: GraspSolution) -> KeyFigure:
         return KeyFigure(title, format_percent(effort), ("of what the hand's joints can do, at most",), tone)
     quantity = BUDGET_QUANTITIES.get(budget.kind, ANY_BUDGET_QUANTITY)
     return KeyFigure(title, f"{format_upper(effort)} N", (f"at most: {quantity}",))
+
+
+def _grip_figure(solution: GraspSolution, grip: GripForce) -> KeyFigure:
+    """Return the force to set a gripper to."""
+    force = f"{format_upper(grip.force.upper, GRIP_DIGITS)} N" if grip.holds else "no force holds the task"
+    warning = grip.warning(solution.max_force)
+    tone = "bad" if solution.is_too_weak or not grip.holds else "weak" if warning else ""
+    lines = (capitalise(line) for line in (solution.grip_line(), warning) if line)
+    return KeyFigure("Set the gripper to", force, tuple(lines), tone)
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:

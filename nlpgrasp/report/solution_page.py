@@ -37,7 +37,7 @@ def force_section(solution: GraspSolution) -> str:
     forces = solution.needed
     if forces is None:
         return ""
-    exceeds_limit = forces.is_within(solution.max_force) is False
+    exceeds_limit = forces.is_within(solution.finger_limit) is False
     sentence, *_, limit_sentence = (f"{capitalise(line)}." for line in solution.needed_lines())
     kind = ' class="status failed"' if exceeds_limit else ""
     columns = zip(forces.size, forces.normal, forces.largest, strict=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.common.formatting import error_line
+from nlpgrasp.common.formatting import error_line, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -15,6 +15,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
+from nlpgrasp.solution.grip_record import DIGITS, read_grip
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.record_fields import to_json
@@ -67,6 +68,12 @@ class FoundGrasp:
     constraints: tuple[ConstraintReport, ...] = ()
     surface: SurfaceMatch | None = None
     start: int | None = None
+
+    @property
+    def grip_force(self) -> float | None:
+        """Normal force of each of two parallel jaws that holds the task, newtons; None for other hands."""
+        grip = read_grip(self.hand)
+        return None if grip is None else grip.force.upper
 
     @property
     def is_fragile(self) -> bool:
@@ -161,9 +168,14 @@ def grasp_table(grasps: Sequence[FoundGrasp], requested: int = 1) -> list[str]:
     header = [shortfall] if 0 < len(grasps) < requested else []
     if len(grasps) < 2:
         return header
-    lines = [*header, f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
-    for i, grasp in enumerate(grasps):
+    forces = [grasp.grip_force for grasp in grasps]
+    has_jaws = any(force is not None for force in forces)
+    columns = f"certified quality, {'force to set, ' if has_jaws else ''}what is left at worst, faces"
+    lines = [*header, f"  {len(grasps)} grasps kept, best first ({columns}):"]
+    for i, (grasp, force) in enumerate(zip(grasps, forces, strict=True)):
         remaining = "" if grasp.robust is None else f"{grasp.robust.mu.upper:.4g} left"
         fragile = ", fragile" if grasp.is_fragile else ""
-        lines.append(f"  {i:4d}  {grasp.mu!s:20}  {remaining + fragile:20}  {', '.join(grasp.faces)}".rstrip())
+        setting = f"{'' if force is None else format_upper(force, DIGITS) + ' N':9}  " if has_jaws else ""
+        row = f"  {i:4d}  {grasp.mu!s:20}  {setting}{remaining + fragile:20}  {', '.join(grasp.faces)}"
+        lines.append(row.rstrip())
     return lines

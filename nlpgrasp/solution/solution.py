@@ -30,6 +30,7 @@ from nlpgrasp.solution.analysis_records import (
 )
 from nlpgrasp.solution.file import SCHEMA_NAME, read_solution_data, write_solution
 from nlpgrasp.solution.force_records import ForcesNeeded, excess_force_warning, forces_and_moments, held_wrenches
+from nlpgrasp.solution.grip_record import GripForce, force_limit, read_grip
 from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, grasp_table, read_kept_grasps
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import (
@@ -201,8 +202,13 @@ class GraspSolution(InNotebook):
 
     @property
     def max_force(self) -> float | None:
-        """Stated limit of each finger's force, newtons; None without one."""
-        return self.problem.get("max_force")
+        """Least stated limit of each finger's force, newtons, of parallel jaws the normal force; None without one."""
+        return force_limit(self.problem)
+
+    @property
+    def finger_limit(self) -> float | None:
+        """The limit that ``needed`` is compared with; None where the grip force of parallel jaws is compared."""
+        return self.max_force if self.grip is None else None
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -263,6 +269,16 @@ class GraspSolution(InNotebook):
         if self.squeeze is None:
             raise missing_squeeze(self.hand)
         return self.squeeze
+
+    @cached_property
+    def grip(self) -> GripForce | None:
+        """The grip force of parallel jaws with its margin; None for other hands, and in files of earlier versions."""
+        return read_grip(self.hand)
+
+    @property
+    def grip_force(self) -> float | None:
+        """Normal force of each of two parallel jaws that holds the task, newtons; None where ``grip`` is."""
+        return None if self.grip is None else self.grip.force.upper
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
@@ -375,6 +391,8 @@ class GraspSolution(InNotebook):
     @property
     def is_too_weak(self) -> bool:
         """Whether the task at full size needs more than ``max_force`` at a finger; false where either is unknown."""
+        if self.grip is not None:
+            return self.grip.is_within(self.max_force) is False
         return self.needed is not None and self.needed.is_within(self.max_force) is False
 
     @property
@@ -406,7 +424,8 @@ class GraspSolution(InNotebook):
             *approach_obstructions(self.hand),
             format_unshaped_links(self.hand),
             fragility_warning(self.robust, self.mu, self.label),
-            excess_force_warning(self.needed, self.max_force),
+            excess_force_warning(self.needed, self.finger_limit),
+            "" if self.grip is None else self.grip.warning(self.max_force),
             "the hand cannot squeeze the body" if no_squeeze else "",
             self.beyond_effort,
         )
@@ -419,13 +438,17 @@ class GraspSolution(InNotebook):
 
     def quality_lines(self) -> list[str]:
         """Return certified quality, optimality gap, forces and hand results as text lines."""
-        lines = format_quality(self._quality, self.task.paper_beta, self.budget)
+        lines = [*filter(None, [self.grip_line()]), *format_quality(self._quality, self.task.paper_beta, self.budget)]
         margins = [] if self._joint_margins is None else format_joint_margins(self._joint_margins)
         return [f"  {line}" for line in (*lines, *self.needed_lines(), *self.lines_by_hand(), *margins)]
 
     def needed_lines(self) -> list[str]:
         """Return the finger forces for the task at full size as text lines; empty where unknown."""
-        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force, self.fingers)
+        return [] if self.needed is None else self.needed.lines(self.budget, self.finger_limit, self.fingers)
+
+    def grip_line(self) -> str:
+        """Return the force to set parallel jaws to, its margin and its limit as text; empty where unknown."""
+        return "" if self.grip is None else self.grip.words(self.max_force)
 
     def starts_lines(self) -> list[str]:
         """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
@@ -736,7 +759,7 @@ def _check_parts(solution: GraspSolution, name: str) -> None:
     for grasp in (solution.grasp, *(entry.grasp for entry in kept_grasps)):
         solution.check_against(grasp, name)
     with prefix_errors(f"{name}: "):
-        _ = solution.squeeze, solution.phases, solution.link_depth, solution.way_in
+        _ = solution.grip, solution.squeeze, solution.phases, solution.link_depth, solution.way_in
 
 
 def _status_with(status: Status, hand: Json | None) -> Status:

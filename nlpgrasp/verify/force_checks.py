@@ -168,7 +168,8 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
     if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
         errors.append(f"relative residual {balance:.1e}, distance to the cones {cone:.1e}")
     errors += _force_excesses(solution, stated.wrench, grasp, force_set, budget_bounds, used)
-    excess_text = f", ABOVE max_force = {solution.max_force:g} N" if solution.is_too_weak else ""
+    is_above = stated.is_within(solution.finger_limit) is False
+    excess_text = f", ABOVE max_force = {solution.max_force:g} N" if is_above else ""
     largest = f"largest {float(np.max(stated.largest)):.6g} N{excess_text}"
     summary = f"{largest}, together {stated.total:.6g} N, of the budget {used:.6g}"
     return [Check.of_errors("forces needed", errors, f"{summary}: least, and in the cones")]
@@ -225,8 +226,8 @@ def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: F
     bounds = [1.0 / solution.mu.upper, 1.0 / mu if mu > 0.0 else np.inf]
     if not np.allclose([stated.budget.lower, stated.budget.upper], bounds, rtol=DERIVED_TOLERANCE, atol=0.0):
         yield f"{stated.budget} of the budget, 1 / mu is in [{bounds[0]:.5g}, {bounds[1]:.5g}]"
-    if stated.within != stated.is_within(solution.max_force):
-        yield f"within the limit of {solution.max_force}: {stated.within}"
+    if stated.within != stated.is_within(solution.finger_limit):
+        yield f"within the limit of {solution.finger_limit}: {stated.within}"
 
 
 def _force_excesses(

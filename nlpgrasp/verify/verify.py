@@ -21,6 +21,7 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.bound.bound_checks import global_bound_checks, read_bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, broken_data_message, guard
 from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
+from nlpgrasp.verify.grip_checks import grip_checks
 from nlpgrasp.verify.outcome_checks import kept_grasp_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
     OTHER_SEED,
@@ -130,6 +131,7 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
             "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
             "wrenches": lambda: wrench_checks(solution, grasp, task),
             "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
+            "grip force": lambda: grip_checks(solution, grasp, task),
             "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),
         }
     parts |= {

@@ -1,5 +1,6 @@
 """Export to MoveIt messages, isaac_grasp files and benchmark arrays."""
 
+import csv
 import io
 import re
 import warnings
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import ExportOptions, benchmark_arrays, dexgraspbench, isaac_grasp, moveit, read_isaac_grasps
+from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.simulation.fingertip_scene import mjcf
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import GRIPPERS, model
@@ -123,21 +125,30 @@ def test_jaws_close_with_what_the_pads_press(jaws):
         assert tuple(posture["joint_names"]) == names
         assert sum(point["positions"]) == pytest.approx(jaws.hand["opening"])
         assert sum(message["pre_grasp_posture"]["points"][0]["positions"]) == pytest.approx(0.06)
-        forces = ng.squeeze(jaws.grasp, np.max(jaws.needed.normal)).forces
+        forces = ng.squeeze(jaws.grasp, jaws.grip.with_margin.upper).forces
         change = 1e-3 / len(names)
         closing = np.array([[-0.5e-3], [0.5e-3]]) * (np.diff(jaws.grasp.points, axis=0) / jaws.hand["opening"])
         assert sum(e * change for e in point["effort"]) == pytest.approx(float(np.sum(forces * closing)), rel=2e-3)
 
 
-def test_jaws_press_as_hard_as_the_task_needs_and_the_gripper_can(jaws):
-    """Balanced forces of pads that face each other: each finger presses with what the hardest wrench needs."""
-    most = float(np.max(jaws.needed.normal))
-    assert most > 4.0
-    for limit in (None, 0.5 * most, 1.0):
+def test_jaws_press_with_the_margin_within_the_limit_and_never_below_the_least_force(jaws):
+    least, safe = jaws.grip.force.upper, jaws.grip.with_margin.upper
+    assert safe == pytest.approx(1.2 * ng.grip_force(jaws, 1.0, 0.1).with_margin.upper)
+    for limit, force in ((None, safe), (0.5 * (least + safe), 0.5 * (least + safe)), (0.5 * least, least)):
         limited = replace(jaws, problem={**jaws.problem, "max_force": limit})
-        (message,) = yaml.safe_load(moveit(limited))
-        (effort,) = message["grasp_posture"]["points"][0]["effort"]
-        assert effort == pytest.approx(-most if limit is None else -limit, rel=0.02)
+        text = moveit(limited)
+        (message,) = yaml.safe_load(text)
+        assert message["grasp_posture"]["points"][0]["effort"] == pytest.approx([-force])
+        assert text.count(f"# grasp_0: {limited.grip_line()}\n") == 1
+        assert limited.is_too_weak == (force == least)
+
+
+def test_tables_and_isaac_grasps_carry_the_force(jaws):
+    grasp = yaml.safe_load(isaac_grasp({"grasp_0": jaws}))["grasps"]["grasp_0"]
+    head, *rows = csv.reader(contacts_csv(jaws).splitlines())
+    for name, force in (("grip_force", jaws.grip.force), ("grip_force_with_margin", jaws.grip.with_margin)):
+        assert grasp[name] == force.upper
+        assert [float(row[head.index(name)]) for row in rows] == [force.upper] * 2
 
 
 def test_jaws_of_an_isaac_grasp_are_on_the_contacts(jaws, tmp_path):

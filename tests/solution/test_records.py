@@ -11,6 +11,7 @@ import nlpgrasp as ng
 from nlpgrasp.quality import Bounds, Volume
 from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, SurfaceMatch
 from nlpgrasp.solution.force_records import HeldWrench, forces_and_moments, held_wrenches
+from nlpgrasp.solution.grip_record import GripForce
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import LinkPenetration
 from nlpgrasp.solution.placed_grasp import PlacedGrasp
@@ -41,6 +42,8 @@ PLAIN = [
     KKT(1e-9, 0.0, 1e-8, ((1.0, 0.0, 1 / 3),), (1.0,)),
     KKT(1e-3, 0.0, 0.0, reason="The last step failed."),
     LinkPenetration(1e-4, "thumb", "table", 2e-3, 20),
+    GripForce(1.2, 0.1, Bounds(20.0, 20.1), Bounds(26.0, 26.2)),
+    GripForce(2.0, 0.1, Bounds(20.0, 20.1)),
 ]
 NAMED = [
     Bounds(0.1, 1 / 3),

@@ -1,0 +1,101 @@
+"""Record of the grip force of parallel jaws: the force to set, and the same with a margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from nlpgrasp.common.formatting import FORCE_UNIT, format_number, format_percent, format_upper
+from nlpgrasp.common.types import Json
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.record_fields import NULL_IF_INFINITE, NonNegative, Record, Share
+
+DIGITS = 3  # digits of forces in text, rounded up
+UNKNOWN = Bounds(0.0, np.inf)
+
+
+@dataclass(frozen=True)
+class GripForce(Record):
+    """Grip force of parallel jaws: normal force of each jaw that the task needs.
+
+    Parameters
+    ----------
+    safety_factor : float
+        At least 1.
+    friction_loss : float
+        Share of every friction coefficient.
+    force : Bounds
+        Certified least force with which both jaws have to press for every wrench of the task, newtons: with its upper
+        bound the task is held. Infinite where no force holds it.
+    with_margin : Bounds
+        The same with ``friction_loss`` less friction, times ``safety_factor``, newtons.
+    """
+
+    safety_factor: NonNegative
+    friction_loss: Share
+    force: Bounds = field(default=UNKNOWN, metadata=NULL_IF_INFINITE)
+    with_margin: Bounds = field(default=UNKNOWN, metadata=NULL_IF_INFINITE)
+
+    @cached_property
+    def holds(self) -> bool:
+        """Whether some force holds the task."""
+        return bool(np.isfinite(self.force.upper))
+
+    def is_within(self, limit: float | None) -> bool | None:
+        """Return whether the least force is at most a limit of each jaw's normal force, newtons; None without one."""
+        return None if limit is None else self.force.upper <= limit
+
+    def setting(self, limit: float | None) -> float:
+        """Return the force to set, newtons: with its margin as far as a limit allows, at least the least force."""
+        safe = self.with_margin.upper if np.isfinite(self.with_margin.upper) else self.force.upper
+        return max(self.force.upper, safe if limit is None else min(safe, limit))
+
+    def words(self, limit: float | None) -> str:
+        """Return the force to set, its margin and its limit as text.
+
+        Parameters
+        ----------
+        limit : float or None
+            Of each jaw's normal force, newtons.
+        """
+        end = "" if limit is None else f"; the limit is {format_number(limit)} {FORCE_UNIT}"
+        if not self.holds:
+            return f"no force of the jaws holds the whole task{end}"
+        force = f"set the gripper to {format_upper(self.force.upper, DIGITS)} {FORCE_UNIT}"
+        return f"{force} (normal force of each jaw; {self._margin_words()}){end}"
+
+    def warning(self, limit: float | None) -> str:
+        """Return what the jaws lack for the task as text; empty where the limit leaves the margin."""
+        if not self.holds:
+            return "no force of the jaws holds the whole task"
+        if limit is None:
+            return ""
+        force, most = format_upper(self.force.upper, DIGITS), f"{format_number(limit)} {FORCE_UNIT}"
+        if self.force.upper > limit:
+            return f"each jaw needs {force} {FORCE_UNIT} for the task, above max_force = {most}"
+        if self.with_margin.upper > limit:
+            return f"max_force = {most} leaves too little margin: {self._margin_words()}"
+        return ""
+
+    def _margin_words(self) -> str:
+        """Return the force with its margin as text."""
+        factor, loss = f"{self.safety_factor:g}", f"friction {format_percent(self.friction_loss)} lower"
+        if not np.isfinite(self.with_margin.upper):
+            return f"with {loss} no force holds the task"
+        force = format_upper(self.with_margin.upper, DIGITS)
+        return f"{force} {FORCE_UNIT} with a safety factor of {factor} and {loss}"
+
+
+def read_grip(hand: Json | None) -> GripForce | None:
+    """Return the grip force that a hand's JSON data state; None where they state none."""
+    data = (hand or {}).get("grip")
+    return None if data is None else GripForce.from_dict(data, "hand.grip")
+
+
+def force_limit(problem: Json) -> float | None:
+    """Return the least of the limits of each finger's force that problem and hand state, newtons; None without any."""
+    limits = problem.get("max_force"), (problem.get("hand") or {}).get("max_force")
+    stated = [float(limit) for limit in limits if limit is not None]
+    return min(stated, default=None)

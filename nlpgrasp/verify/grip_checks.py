@@ -1,0 +1,87 @@
+"""Checks of the grip force of parallel jaws.
+
+The certificate is repeated with other directions. Wrenches of the task are held one by one in addition: conic programs
+for the least sum of normal forces, whose half no stated force may be below, apart from the certificate's code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.force_problem import solve_least_forces
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.least_grip import BUDGET, least_grip
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.solution.grip_record import GripForce, read_grip
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task
+from nlpgrasp.verify.check import Check
+from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
+
+RTOL = 0.01  # relative width of the recomputed intervals
+WIDTH = 0.05  # allowed relative excess of a stated interval over the recomputed one
+DIRECTIONS = 24  # random directions in which the task's extreme wrenches are held
+CONIC_TOLERANCE = 1e-5  # relative tolerance of a conic program's least force
+
+
+def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
+    """Return the checks of the stated grip force, with and without its margin; none where none is stated."""
+    if (solution.hand or {}).get("grip") is None:
+        return []
+    stated = read_grip(solution.hand)
+    if stated is None or len(grasp) != 2:
+        return [Check("grip force", False, f"stated of {len(grasp)} contacts")]
+    errors = [*_factor_errors(solution, stated), *_interval_errors("the least force", stated.force, grasp, task, 1.0)]
+    weaker = _with_friction(grasp, 1.0 - stated.friction_loss)
+    errors += _interval_errors("the force with margin", stated.with_margin, weaker, task, stated.safety_factor)
+    held = f"[{stated.force.lower:.5g}, {stated.force.upper:.5g}] N, with margin {stated.with_margin.upper:.5g} N"
+    return [Check.of_errors("grip force", errors, f"{held}: least, and enough for wrenches of the task one by one")]
+
+
+def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
+    """Yield the errors in the stated safety factor and friction loss."""
+    requested = number("problem.hand.safety_factor", (solution.problem.get("hand") or {}).get("safety_factor", 1.2))
+    if stated.safety_factor != requested:
+        yield f"a safety factor of {stated.safety_factor:g} stated, {requested:g} requested"
+    if not 0.0 <= stated.friction_loss < 1.0:
+        yield f"a friction loss of {stated.friction_loss:g}"
+
+
+def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float) -> Iterator[str]:
+    """Yield the errors of a stated interval, newtons, of a factor times the least grip force."""
+    own = least_grip(grasp, task, RTOL, seed=OTHER_SEED)
+    recomputed = Bounds(factor * own.lower, factor * own.upper)
+    if np.isfinite(stated.upper) != np.isfinite(recomputed.upper):
+        yield f"{name} stated {stated}, recomputed {recomputed}"
+        return
+    if not np.isfinite(stated.upper):
+        return
+    is_narrow = stated.lower >= (1.0 - WIDTH) * recomputed.lower and stated.upper <= (1.0 + WIDTH) * recomputed.upper
+    if not (overlap_check("", stated, recomputed).passed and is_narrow):
+        yield f"{name} stated {stated}, recomputed {recomputed}"
+    hardest = factor * _hardest_grip(grasp, task)
+    if not hardest <= stated.upper * (1.0 + CONIC_TOLERANCE):
+        yield f"{name} stated {stated.upper:.6g} N, a wrench of the task takes {hardest:.6g} N"
+
+
+def _hardest_grip(grasp: Grasp, task: Task) -> float:
+    """Return the largest grip force that extreme wrenches of a task need, by conic programs, newtons.
+
+    Wrenches whose program the solver does not finish are left out.
+    """
+    directions: FloatArray = np.random.default_rng(OTHER_SEED).normal(size=(DIRECTIONS, grasp.dimension))
+    wrenches = np.concatenate([task.ends().reshape(-1, grasp.dimension), task.support(directions)[1]])
+    wrench_set = WrenchSet.of(grasp, BUDGET)
+    forces = solve_least_forces(wrench_set, wrenches)[0]
+    solved = np.all(np.isfinite(forces), axis=1)
+    return 0.5 * float(np.max(wrench_set.force_set.gauge(forces[solved]), initial=0.0))
+
+
+def _with_friction(grasp: Grasp, factor: float) -> Grasp:
+    """Return a grasp with all friction times a factor."""
+    models = [model.with_friction(factor) for model in grasp.contacts]
+    return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)

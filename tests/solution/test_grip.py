@@ -1,0 +1,107 @@
+"""Grip force of parallel jaws in print, report, kept grasps and files, and its verification."""
+
+from dataclasses import replace
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.common.formatting import format_upper
+from nlpgrasp.report import write_report
+from tests.verify.edits import put
+from tests.verify.stated import edited
+
+TASK = ng.TaskEllipsoid([4.0, 4.0, 4.0, 0.08, 0.08, 0.08])
+OPTIONS = ng.SolveOptions(workers=1, rounds=0, global_bound=False, final_rtol=0.05)
+LIMIT = 120.0
+
+
+@pytest.fixture(scope="module")
+def solution():
+    hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06, max_force=LIMIT)
+    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.06]), ng.SoftContact(0.6, 0.005), TASK, hand=hand)
+    return ng.solve(problem, 1, options=OPTIONS, keep=3)
+
+
+def limited(solution, **limits):
+    hand = {**solution.problem["hand"], **{name: limits[name] for name in limits.keys() & {"max_force"}}}
+    return replace(solution, problem={**solution.problem, "hand": hand, "max_force": limits.get("of_problem")})
+
+
+def test_print_begins_with_the_force_its_margin_and_its_limit(solution):
+    force, safe = (format_upper(b.upper, 3) for b in (solution.grip.force, solution.grip.with_margin))
+    margin = f"{safe} N with a safety factor of 1.2 and friction 10 % lower"
+    line = f"  set the gripper to {force} N (normal force of each jaw; {margin}); the limit is 120 N"
+    assert str(solution).splitlines()[2] == line
+    assert solution.grip_force == solution.grip.force.upper
+    assert "max_force" not in "".join(solution.caveats)
+    assert solution.needed.within is None  # forces with their tangential parts have no limit
+
+
+def test_the_stated_force_is_the_least_normal_force_of_both_jaws(solution):
+    """Least sums of normal forces for the extreme wrenches, by conic programs, are at most twice the force."""
+    used = ng.finger_forces(solution.grasp, TASK.ends(), force_budget="shared").used
+    assert 0.0 < used.max() <= 2.0 * solution.grip_force
+    assert solution.grip.force.lower == pytest.approx(solution.grip_force, rel=0.02)
+    double = ng.grip_force(solution, safety_factor=2.4)
+    assert double.with_margin.upper == pytest.approx(2.0 * solution.grip.with_margin.upper)
+
+
+def test_every_kept_grasp_has_its_own_force(solution):
+    forces = [grasp.grip_force for grasp in solution.grasps]
+    assert len(forces) == 3
+    assert [solution.with_answer(grasp).grip_force for grasp in solution.grasps] == forces
+    table = str(solution).splitlines()[-3:]
+    assert all(f" {format_upper(f, 3)} N " in line for f, line in zip(forces, table, strict=True))
+
+
+def test_limits_of_gripper_and_problem_are_of_the_normal_force(solution):
+    force, safe = solution.grip.force.upper, solution.grip.with_margin.upper
+    for limits in ({"max_force": 0.9 * force}, {"of_problem": 0.9 * force}):
+        weak = limited(solution, **limits)
+        assert weak.is_too_weak
+        assert any("each jaw needs" in words and "above max_force" in words for words in weak.caveats)
+    near = limited(solution, max_force=0.5 * (force + safe))
+    assert not near.is_too_weak
+    assert any("leaves too little margin" in words for words in near.caveats)
+
+
+def test_the_report_shows_the_force_first(solution, tmp_path):
+    page = write_report({"grip": solution}, tmp_path / "grip.html").read_text(encoding="utf-8")
+    assert "Set the gripper to" in page
+    assert "root of the sum of squares" not in page
+
+
+def test_files_keep_it_and_verify_recomputes_it(solution, tmp_path):
+    path = solution.save(tmp_path / "grip.json")
+    loaded = ng.GraspSolution.load(path)
+    assert loaded.grip == solution.grip
+    verification = ng.verify(loaded)
+    assert verification.passed, verification
+    assert "grip force" in {check.name for check in verification.checks}
+
+
+@pytest.mark.parametrize(
+    ("path", "share"), [(("force", "upper"), 0.9), (("force", "lower"), 0.5), (("with_margin", "upper"), 0.9)]
+)
+def test_a_force_that_is_not_the_least_fails(solution, path, share):
+    value = getattr(getattr(solution.grip, path[0]), path[1])
+    lie = {"upper": share * value, "lower": share * value} if path[1] == "upper" else {"lower": share * value}
+    data = edited(solution.to_dict(), lambda d: d["hand"]["grip"][path[0]].update(lie))
+    assert "grip force" in {check.name for check in ng.verify(ng.GraspSolution.from_dict(data)).checks if check.failed}
+
+
+def test_another_safety_factor_fails(solution):
+    data = edited(solution.to_dict(), put(("hand", "grip", "safety_factor"), 1.5))
+    assert "grip force" in {check.name for check in ng.verify(ng.GraspSolution.from_dict(data)).checks if check.failed}
+
+
+@pytest.mark.parametrize(("field", "value"), [("safety_factor", 0.9), ("friction_loss", 1.0), ("friction_loss", -0.1)])
+def test_numbers_out_of_range_are_refused(solution, field, value):
+    with pytest.raises(ng.InputError, match=field):
+        ng.grip_force(solution, **{field: value})
+
+
+@pytest.mark.parametrize(("field", "value"), [("max_force", 0.0), ("safety_factor", 0.5)])
+def test_grippers_with_impossible_forces_are_refused(field, value):
+    with pytest.raises(ng.InputError, match=rf"ParallelJaw\.{field}"):
+        ng.ParallelJaw(0.08, **{field: value})
