@@ -2,6 +2,7 @@
 
 from nlpgrasp import hands
 from nlpgrasp.analysis.analyse import analyse
+from nlpgrasp.analysis.approaches import approaches
 from nlpgrasp.analysis.grip_force import grip_force
 from nlpgrasp.analysis.squeeze import squeeze
 from nlpgrasp.bodies import (
@@ -64,6 +65,7 @@ from nlpgrasp.hands import (
     URDFHand,
 )
 from nlpgrasp.interop.grasp_tables import read_grasps
+from nlpgrasp.motion.jaw_clearance import JawPose
 from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
@@ -192,6 +194,7 @@ __all__ = [
     "HullTip",
     "Implicit",
     "InputError",
+    "JawPose",
     "JointSqueeze",
     "JointTorqueLimits",
     "LineContact",
@@ -252,6 +255,7 @@ __all__ = [
     "allowed_twists",
     "analyse",
     "angular_velocity",
+    "approaches",
     "best_possible",
     "choose_contact_types",
     "collision_task",

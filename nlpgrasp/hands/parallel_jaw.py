@@ -14,7 +14,7 @@ is at most one millimetre deep. The pads' breadth, the gripper's body and an arm
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -45,6 +45,7 @@ ROUNDING = 1e-9  # rounding tolerance of a number of lines
 TIE_TOLERANCE = 1e-6  # share of the body's size: clearances this close are ties
 MAX_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
+THIN = 1e-3  # metres: width and thickness of a finger that states none
 SAFETY_FACTOR = 1.2  # default factor on the grip force at less friction
 SAME_POINT = 1e-12  # metres: distance of a stated tool centre point from the default one that counts as none
 
@@ -68,7 +69,7 @@ class ParallelJaw(Hand):
     Parameters
     ----------
     opening : float
-        Greatest distance between the jaws, metres.
+        Greatest distance between the jaws, metres; also called ``stroke``.
     closed : float
         Least distance between them, metres.
     tilt : float
@@ -89,6 +90,16 @@ class ParallelJaw(Hand):
         Largest normal force of each jaw, newtons: a solution states whether the task's grip force stays within it.
     safety_factor : float
         Of the stated grip force with its margin: a factor on the force at 10 % less friction, at least 1.
+    pad : (2,) sequence of float, optional
+        Length of each pad along the approach and width across it, metres; the tool centre point is in its middle.
+    finger : (3,) sequence of float, optional
+        Length from the middle between the pads back to the palm (``finger_length``), thickness outwards from the pad
+        (``finger_thickness``) and width across, metres. A finger ends with its pad; as wide as the pad if not stated.
+    palm_size : (3,) sequence of float, optional
+        Of the gripper's body behind the fingers: along the closing line, across it, and back along the approach,
+        metres; by default a plate between the fingers' outer sides.
+    stroke : float, optional
+        Another name of ``opening``.
 
     Raises
     ------
@@ -98,7 +109,7 @@ class ParallelJaw(Hand):
     """
 
     kind: ClassVar[str] = "parallel_jaw"
-    opening: float
+    opening: float = 0.0
     closed: float = 0.0
     tilt: float = 0.05
     finger_length: float = 0.0
@@ -108,10 +119,17 @@ class ParallelJaw(Hand):
     tcp: Sequence[float] | None = None
     max_force: float | None = None
     safety_factor: float = SAFETY_FACTOR
+    pad: Sequence[float] | None = None
+    finger: Sequence[float] | None = None
+    palm_size: Sequence[float] | None = None
+    stroke: InitVar[float | None] = None
     count: int = field(default=2, init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, stroke: float | None) -> None:
         object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
+        if stroke is not None:
+            object.__setattr__(self, "opening", stroke)
+        self._set_solids()
         opening = hand_length("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
         if opening <= self.closed:
             raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
@@ -130,6 +148,17 @@ class ParallelJaw(Hand):
         factor = number("ParallelJaw.safety_factor", self.safety_factor, at_least=1.0)
         object.__setattr__(self, "safety_factor", factor)
 
+    def _set_solids(self) -> None:
+        """Check the sizes of pad, finger and palm, and take length and thickness from the finger's."""
+        for name, count in (("pad", 2), ("finger", 3), ("palm_size", 3)):
+            if (sizes := getattr(self, name)) is not None:
+                label = f"ParallelJaw.{name}"
+                lengths = [number(label, v, above=0.0) for v in array(label, sizes, (count,)).tolist()]
+                object.__setattr__(self, name, tuple(hand_length(label, v, LARGEST_PART) for v in lengths))
+        if self.finger is not None:
+            object.__setattr__(self, "finger_length", self.finger[0])
+            object.__setattr__(self, "finger_thickness", self.finger[1])
+
     def _stated_tcp(self, default: FloatArray) -> tuple[float, ...] | None:
         """Return the checked tool centre point; None where it is the default one."""
         if self.tcp is None:
@@ -147,6 +176,44 @@ class ParallelJaw(Hand):
     def tool_centre_point(self) -> FloatArray:
         """Middle between the pads in the gripper's own frame, (3,), metres: ``tcp``, stated or by default."""
         return self.finger_length * self.axes[:, 2] if self.tcp is None else np.asarray(self.tcp, dtype=float)
+
+    @property
+    def finger_width(self) -> float:
+        """Width of a finger across closing line and approach, metres: as stated, else the pad's, else a millimetre."""
+        if self.finger is not None:
+            return float(self.finger[2])
+        return THIN if self.pad is None else float(self.pad[1])
+
+    def solids(self, opening: float, opened: float, path: float) -> GripperSolids:
+        """Return the boxes of fingers and palm on a straight approach, closing from ``opened`` to ``opening``.
+
+        Parameters
+        ----------
+        opening, opened : float
+            Between the pads in the grasp and on the approach, metres.
+        path : float
+            Length of the approach, metres.
+        """
+        thickness, half_width = max(self.finger_thickness, THIN), 0.5 * self.finger_width
+        tip, back = 0.0 if self.pad is None else 0.5 * self.pad[0], -self.finger_length
+        far = back - path
+
+        def fingers(inner: float, outer: float, rear: float) -> list[FloatArray]:
+            box = np.array([[inner, -half_width, rear], [outer, half_width, tip]])
+            return [np.array([[-outer, *box[0, 1:]], [-inner, *box[1, 1:]]]), box]
+
+        along, across = opened + 2.0 * thickness, 2.0 * half_width
+        if self.palm_size is not None:
+            along, across, depth = self.palm_size
+            far = back - depth - path
+        has_palm = self.finger_length > 0.0
+        palm = [np.array([[-0.5 * along, -0.5 * across, far], [0.5 * along, 0.5 * across, back]])]
+        return GripperSolids(
+            fingers(0.5 * opened, 0.5 * opened + thickness, far),
+            fingers(0.5 * opening, 0.5 * opened + thickness, back if has_palm else far),
+            fingers(0.5 * opening, 0.5 * opening + thickness, far),
+            palm if has_palm else [],
+        )
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
@@ -182,6 +249,31 @@ class ParallelJaw(Hand):
         jaws = Jaws(points, self.finger_length, self.finger_thickness, tuple(cones))
         return jaws.posture(size, distance, self.axes, self.tool_centre_point)
 
+    def along_approach(self, points: FloatArray, direction: FloatArray, size: float, distance: Distance) -> Json:
+        """Return pose, opening and a stated approach of the gripper, as JSON data; arguments as ``approach_depth``."""
+        jaws = Jaws(points, self.finger_length, self.finger_thickness)
+        return jaws.posture(size, distance, self.axes, self.tool_centre_point, direction)
+
+    def flip_record(self, data: Json) -> Json:
+        """Return the JSON data of a pose with the jaws exchanged: half a turn about the approach through the TCP."""
+        pose, direction = data["palm_pose"], np.asarray(data["approach"]["direction"], dtype=float)
+        turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True)
+        tcp = np.asarray(pose["position"], dtype=float) + turn.apply(self.tool_centre_point)
+        flipped = Rotation.from_rotvec(np.pi * direction) * turn
+        quaternion = flipped.as_quat(canonical=True, scalar_first=True).tolist()
+        position = (tcp - flipped.apply(self.tool_centre_point)).tolist()
+        flipped_pose = {"position": position, "quaternion_wxyz": quaternion}
+        return {**data, "palm_pose": flipped_pose, "approach": {**data["approach"], "flip": True}}
+
+    def approaches(self, points: FloatArray, cones: Sequence[Cone] = (), turns: int = TURNS) -> FloatArray:
+        """Return unit approach directions at right angles to the closing line, (m, space), within cones."""
+        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones)).approaches(turns)
+
+    def pose(self, points: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotation (3, 3) and position (3,), metres, of the gripper's own frame at contacts, for an approach."""
+        jaws = Jaws(points, self.finger_length, self.finger_thickness)
+        return jaws.pose(direction, self.axes, self.tool_centre_point)
+
     def approach_depth(self, points: FloatArray, direction: FloatArray, size: float, distance: Distance) -> float:
         """Return the penetration depth of fingers and palm on one approach, metres; arguments as for ``at_contacts``.
 
@@ -213,8 +305,33 @@ class ParallelJaw(Hand):
             **{name: axis if isinstance(axis, str) else list(axis) for name, axis in axes.items()},
             "tcp": self.tool_centre_point.tolist(),
             **({} if self.max_force is None else {"max_force": self.max_force}),
+            **{k: list(v) for k in ("pad", "finger", "palm_size") if (v := getattr(self, k)) is not None},
             **({} if self.safety_factor == SAFETY_FACTOR else {"safety_factor": self.safety_factor}),
         }
+
+
+@dataclass(frozen=True)
+class GripperSolids:
+    """Boxes that a gripper sweeps on its way to a grasp, and in it.
+
+    Coordinates are along closing line, transverse direction and approach, metres, from the middle between the pads.
+
+    Parameters
+    ----------
+    way : list of (2, 3) array
+        Corners of the two boxes that the open fingers sweep along the approach.
+    closing : list of (2, 3) array
+        Those that they sweep while they close.
+    closed : list of (2, 3) array
+        Those that the closed fingers sweep along the approach.
+    palm : list of (2, 3) array
+        Of the palm along the approach; empty without a finger's length.
+    """
+
+    way: list[FloatArray]
+    closing: list[FloatArray]
+    closed: list[FloatArray]
+    palm: list[FloatArray]
 
 
 @dataclass(frozen=True)
@@ -248,12 +365,12 @@ class Jaws:
         """Unit direction from contact 0 to contact 1, (space,), body frame."""
         return np.asarray((self.points[1] - self.points[0]) / self.opening)
 
-    def approaches(self) -> FloatArray:
+    def approaches(self, turns: int = TURNS) -> FloatArray:
         """Return unit approach directions at right angles to the closing line, (m, space), steepest downwards first.
 
         Only those within all cones are returned, or those nearest to them; each cone's axis is tried too.
         """
-        directions = self._perpendicular_directions()
+        directions = self._perpendicular_directions(turns)
         if not self.cones:
             return directions
         projections = [axis - (axis @ self.closing) * self.closing for axis, _ in self.cones]
@@ -264,7 +381,7 @@ class Jaws:
         violation = np.maximum(np.max(excess, axis=0), 0.0)
         return np.asarray(directions[violation <= float(violation.min()) + 1e-9])
 
-    def _perpendicular_directions(self) -> FloatArray:
+    def _perpendicular_directions(self, turns: int) -> FloatArray:
         """Return unit directions at right angles to the closing line, (m, space), steepest downwards first."""
         closing, space = self.closing, self.points.shape[1]
         if space == 2:
@@ -273,7 +390,7 @@ class Jaws:
         down = -np.eye(3)[2] if abs(closing[2]) < 1.0 - 1e-9 else np.eye(3)[0]
         steepest = down - (down @ closing) * closing
         steepest /= np.linalg.norm(steepest)
-        angles = np.arange(TURNS) * 2.0 * np.pi / TURNS
+        angles = np.arange(turns) * 2.0 * np.pi / turns
         return np.asarray(np.outer(np.cos(angles), steepest) + np.outer(np.sin(angles), np.cross(closing, steepest)))
 
     def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
@@ -373,7 +490,14 @@ class Jaws:
         on_pads = np.isin(np.arange(len(starts)), [0, len(across)])
         return starts, firsts, on_pads
 
-    def posture(self, size: float, distance: Distance, axes: FloatArray, tcp: FloatArray) -> Json:
+    def posture(
+        self,
+        size: float,
+        distance: Distance,
+        axes: FloatArray,
+        tcp: FloatArray,
+        direction: FloatArray | None = None,
+    ) -> Json:
         """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data.
 
         Parameters
@@ -384,19 +508,28 @@ class Jaws:
             Closing, transverse and approach directions in the gripper's frame, its columns.
         tcp : (3,) array
             Tool centre point in the gripper's frame, metres.
+        direction : (space,) array, optional
+            Of the approach, unit; the clearest one by default.
         """
-        approach, depth, through = self.clearest(size, distance)
+        if direction is None:
+            approach, depth, through = self.clearest(size, distance)
+        else:
+            depths, _, enters = self.march_outwards(direction[None], size, distance)
+            approach, depth, through = direction, float(depths[0]), bool(enters[0])
         approach_data: dict[str, object] = {"direction": approach.tolist(), "depth": depth}
         if through:
             approach_data["passes_through"] = True
         data: dict[str, object] = {"opening": self.opening, "approach": approach_data}
         if len(approach) == 2:
             return data
-        grasp_axes = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
-        rotation = grasp_axes @ axes.T
-        position = self.points.mean(axis=0) - rotation @ tcp
+        rotation, position = self.pose(approach, axes, tcp)
         quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
         return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **data}
+
+    def pose(self, approach: FloatArray, axes: FloatArray, tcp: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotation (3, 3) and position (3,), metres, of the gripper's own frame in the body's."""
+        rotation = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1) @ axes.T
+        return rotation, self.points.mean(axis=0) - rotation @ tcp
 
 
 def _evenly_spaced(width: float) -> FloatArray:

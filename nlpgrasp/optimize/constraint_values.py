@@ -217,6 +217,19 @@ class HandFunctions:
             points, self._problem.body.size, lambda points: self._distance(points), self._approach_cones
         )
 
+    def along_approach(self, points: FloatArray, direction: FloatArray, flip: bool = False) -> Json:
+        """Return the pose of parallel jaws at contacts (2, 3) on an approach, and what blocks it, as JSON data.
+
+        With ``flip`` the jaws are exchanged.
+        """
+        hand = self.hand
+        if not isinstance(hand, ParallelJaw):
+            return {}
+        data = self.name_obstacles(
+            points, hand.along_approach(points, direction, self._problem.body.size, self._distance)
+        )
+        return hand.flip_record(data) if flip else data
+
     @property
     def _approach_cones(self) -> list[tuple[FloatArray, float]]:
         """Axes (space,) and angles, radians, of the cones that the approach has to be within."""
@@ -238,12 +251,14 @@ class HandFunctions:
 
     def has_free_approach(self, points: FloatArray) -> bool:
         """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
+        return not self.is_blocked(points) and jaws_depth(self.at_contacts(points)) == 0.0
+
+    def is_blocked(self, points: FloatArray) -> bool:
+        """Return whether samples show that parallel jaws have no free straight approach to contacts (2, 3)."""
         hand, size = self.hand, self._problem.body.size
-        if isinstance(hand, ParallelJaw) and hand.is_blocked(
+        return isinstance(hand, ParallelJaw) and hand.is_blocked(
             points, size, self._distance, self._approach_cones, TOLERANCE
-        ):
-            return False
-        return jaws_depth(self.at_contacts(points)) == 0.0
+        )
 
     @cached_property
     def _fields(self) -> list[DistanceField]:

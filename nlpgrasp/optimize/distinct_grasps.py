@@ -10,12 +10,14 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import integer, share
+from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import ContactPlacements, exchanged_candidates, sampled_quality
 from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
 from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
 from nlpgrasp.optimize.hand_approach import add_hand_record, hand_posture
+from nlpgrasp.optimize.jaw_pairs import opposite_candidates
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
@@ -64,7 +66,7 @@ class GraspCollection:
 
     They are the results of the starts, distinct from each other and from the answer, the best first. Where these are
     too few, candidates of one more coordinate exchange are added, then the best neighbours of the kept grasps, which
-    differ in one contact. Neither are refined; their mu is at least half the best.
+    differ in one contact; for parallel jaws opposite pairs. Neither are refined; their mu is at least half the best.
 
     Parameters
     ----------
@@ -141,6 +143,11 @@ class DistinctGrasps:
         self.grasps: list[StartGrasp] = []
 
     @property
+    def distance(self) -> float:
+        """Least distance between matched contacts of two grasps, metres."""
+        return self._equivalence.distance
+
+    @property
     def missing(self) -> int:
         """Number of grasps that can still be added."""
         return self._capacity - len(self.grasps)
@@ -210,8 +217,14 @@ def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> 
 
 
 def _further_candidates(runner: StartRunner, distinct: DistinctGrasps, deadline: Deadline) -> Iterator[GraspCandidate]:
-    """Yield candidates of a coordinate exchange, then the best neighbours of the kept grasps."""
+    """Yield candidates of a coordinate exchange, then the best neighbours of the kept grasps.
+
+    For parallel jaws they are opposite pairs of surface samples.
+    """
     compiled, count = runner.compiled, EXCHANGED * distinct.missing
+    if isinstance(compiled.problem.hand, ParallelJaw) and len(compiled.sample_tables.pairs):
+        yield from opposite_candidates(compiled, distinct.distance, count)
+        return
     if not deadline.should_stop():
         yield from exchanged_candidates(compiled, np.random.default_rng(0), count=count)
     yield from neighbouring_candidates(compiled, [start.on_body.candidate for start in distinct.grasps], count)

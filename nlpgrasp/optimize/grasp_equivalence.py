@@ -48,6 +48,11 @@ class GraspEquivalence:
         kinds = [(model, problem.allowed_faces(i)) for i, model in enumerate(problem.models)]
         self._mismatch = np.array([[0.0 if a == b else np.inf for b in kinds] for a in kinds])
 
+    @property
+    def distance(self) -> float:
+        """Distance of matched contacts above which two grasps are distinct, metres."""
+        return self._limit
+
     def are_equivalent(self, a: GraspCandidate, b: GraspCandidate) -> bool:
         """Return whether two grasps are equivalent."""
         if self._hand is not None and self._have_distinct_poses(

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_analyses
+from nlpgrasp.analysis.approaches import arrange_jaw_poses
 from nlpgrasp.analysis.grip_force import add_grips
 from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
 from nlpgrasp.analysis.squeeze import add_squeezes
@@ -430,6 +431,7 @@ class Multistart:
             hand = self.runner.problem.hand
             solution = add_grips(add_squeezes(replace(solution, others=self._others.grasps()), hand), hand)
             self._clock.mark("other grasps")
+        solution = arrange_jaw_poses(solution, self.runner.problem, self._keeping.count)
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
         record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)
         if self._keeping.count > 1:

@@ -16,10 +16,14 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
 from nlpgrasp.solution.grip_record import DIGITS, read_grip
+from nlpgrasp.solution.obstructions import approach_obstructions
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import ConstraintReport
+
+POSE = np.radians(30.0)  # radians: rotation between poses of parallel jaws at the same contacts that are distinct
+ROUNDING = 1e-6  # radians: tolerance of that rotation
 
 Accepts = Callable[["FoundGrasp"], bool]  # whether a kept grasp may be the answer
 
@@ -157,6 +161,23 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
     raise InputError("select", f"a function that is true for none of {count}", "one that accepts a grasp, or more kept")
 
 
+def _way_in(grasp: FoundGrasp) -> str:
+    """Return the approach of parallel jaws as text of one width: its direction, whether it is free and flipped."""
+    data = (grasp.hand or {}).get("approach") or {}
+    direction = ", ".join(f"{x + 0.0:.2f}" for x in np.round(data.get("direction") or (), 2))
+    state = "blocked" if approach_obstructions(grasp.hand) else "free, flipped" if data.get("flip") else "free"
+    return f"{f'[{direction}] {state}':37}  "
+
+
+def angle_between_poses(a: Json | None, b: Json | None) -> float:
+    """Return the rotation between the palm poses of two hands, radians, rounded up; 0 where one states none."""
+    p, q = ((hand or {}).get("palm_pose") for hand in (a, b))
+    if p is None or q is None:
+        return 0.0
+    cosine = abs(float(np.dot(p["quaternion_wxyz"], q["quaternion_wxyz"])))
+    return float(2.0 * np.arccos(min(cosine, 1.0))) + ROUNDING
+
+
 def grasp_table(grasps: Sequence[FoundGrasp], requested: int = 1) -> list[str]:
     """Return a table of several grasps as text lines: certified quality, remaining quality at worst, faces.
 
@@ -170,12 +191,14 @@ def grasp_table(grasps: Sequence[FoundGrasp], requested: int = 1) -> list[str]:
         return header
     forces = [grasp.grip_force for grasp in grasps]
     has_jaws = any(force is not None for force in forces)
-    columns = f"certified quality, {'force to set, ' if has_jaws else ''}what is left at worst, faces"
+    columns = f"certified quality, {'force to set, way in, ' if has_jaws else ''}what is left at worst, faces"
     lines = [*header, f"  {len(grasps)} grasps kept, best first ({columns}):"]
     for i, (grasp, force) in enumerate(zip(grasps, forces, strict=True)):
         remaining = "" if grasp.robust is None else f"{grasp.robust.mu.upper:.4g} left"
         fragile = ", fragile" if grasp.is_fragile else ""
-        setting = f"{'' if force is None else format_upper(force, DIGITS) + ' N':9}  " if has_jaws else ""
+        setting = (
+            f"{'' if force is None else format_upper(force, DIGITS) + ' N':9}  {_way_in(grasp)}" if has_jaws else ""
+        )
         row = f"  {i:4d}  {grasp.mu!s:20}  {setting}{remaining + fragile:20}  {', '.join(grasp.faces)}"
         lines.append(row.rstrip())
     return lines

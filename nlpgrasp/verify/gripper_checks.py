@@ -109,6 +109,8 @@ def _pose_errors(problem_hand: Json, hand: Json, placement: StatedPlacement) -> 
         yield "the pose's tool centre point is not the middle between the contacts"
     if not abs(float(gripper_axes[0] @ gripper_axes[1])) <= UNIT:
         yield "the gripper's own axes are not at right angles"
+    if hand["approach"].get("flip"):  # the jaws are exchanged
+        closing = -closing
     rotated_closing, rotated_approach = (_rotate(quaternion, axis) for axis in gripper_axes)
     if not (
         np.linalg.norm(rotated_closing - closing) <= POSE_TOLERANCE

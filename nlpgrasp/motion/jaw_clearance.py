@@ -1,0 +1,268 @@
+"""Clearance of a parallel gripper's fingers and palm from part, tables and obstacles, by exact geometry.
+
+A box that moves along one of its own axes sweeps a box. The open fingers and the palm on a straight approach, the
+fingers while they close, and the closed fingers on the way back are therefore boxes, in one frame with axes along
+closing line, transverse direction and approach. Their signed distances from triangles are exact to 0.02 mm
+(``common/meshes/box_distance.py``). Curved bodies are triangulated; the distance of the triangles from the surface is
+subtracted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.bodies.mesh.display_triangles import triangles as display_triangles
+from nlpgrasp.common.meshes.box_distance import least_box_distance
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Approach, Obstacle, PlacementConstraint, Table
+from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.hands.parallel_jaw import Cone
+from nlpgrasp.solution.obstructions import BODY, TABLE, TOLERANCE
+
+FARTHEST = 0.02  # metres: larger clearances are not told apart
+TOUCHING = 2e-4  # metres: depth of a finger in the part that its compliant pad takes up
+UNSTATED_TOUCHING = TOLERANCE  # metres: the same for grippers without stated pads or fingers
+PATH_SIZES = 2.0  # length of an approach, in body sizes
+SPACE_TO_CLOSE = (np.inf, 0.01, 0.004)  # metres beyond the opening of the grasp that are tried on an approach
+SLIDES = (0.0, 0.25, -0.25)  # of the pad's length: the tool centre point beyond the contacts along the approach
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A solid that a gripper may run into.
+
+    Parameters
+    ----------
+    name : str
+        The body, the table, or an obstacle by its name.
+    clearance : float
+        Required clearance, metres.
+    triangles : (n, 3, 3) array
+        Surface in the body's frame, metres; empty for a table.
+    height : float
+        Of a table, along the last axis, metres.
+    roughness : float
+        Largest distance of the triangles from the surface, metres.
+    contains : callable or None
+        Mask of points (m, 3) that are inside, for a solid that a finger may be inside altogether.
+    """
+
+    name: str
+    clearance: float = 0.0
+    triangles: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    height: float = -np.inf
+    roughness: float = 0.0
+    contains: Callable[[FloatArray], FloatArray] | None = None
+
+    def distances(self, boxes: FloatArray, rotation: FloatArray, origin: FloatArray) -> FloatArray:
+        """Return the clearance of each box beyond the required one, (b,), metres; negative by a penetration's depth.
+
+        Parameters
+        ----------
+        boxes : (b, 2, 3) array
+            Corners in a frame, metres.
+        rotation : (3, 3) array
+            Axes of that frame in the body's, its columns.
+        origin : (3,) array
+            Of that frame in the body's, metres.
+        """
+        if np.isfinite(self.height):
+            lowest = origin[2] + np.sum(np.minimum(rotation[2] * boxes[:, 0], rotation[2] * boxes[:, 1]), axis=1)
+            return np.asarray(np.minimum(lowest - self.height, FARTHEST) - self.clearance)
+        triangles = (self.triangles - origin) @ rotation
+        least, most = triangles.min(axis=1), triangles.max(axis=1)
+        result = np.full(len(boxes), FARTHEST)
+        for i, (lower, upper) in enumerate(boxes):
+            near = triangles[np.all((lower - most < FARTHEST) & (least - upper < FARTHEST), axis=1)]
+            result[i] = least_box_distance(near, lower, upper, FARTHEST)
+            if result[i] > 0.0 and self.contains is not None and self.contains((rotation @ upper + origin)[None])[0]:
+                result[i] = -float(np.min(upper - lower)) / 2.0
+        return result - self.roughness - self.clearance
+
+
+def solids_of(body: Body, constraints: Iterable[PlacementConstraint]) -> list[Solid]:
+    """Return body, tables and obstacles as solids, in the body's frame; bodies in space only."""
+    solids = [_solid(BODY, body, 0.0)]
+    for constraint in constraints:
+        if isinstance(constraint, Table):
+            solids.append(Solid(TABLE, constraint.clearance, height=constraint.height))
+        elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
+            position = np.zeros(3) if constraint.position is None else np.asarray(constraint.position, dtype=float)
+            pose = constraint.rotation, position
+            solids.append(_solid(constraint.name, constraint.body, constraint.clearance, *pose))
+    return solids
+
+
+def _solid(
+    name: str,
+    body: Body,
+    clearance: float,
+    rotation: FloatArray | None = None,
+    position: FloatArray | None = None,
+) -> Solid:
+    """Return a body in a pose as a solid."""
+    turn, shift = np.eye(3) if rotation is None else rotation, np.zeros(3) if position is None else position
+    corners, roughness = surface_triangles(body)
+
+    def contains(points: FloatArray) -> FloatArray:
+        return np.asarray(body.signed_distance((points - shift) @ turn) < 0.0)
+
+    return Solid(name, clearance, corners @ turn.T + shift, roughness=roughness, contains=contains)
+
+
+def surface_triangles(body: Body) -> tuple[FloatArray, float]:
+    """Return the triangles (n, 3, 3) of a body's surface, metres, and their largest distance from it, metres."""
+    if isinstance(body, Mesh):
+        return np.asarray(body.mesh.triangles, dtype=float), 0.0
+    vertices, faces = body.triangles() or display_triangles(body)
+    corners = np.asarray(vertices, dtype=float)[faces]
+    return corners, float(np.max(np.abs(body.signed_distance(corners.mean(axis=1)))))
+
+
+@dataclass(frozen=True)
+class JawPose:
+    """Pose of a parallel gripper at two contacts, with its clearance on a straight approach.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        Unit direction in which the gripper moves to the body, body frame.
+    turn : float
+        About the closing line from the steepest approach downwards, radians.
+    slide : float
+        Distance of the tool centre point beyond the contacts along the approach, metres.
+    flip : bool
+        Whether the jaws are exchanged: the gripper is turned by half a turn about its approach.
+    position : (3,) array
+        Of the gripper's own frame in the body's, metres.
+    rotation : (3, 3) array
+        Of the gripper's own frame in the body's.
+    opening, opened : float
+        Between the pads in the grasp and on the approach, metres.
+    clearance : float
+        Least distance of fingers and palm on the approach, while the jaws close and on the way back with the body, from
+        part, tables and obstacles, beyond what these require, metres, at most 0.02; minus the depth where blocked.
+        The contact of the closing fingers with the part does not count up to a depth of 0.2 mm.
+    blocked_by : mapping of str to float
+        Depth in each solid that is in the way, metres.
+    """
+
+    direction: FloatArray
+    turn: float
+    slide: float
+    flip: bool
+    position: FloatArray
+    rotation: FloatArray
+    opening: float
+    opened: float
+    clearance: float
+    blocked_by: Mapping[str, float]
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the way in, the grasp and the way back are free."""
+        return not self.blocked_by
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Pose of the gripper's own frame in the body's, (4, 4): ``[[R, t], [0, 1]]``, metres."""
+        return np.block([[self.rotation, self.position[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+class JawClearance:
+    """Clearance of a parallel gripper around a body, for poses at given contacts.
+
+    Parameters
+    ----------
+    gripper : ParallelJaw
+    body : Body
+        In space.
+    constraints : sequence of PlacementConstraint
+        Tables, obstacles and cones of the approach among them count.
+    """
+
+    def __init__(self, gripper: ParallelJaw, body: Body, constraints: Sequence[PlacementConstraint]) -> None:
+        self.gripper, self.path = gripper, PATH_SIZES * body.size
+        self.touching = UNSTATED_TOUCHING if gripper.pad is None and gripper.finger is None else TOUCHING
+        self.solids = solids_of(body, constraints)
+        self.cones: list[Cone] = [(np.asarray(c.direction), c.angle) for c in constraints if isinstance(c, Approach)]
+
+    def poses(
+        self, points: FloatArray, turns: int, slides: Sequence[float] = (0.0,), directions: FloatArray | None = None
+    ) -> list[JawPose]:
+        """Return a pose for each turn and slide, without flips, free ones first, then by clearance.
+
+        Parameters
+        ----------
+        points : (2, 3) array
+            Contacts, metres.
+        turns : int
+            Number of approach directions about the closing line; those outside all cones are left out.
+        slides : sequence of float
+            Distances of the tool centre point beyond the contacts, metres.
+        directions : (m, 3) array, optional
+            Approach directions in place of the turns.
+        """
+        ways = self.gripper.approaches(points, self.cones, turns) if directions is None else directions
+        steepest = self.gripper.approaches(points)[0]
+        poses = [self.pose(points, direction, slide, steepest) for direction in ways for slide in slides]
+        return sorted(poses, key=rank)
+
+    def pose(
+        self, points: FloatArray, direction: FloatArray, slide: float = 0.0, steepest: FloatArray | None = None
+    ) -> JawPose:
+        """Return the pose of the gripper for an approach, as wide open on it as is free."""
+        first = self.gripper.approaches(points)[0] if steepest is None else steepest
+        difference = points[1] - points[0]
+        opening = float(np.linalg.norm(difference))
+        closing = difference / opening
+        rotation, position = self.gripper.pose(points + slide * direction, direction)
+        frame = np.stack([closing, np.cross(direction, closing), direction], axis=1)
+        origin, best = points.mean(axis=0) + slide * direction, None
+        for space in SPACE_TO_CLOSE:
+            opened = max(opening, min(self.gripper.opening, opening + space))
+            clearance, depths = self._clearance(opening, opened, frame, origin)
+            if best is None or (clearance > best[1] and best[2]):
+                best = opened, clearance, depths
+            if not depths or opened == opening:
+                break
+        opened, clearance, depths = best or (opening, -np.inf, {})
+        turn = float(np.arctan2(np.cross(first, direction) @ closing, first @ direction))
+        return JawPose(direction, turn, slide, False, position, rotation, opening, opened, clearance, depths)
+
+    def _clearance(
+        self, opening: float, opened: float, frame: FloatArray, origin: FloatArray
+    ) -> tuple[float, dict[str, float]]:
+        """Return the least clearance, metres, and the depth in each solid that is in the way."""
+        boxes, least, depths = self.gripper.solids(opening, opened, self.path), FARTHEST, dict[str, float]()
+        for solid in self.solids:
+            is_body = solid.name == BODY
+            groups = boxes.way, boxes.palm, boxes.closing, [] if is_body else boxes.closed
+            distances = solid.distances(np.array([box for group in groups for box in group]), frame, origin)
+            closing = range(len(boxes.way) + len(boxes.palm), len(boxes.way) + len(boxes.palm) + len(boxes.closing))
+            if is_body:  # the pads touch it
+                depth = -float(np.min(distances[closing])) - solid.roughness
+                distances[closing] = FARTHEST if depth <= self.touching else -depth
+            clearance = float(np.min(distances))
+            if clearance < (-self.touching if is_body else 0.0):
+                depths[solid.name] = max(depths.get(solid.name, 0.0), -clearance)
+            least = min(least, clearance)
+        return least, depths
+
+
+def rank(pose: JawPose) -> tuple[bool, float, float, float]:
+    """Return the sorting key of poses: free ones, then by clearance up to a centimetre, small slides, steep ones."""
+    clearance = min(pose.clearance, 0.01) if pose.is_free else pose.clearance
+    return not pose.is_free, -round(clearance, 3), abs(pose.slide), abs(pose.turn)
+
+
+def flip_pose(pose: JawPose, gripper: ParallelJaw) -> JawPose:
+    """Return the pose with the jaws exchanged: half a turn about the approach through the tool centre point."""
+    tcp = pose.position + pose.rotation @ gripper.tool_centre_point
+    half_turn = 2.0 * np.outer(pose.direction, pose.direction) - np.eye(3)
+    rotation = half_turn @ pose.rotation
+    return replace(pose, flip=True, rotation=rotation, position=tcp - rotation @ gripper.tool_centre_point)
