@@ -89,7 +89,7 @@ EXPECTED = {
         "confirmed: held as solved",
     ),
     "grasp_metrics": ("32 of 40 are force-closed", "that is proved"),
-    "gripper_and_part": ("part: Solved", "set the gripper to 6.", "; the limit is 40 N"),
+    "gripper_and_part": ("part: Solved", "set the gripper to 6.", "; the limit is 40 N", "of the pads on their faces"),
     "data_sets": ("4 grasps of 2 problems", "verified: 4 grasps verified", "1 file written to tables"),
     "how_close": ("mu at most 0.4", "ok   leaves: "),
     "hands": ("mu certified in [0.4", "spread, fingers", "confirmed: held as solved, lost without the squeeze"),

@@ -48,7 +48,8 @@ def approaches(
         With a grasp in space by an ``ng.ParallelJaw``.
     turns : int
         Approach directions about the closing line, evenly spaced from the steepest one; those outside the cones of an
-        ``Approach`` constraint are left out.
+        ``Approach`` constraint are left out. Where contacts are the rectangles of a gripper's pads, only the two
+        approaches along them are taken, for which the certificate holds.
     slides : sequence of float, optional
         Distances of the tool centre point beyond the contacts along the approach, metres; by default 0 and a quarter of
         the pad's length both ways. Line and plane contacts are the pad itself: 0 alone.
@@ -73,7 +74,7 @@ def approaches(
     turns = integer("turns", turns, at_least=1, at_most=MOST_TURNS)
     offsets = _check_slides(gripper, slides, any(isinstance(model, PadContact) for model in grasp.contacts))
     clearance = JawClearance(gripper, *_surroundings(solution, problem))
-    poses = clearance.poses(grasp.points, turns, offsets)
+    poses = clearance.poses(grasp.points, turns, offsets, clearance.directions(grasp.points, grasp.contacts))
     both = [*poses, *(flip_pose(pose, gripper) for pose in poses)] if _is_symmetric(solution.problem) else poses
     return tuple(sorted(both, key=rank))
 
@@ -216,7 +217,9 @@ class _PoseArranger:
     def _turned(self, found: FoundGrasp, place: int) -> list[JawPose]:
         """Return the free poses at a grasp's contacts, the best first."""
         if place not in self._poses:
-            poses = self.clearance.poses(found.grasp.points, KEPT_TURNS)
+            points = found.grasp.points
+            directions = self.clearance.directions(points, found.grasp.contacts)
+            poses = self.clearance.poses(points, KEPT_TURNS, directions=directions)
             self._poses[place] = [pose for pose in poses if pose.is_free]
         return self._poses[place]
 

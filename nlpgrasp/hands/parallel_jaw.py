@@ -45,6 +45,8 @@ ROUNDING = 1e-9  # rounding tolerance of a number of lines
 TIE_TOLERANCE = 1e-6  # share of the body's size: clearances this close are ties
 MAX_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
+TILT, PAD_TILT = 0.05, 0.002  # radians: default tilt, without and with stated pads
+PAD_FRICTION = 0.5  # default Coulomb coefficient of pads
 THIN = 1e-3  # metres: width and thickness of a finger that states none
 SAFETY_FACTOR = 1.2  # default factor on the grip force at less friction
 SAME_POINT = 1e-12  # metres: distance of a stated tool centre point from the default one that counts as none
@@ -73,7 +75,8 @@ class ParallelJaw(Hand):
     closed : float
         Least distance between them, metres.
     tilt : float
-        Largest angle between a contact's normal and the closing direction, radians: compliant pads give a little.
+        Largest angle between a contact's normal and the closing direction, radians: compliant pads give a little. By
+        default 0.05; 0.002 with ``pad``, whose whole length is to lie flat.
     finger_length : float
         From the middle between the pads back to the palm, metres; 0 checks no palm on the approach.
     finger_thickness : float
@@ -98,6 +101,8 @@ class ParallelJaw(Hand):
     palm_size : (3,) sequence of float, optional
         Of the gripper's body behind the fingers: along the closing line, across it, and back along the approach,
         metres; by default a plate between the fingers' outer sides.
+    pad_friction : float
+        Coulomb coefficient of the pads, for problems whose contacts are the gripper's pads; 0.5 is rubber on metal.
     stroke : float, optional
         Another name of ``opening``.
 
@@ -111,7 +116,7 @@ class ParallelJaw(Hand):
     kind: ClassVar[str] = "parallel_jaw"
     opening: float = 0.0
     closed: float = 0.0
-    tilt: float = 0.05
+    tilt: float | None = None
     finger_length: float = 0.0
     finger_thickness: float = 0.0
     closing_axis: str | Sequence[float] = CLOSING_AXIS
@@ -122,6 +127,7 @@ class ParallelJaw(Hand):
     pad: Sequence[float] | None = None
     finger: Sequence[float] | None = None
     palm_size: Sequence[float] | None = None
+    pad_friction: float = PAD_FRICTION
     stroke: InitVar[float | None] = None
     count: int = field(default=2, init=False, repr=False)
 
@@ -134,7 +140,10 @@ class ParallelJaw(Hand):
         if opening <= self.closed:
             raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
         object.__setattr__(self, "opening", opening)
-        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MAX_TILT, "less than a right angle"))
+        tilt = (TILT if self.pad is None else PAD_TILT) if self.tilt is None else self.tilt
+        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", tilt, MAX_TILT, "less than a right angle"))
+        friction = number("ParallelJaw.pad_friction", self.pad_friction, above=0.0)
+        object.__setattr__(self, "pad_friction", friction)
         for name in ("finger_length", "finger_thickness"):
             length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
             object.__setattr__(self, name, hand_length(f"ParallelJaw.{name}", length, LARGEST_PART))
@@ -176,6 +185,11 @@ class ParallelJaw(Hand):
     def tool_centre_point(self) -> FloatArray:
         """Middle between the pads in the gripper's own frame, (3,), metres: ``tcp``, stated or by default."""
         return self.finger_length * self.axes[:, 2] if self.tcp is None else np.asarray(self.tcp, dtype=float)
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether sizes of pads or fingers are stated, which keep clear of part, tables and obstacles."""
+        return self.pad is not None or self.finger is not None
 
     @property
     def finger_width(self) -> float:
@@ -230,12 +244,13 @@ class ParallelJaw(Hand):
         between = q - p
         squared = ca.sumsqr(between)
         length = ca.sqrt(squared + 1e-12 * placement.size**2)
-        cosine = float(np.cos(self.tilt))
+        tilt = TILT if self.tilt is None else self.tilt
+        cosine = float(np.cos(tilt))
         return [
             ScalarConstraint(
                 "opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"
             ),
-            ScalarConstraint("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
+            ScalarConstraint("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * tilt))),
             ScalarConstraint("facing", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size, part="jaw 0"),
             ScalarConstraint("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
         ]
@@ -306,6 +321,7 @@ class ParallelJaw(Hand):
             "tcp": self.tool_centre_point.tolist(),
             **({} if self.max_force is None else {"max_force": self.max_force}),
             **{k: list(v) for k in ("pad", "finger", "palm_size") if (v := getattr(self, k)) is not None},
+            **({} if self.pad_friction == PAD_FRICTION else {"pad_friction": self.pad_friction}),
             **({} if self.safety_factor == SAFETY_FACTOR else {"safety_factor": self.safety_factor}),
         }
 

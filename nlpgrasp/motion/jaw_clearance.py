@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from nlpgrasp.bodies.mesh.display_triangles import triangles as display_triangle
 from nlpgrasp.common.meshes.box_distance import least_box_distance
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Approach, Obstacle, PlacementConstraint, Table
+from nlpgrasp.contacts import ContactModel, PlaneContact
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import Cone
 from nlpgrasp.solution.obstructions import BODY, TABLE, TOLERANCE
@@ -26,6 +28,9 @@ from nlpgrasp.solution.obstructions import BODY, TABLE, TOLERANCE
 FARTHEST = 0.02  # metres: larger clearances are not told apart
 TOUCHING = 2e-4  # metres: depth of a finger in the part that its compliant pad takes up
 UNSTATED_TOUCHING = TOLERANCE  # metres: the same for grippers without stated pads or fingers
+FACE_DEPTH = 3e-3  # metres behind a pad within which the surface counts as its face
+FLAT_AREA = 1e-14  # square metres: projected triangles with less are edge-on
+PARALLEL = 1e-3  # sine of the angle between closing line and a pad's direction below which that does not orient it
 PATH_SIZES = 2.0  # length of an approach, in body sizes
 SPACE_TO_CLOSE = (np.inf, 0.01, 0.004)  # metres beyond the opening of the grasp that are tried on an approach
 SLIDES = (0.0, 0.25, -0.25)  # of the pad's length: the tool centre point beyond the contacts along the approach
@@ -107,11 +112,13 @@ def _solid(
     """Return a body in a pose as a solid."""
     turn, shift = np.eye(3) if rotation is None else rotation, np.zeros(3) if position is None else position
     corners, roughness = surface_triangles(body)
-
-    def contains(points: FloatArray) -> FloatArray:
-        return np.asarray(body.signed_distance((points - shift) @ turn) < 0.0)
-
+    contains = partial(_contains, body, turn, shift)
     return Solid(name, clearance, corners @ turn.T + shift, roughness=roughness, contains=contains)
+
+
+def _contains(body: Body, rotation: FloatArray, position: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the mask of points (m, 3) that are inside a body in a pose."""
+    return np.asarray(body.signed_distance((points - position) @ rotation) < 0.0)
 
 
 def surface_triangles(body: Body) -> tuple[FloatArray, float]:
@@ -252,6 +259,82 @@ class JawClearance:
                 depths[solid.name] = max(depths.get(solid.name, 0.0), -clearance)
             least = min(least, clearance)
         return least, depths
+
+    def pad_shares(self, points: FloatArray, direction: FloatArray, slide: float = 0.0) -> list[float]:
+        """Return the share of each pad that is on its face, for an approach; empty without pads.
+
+        Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm. They are
+        clipped from the triangles that face the pad.
+        """
+        if self.gripper.pad is None:
+            return []
+        length, width = self.gripper.pad
+        closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+        half = 0.5 * np.array([width, length])
+        shares = []
+        for point, inward in zip(points, (closing, -closing), strict=True):
+            frame = np.stack([inward, np.cross(direction, inward), direction], axis=1)
+            local = (self.solids[0].triangles - point - slide * direction) @ frame
+            shares.append(min(_covered_area(local, half) / (width * length), 1.0))
+        return shares
+
+    def directions(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray | None:
+        """Return the approaches (m, 3) along which rectangular contacts are oriented; None where any may be taken."""
+        stated = [model.direction for model in models if isinstance(model, PlaneContact) and model.extents is not None]
+        if not self.gripper.is_solid or not stated or stated[0] is None:
+            return None
+        closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+        along = np.asarray(stated[0]) - (closing @ np.asarray(stated[0])) * closing
+        if np.linalg.norm(along) < PARALLEL:
+            return None
+        ways = np.outer([1.0, -1.0], along / np.linalg.norm(along))
+        within = [all(np.arccos(np.clip(way @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones) for way in ways]
+        return np.asarray(ways[within] if any(within) else ways[:1])
+
+
+def _covered_area(triangles: FloatArray, half: FloatArray) -> float:
+    """Return the area of a rectangle that triangles cover, projected along x, square metres.
+
+    Parameters
+    ----------
+    triangles : (n, 3, 3) array
+        In a frame whose x axis points from the pad into the part; those behind the pad or too far away do not count.
+    half : (2,) array
+        Half sides of the rectangle in y and z, about the origin.
+    """
+    corners = triangles[:, :, 1:]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    facing = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < -FLAT_AREA
+    depth = triangles[:, :, 0]
+    near = (depth.max(axis=1) >= -TOUCHING) & (depth.min(axis=1) <= FACE_DEPTH)
+    over = np.all((corners.min(axis=1) < half) & (corners.max(axis=1) > -half), axis=1)
+    return sum(_clipped_area(triangle, half) for triangle in triangles[facing & near & over])
+
+
+def _clipped_area(triangle: FloatArray, half: FloatArray) -> float:
+    """Return the area in y and z of a triangle inside a rectangle and a range of depth, square metres."""
+    polygon = triangle
+    for axis, sign, limit in (
+        (1, 1.0, half[0]),
+        (1, -1.0, half[0]),
+        (2, 1.0, half[1]),
+        (2, -1.0, half[1]),
+        (0, 1.0, FACE_DEPTH),
+        (0, -1.0, TOUCHING),
+    ):
+        excess = sign * polygon[:, axis] - limit
+        kept = []
+        for i in range(len(polygon)):
+            a, b, u, v = polygon[i - 1], polygon[i], excess[i - 1], excess[i]
+            if (u <= 0.0) != (v <= 0.0):
+                kept.append(a + u / (u - v) * (b - a))
+            if v <= 0.0:
+                kept.append(b)
+        if len(kept) < 3:
+            return 0.0
+        polygon = np.array(kept)
+    y, z = polygon[:, 1], polygon[:, 2]
+    return 0.5 * abs(float(np.sum(y * np.roll(z, -1) - np.roll(y, -1) * z)))
 
 
 def rank(pose: JawPose) -> tuple[bool, float, float, float]:

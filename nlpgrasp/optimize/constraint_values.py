@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.evaluation import BatchEvaluator
@@ -21,10 +22,13 @@ from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_distance_fields, distance_to_all
+from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import TOLERANCE, jaws_depth
+from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TOLERANCE, jaws_depth
 
+SOLID_TURNS = 24  # approaches of a gripper with stated sizes
+FEW_TURNS = 8  # those tried where only a free one is looked for
 NARROW = 1e-2  # width between limits, over a constraint's scale, below which it counts as an equation
 
 
@@ -213,6 +217,10 @@ class HandFunctions:
 
     def at_contacts(self, points: FloatArray) -> Json:
         """Return the pose and approach of a hand that follows contacts (k, 3), as JSON data."""
+        clearance = self._jaw_clearance
+        if clearance is not None:
+            directions = clearance.directions(points, self._problem.models)
+            return self._jaw_record(points, clearance.poses(points, SOLID_TURNS, directions=directions)[0])
         return self.hand.at_contacts(
             points, self._problem.body.size, lambda points: self._distance(points), self._approach_cones
         )
@@ -225,6 +233,9 @@ class HandFunctions:
         hand = self.hand
         if not isinstance(hand, ParallelJaw):
             return {}
+        if self._jaw_clearance is not None:
+            data = self._jaw_record(points, self._jaw_clearance.pose(points, direction))
+            return hand.flip_record(data) if flip else data
         data = self.name_obstacles(
             points, hand.along_approach(points, direction, self._problem.body.size, self._distance)
         )
@@ -238,7 +249,7 @@ class HandFunctions:
     def name_obstacles(self, points: FloatArray, data: Json) -> Json:
         """Return the data of ``at_contacts`` with the depth of parallel jaws in each solid that blocks their way."""
         hand = self.hand
-        if not isinstance(hand, ParallelJaw) or not jaws_depth(data):
+        if not isinstance(hand, ParallelJaw) or not jaws_depth(data) or self._jaw_clearance is not None:
             return data
         approach, size = data["approach"], self._problem.body.size
         direction = np.asarray(approach["direction"])
@@ -251,11 +262,50 @@ class HandFunctions:
 
     def has_free_approach(self, points: FloatArray) -> bool:
         """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
-        return not self.is_blocked(points) and jaws_depth(self.at_contacts(points)) == 0.0
+        is_blocked = self.is_blocked(points)
+        if self._jaw_clearance is not None:
+            return not is_blocked
+        return not is_blocked and jaws_depth(self.at_contacts(points)) == 0.0
+
+    @cached_property
+    def _jaw_clearance(self) -> JawClearance | None:
+        """Exact clearance of a gripper with stated pads or fingers, in space; None for other hands."""
+        problem, hand = self._problem, self._problem.hand
+        if not isinstance(hand, ParallelJaw) or not hand.is_solid or problem.body.space != 3:
+            return None
+        return JawClearance(hand, problem.body, problem.constraints)
+
+    def _jaw_record(self, points: FloatArray, pose: JawPose) -> Json:
+        """Return the JSON data of a gripper's pose, with its exact clearance and its pads' shares on their faces."""
+        quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True, scalar_first=True).tolist()
+        approach = {
+            "direction": pose.direction.tolist(),
+            "depth": max(pose.blocked_by.values(), default=0.0),
+            "clearance": pose.clearance,
+            "opened": pose.opened,
+            **({"blocked_by": dict(pose.blocked_by)} if pose.blocked_by else {}),
+        }
+        shares = self._jaw_clearance.pad_shares(points, pose.direction) if self._jaw_clearance is not None else []
+        return {
+            "palm_pose": {"position": pose.position.tolist(), "quaternion_wxyz": quaternion},
+            "opening": pose.opening,
+            "approach": approach,
+            **({"pads": shares} if shares else {}),
+        }
 
     def is_blocked(self, points: FloatArray) -> bool:
         """Return whether samples show that parallel jaws have no free straight approach to contacts (2, 3)."""
-        hand, size = self.hand, self._problem.body.size
+        hand, size, clearance = self.hand, self._problem.body.size, self._jaw_clearance
+        if clearance is not None:
+            directions = clearance.directions(points, self._problem.models)
+            ways = (
+                clearance.gripper.approaches(points, clearance.cones, FEW_TURNS) if directions is None else directions
+            )
+            return not any(
+                min(clearance.pad_shares(points, way), default=1.0) >= LEAST_PAD_SHARE
+                and clearance.pose(points, way).is_free
+                for way in ways
+            )
         return isinstance(hand, ParallelJaw) and hand.is_blocked(
             points, size, self._distance, self._approach_cones, TOLERANCE
         )

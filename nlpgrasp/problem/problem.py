@@ -14,10 +14,10 @@ from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, replace_unchecked
-from nlpgrasp.constraints import PlacementConstraint, constraint_from_dict
-from nlpgrasp.contacts import ContactModel, contact_from_dict
+from nlpgrasp.constraints import Approach, PlacementConstraint, constraint_from_dict
+from nlpgrasp.contacts import ContactModel, PlaneContact, contact_from_dict
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand
+from nlpgrasp.hands import Hand, ParallelJaw
 from nlpgrasp.problem.checks import (
     body_advice,
     check_patches,
@@ -38,6 +38,8 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
 OBJECTIVES = ("mu", "delta", "nu")
 NO_TASK = cast("Task", None)  # of a problem whose objective states its task
+DOWN = (0.0, 0.0, -1.0)  # approach of a gripper with pads without an ``Approach``
+PAD_MARGIN = 0.4  # of a pad's side: margin with which nine tenths of the pad are on a straight-edged face
 MOST_CONTACTS = 32  # largest number of contacts
 # default margin of contacts from sharp edges
 MARGIN_SHARE = 0.05  # of the body's shortest extent, without fingertip radii
@@ -56,7 +58,9 @@ class GraspProblem(DisplayedProblem):
     body : Body
         The grasped body, in its own frame, metres.
     contacts : sequence of ContactModel
-        One per finger; a single model is used for every fingertip of ``hand`` and invalid without one.
+        One per finger; a single model is used for every fingertip of ``hand`` and invalid without one. Left out for a
+        parallel gripper with ``pad``: plane contacts of the pads' size and friction, lengthwise along the axis of the
+        first ``Approach`` among the constraints, or downwards.
     task : Task
         Wrenches to exert, body frame; about ``torque_origin``, or about the task's own reference point if it has one.
         Left out for the objective ``"delta"``, and where it is of no interest for ``"nu"``.
@@ -70,8 +74,9 @@ class GraspProblem(DisplayedProblem):
         in the posture of the grasp; ``JointTorqueLimits`` is for known Jacobians.
     edge_margin : float, optional
         Least distance of contacts from sharp edges (more than 30 degrees between normals), metres; 0 for the paper's
-        exact problem. By default half the largest fingertip's radius, at most a tenth of the body's shortest extent;
-        without fingertip radii, a twentieth of that extent; at least a millimetre except on tiny bodies.
+        exact problem. By default 0.4 of a gripper's pad; else half the largest fingertip's radius, at most a tenth of
+        the body's shortest extent; without fingertip radii, a twentieth of that extent; at least a millimetre except on
+        tiny bodies.
     torque_origin : (space,) array, optional
         Reference point of moments for task and grasp map, metres, body frame; by default the body's centroid.
     name : str
@@ -105,7 +110,7 @@ class GraspProblem(DisplayedProblem):
     """
 
     body: Body
-    contacts: Sequence[ContactModel] | ContactModel
+    contacts: Sequence[ContactModel] | ContactModel = ()
     task: Task = NO_TASK
     hand: Hand | None = None
     constraints: Sequence[PlacementConstraint] = ()
@@ -197,7 +202,7 @@ class GraspProblem(DisplayedProblem):
                 )
             contacts = (contacts,) * self.hand.count
         try:
-            models = tuple(contacts)
+            models = tuple(contacts) or self._pads()
         except TypeError:
             models = ()
         if not models or not all(isinstance(m, ContactModel) for m in models):
@@ -215,6 +220,18 @@ class GraspProblem(DisplayedProblem):
             if model.needs_tangents and self.body.space == 3:
                 raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
         object.__setattr__(self, "contacts", models)
+
+    def _pads(self) -> tuple[ContactModel, ...]:
+        """Return the contacts of a gripper with pads, along the axis of an ``Approach`` or downwards; else none."""
+        if not isinstance(self.hand, ParallelJaw) or self.hand.pad is None or self.body.space != 3:
+            return ()
+        given = self.constraints
+        constraints = (given,) if isinstance(given, PlacementConstraint) else tuple(given)
+        cones = [c for c in constraints if isinstance(c, Approach)]
+        x, y, z = array("Approach.direction", cones[0].direction, (3,)).tolist() if cones else DOWN
+        length, width = self.hand.pad
+        pad = PlaneContact(extents=(length, width), friction=self.hand.pad_friction, direction=(x, y, z))
+        return (pad, pad)
 
     def _set_constraints(self) -> None:
         """Set the constraints to a tuple, validated; raise if they leave some contact no face."""
@@ -352,7 +369,8 @@ def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequenc
     Parameters
     ----------
     value : float or None
-        None for the default: half the largest fingertip's radius, at most a tenth of the body's shortest extent;
+        None for the default: of a gripper with pads 0.4 of their longer side, or of the shorter one where no face has
+        room for that; else half the largest fingertip's radius, at most a tenth of the body's shortest extent;
         without fingertip radii, a twentieth of that extent. At least a millimetre, but at most a fifth of the extent;
         less if the faces are too small.
     body : Body
@@ -376,6 +394,9 @@ def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequenc
     )
     if value is None:
         shortest = float(np.min(np.ptp(body.bounds, axis=0)))
+        for side in sorted(getattr(hand, "pad", None) or (), reverse=True):
+            if PAD_MARGIN * side < largest < np.inf:
+                return float(PAD_MARGIN * side)
         radius = 0.0 if hand is None else max(hand.tip_radii)
         least = min(LEAST_MARGIN, LEAST_MARGIN_SHARE * shortest)
         default = max(

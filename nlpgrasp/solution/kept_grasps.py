@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.common.formatting import error_line, format_upper
+from nlpgrasp.common.formatting import error_line, format_percent, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -16,7 +16,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
 from nlpgrasp.solution.grip_record import DIGITS, read_grip
-from nlpgrasp.solution.obstructions import approach_obstructions
+from nlpgrasp.solution.obstructions import jaws_depth
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.record_fields import to_json
@@ -165,8 +165,10 @@ def _way_in(grasp: FoundGrasp) -> str:
     """Return the approach of parallel jaws as text of one width: its direction, whether it is free and flipped."""
     data = (grasp.hand or {}).get("approach") or {}
     direction = ", ".join(f"{x + 0.0:.2f}" for x in np.round(data.get("direction") or (), 2))
-    state = "blocked" if approach_obstructions(grasp.hand) else "free, flipped" if data.get("flip") else "free"
-    return f"{f'[{direction}] {state}':37}  "
+    state = "blocked" if jaws_depth(grasp.hand) else "free, flipped" if data.get("flip") else "free"
+    shares = (grasp.hand or {}).get("pads")
+    pads = f", {format_percent(min(shares))} on the face" if shares else ""
+    return f"{f'[{direction}] {state}{pads}':{56 if shares else 37}}  "
 
 
 def angle_between_poses(a: Json | None, b: Json | None) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlpgrasp.common.formatting import format_number, vector
+from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.solution.record_fields import LATER, Count, NonNegative, Record
@@ -14,6 +14,7 @@ from nlpgrasp.solution.record_fields import LATER, Count, NonNegative, Record
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
 MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
 LEAST_DEPTH = 5e-5  # metres: smaller penetrations are not reported
+LEAST_PAD_SHARE = 0.9  # share of a pad on its face below which it counts as overhanging
 LINK = "link "  # prefix of a link's name among the things that links penetrate
 TABLE = "the table"  # name of a table, the same
 BODY = "the body"  # name of the held body among the things that links penetrate
@@ -88,8 +89,9 @@ def tip_deviations(hand: Json | None) -> dict[int, float]:
 
 def jaws_depth(hand: Json | None) -> float:
     """Return the penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
-    depth = float(((hand or {}).get("approach") or {}).get("depth", 0.0))
-    return depth if depth > TOLERANCE else 0.0
+    approach = (hand or {}).get("approach") or {}
+    depth = float(approach.get("depth", 0.0))
+    return depth if depth > (0.0 if "clearance" in approach else TOLERANCE) else 0.0
 
 
 def jaws_way_in(hand: Json | None) -> str:
@@ -112,6 +114,13 @@ def jaws_obstacles(hand: Json | None) -> dict[str, float]:
 def jaws_cross_thin_part(hand: Json | None) -> bool:
     """Return whether parallel jaws pass through something thin on their straight approach."""
     return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
+
+
+def pad_overhang(hand: Json | None) -> str:
+    """Return the share of a gripper's pad that is on its face as text, where that is less than 90 %; else empty."""
+    shares = (hand or {}).get("pads") or ()
+    least = min(shares, default=1.0)
+    return "" if least >= LEAST_PAD_SHARE else f"{format_percent(least)} of the pad on the face"
 
 
 def missing_approach_reason(hand: Json | None) -> str:
@@ -176,13 +185,14 @@ def format_unshaped_links(hand: Json | None) -> str:
 
 
 def approach_obstructions(hand: Json | None) -> list[str]:
-    """Return the obstructions on the straight approach, as text."""
+    """Return the obstructions on the straight approach, and pads that overhang, as text."""
     obstructions, jaws = [], jaws_way_in(hand)
     if jaws:
         obstructions.append(f"the gripper's way in leads {jaws}")
     elif jaws_cross_thin_part(hand):
         obstructions.append("the gripper's way in passes through something thin")
-    return [*obstructions, *closing_obstructions(hand), *filter(None, [missing_approach_reason(hand)])]
+    reasons = pad_overhang(hand), missing_approach_reason(hand)
+    return [*obstructions, *closing_obstructions(hand), *filter(None, reasons)]
 
 
 def format_link_penetrations(hand: Json | None) -> str:
@@ -210,6 +220,8 @@ def format_jaw_approach(hand: Json | None) -> str:
     tilt = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
     course = f"[{vector(direction)}], {format_number(tilt, 2, 0.5)} degrees off straight down"
     text = f"the jaws are {format_number(1e3 * data['opening'])} mm apart and come in along {course}"
+    shares = " and ".join(format_percent(share) for share in data.get("pads") or ())
+    text = f"{text}; {shares} of the pads on their faces" if shares else text
     jaws = jaws_way_in(hand)
     return f"{text}; that way leads {jaws}" if jaws else text
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.meshes.box_distance import box_distance, least_box_distance
@@ -99,3 +100,30 @@ def test_the_sizes_come_back_from_a_file():
     data = GRIPPER.to_dict()
     assert ng.ParallelJaw.from_dict(data) == GRIPPER
     assert (data["opening"], data["finger_length"], data["finger_thickness"]) == (0.1, 0.06, 0.01)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_share_of_a_pad_by_rays(seed):
+    """Random places on a plate with a hole of 8 mm: rays of a grid that meet the plate within 3 mm."""
+    rng = np.random.default_rng(seed)
+    plate = trimesh.creation.box([0.06, 0.008, 0.05])
+    hole = trimesh.creation.cylinder(
+        0.004, 0.02, transform=trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
+    )
+    mesh = ng.Mesh(trimesh.boolean.difference([plate, hole]))
+    x, z, turn = *rng.uniform(-0.02, 0.02, 2), rng.uniform(0.0, 2.0 * np.pi)
+    points = np.array([[x, -0.004, z], [x, 0.004, z]])
+    direction = np.array([np.sin(turn), 0.0, np.cos(turn)])
+    shares = cleared(body=mesh).pad_shares(points, direction)
+    a, b = (s.ravel() for s in np.meshgrid(np.linspace(-1, 1, 201) * 0.01, np.linspace(-1, 1, 121) * 0.006))
+    samples = np.array([x, z]) + a[:, None] * direction[[0, 2]] + b[:, None] * direction[[2, 0]] * [1.0, -1.0]
+    is_on = np.all(np.abs(samples) <= [0.03, 0.025], axis=1) & (np.linalg.norm(samples, axis=1) >= 0.004)
+    assert shares == pytest.approx([is_on.mean()] * 2, abs=0.01)
+
+
+def test_a_curved_face_counts_as_far_as_it_is_near_the_pad():
+    """On a cylinder of radius r the surface is 3 mm behind the pad at sqrt(2 r d - d^2) beside its middle."""
+    cylinder, radius, depth = ng.Cylinder(0.006, 0.08), 0.006, 0.003
+    points = np.array([[-radius, 0.0, 0.0], [radius, 0.0, 0.0]])
+    (share, _) = cleared(body=cylinder).pad_shares(points, np.array([0.0, 0.0, -1.0]))
+    assert share == pytest.approx(np.sqrt(2 * radius * depth - depth**2) / 0.006, rel=0.01)

@@ -1,0 +1,166 @@
+"""Checks of a gripper with stated sizes: its boxes against part, tables and obstacles, and its pads on their faces.
+
+The package clips triangles by boxes; here points of the boxes are put into signed distances of the solids, and rays
+from the pads are followed along the closing line, so that nothing is shared with the claim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.solution.obstructions import BODY
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.check import Check
+from nlpgrasp.verify.convex_solids import Distance, NumericSolid, solids_around, vectorised_distance
+from nlpgrasp.verify.mesh_body import MeshSurface
+from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement, require_body
+
+SPACING = 3e-3  # metres: largest distance between sample points on a box
+THIN = 1e-3  # metres: width or thickness of a finger that states none
+PATH_SIZES = 2.0  # length of the approach path, in body sizes
+CAP = 0.02  # metres: largest stated clearance
+TOUCHING = 2e-4  # metres: allowed depth of the closing fingers, and of fingers along the part
+TOLERANCE = 2e-4  # metres: of clearances
+PAD_SPACING = 5e-4  # metres: between rays from a pad
+FACE_DEPTH = 3e-3  # metres: a surface farther behind a pad is not its face
+ON_SURFACE, LEAST_STEP = 2e-5, 5e-5  # metres: distance that counts as on the surface; least step along a ray
+SHARE_TOLERANCE = 0.04  # of the share of a pad on its face
+ALONG = 1e-4  # of the cosine between a rectangle's first side and the approach
+DIRECTION = "hand.approach.direction"  # field of the solution file
+
+Box = tuple[Sequence[float], Sequence[float]]  # lower and upper corner: closing line, transverse, approach; metres
+
+
+def solid_checks(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
+    """Return the checks of stated clearance, of what blocks the way in, and of the pads' shares on their faces."""
+    problem_hand, hand = solution.problem["hand"], solution.hand or {}
+    body, approach = require_body(surface), hand["approach"]
+    frame, middle = _frame(placement.points, array(DIRECTION, approach["direction"], (3,)))
+    errors = [*_record_errors(problem_hand, hand), *_orientation_errors(solution, frame)]
+    solids = [NumericSolid(BODY, vectorised_distance(body), rough=body.rough)]
+    solids += solids_around(solution.problem["constraints"], placement)
+    moving, closing, closed = _boxes(problem_hand, hand, PATH_SIZES * _half_diagonal(body))
+    least = np.inf
+    for solid in solids:
+        tolerance, is_body = TOLERANCE + solid.rough, solid.name == BODY
+        groups = [*moving] if is_body else [*moving, *closing, *closed]
+        distance = min(_least_distance(solid, box, frame, middle) for box in groups)
+        least = min(least, distance + tolerance)
+        depth = -min(_least_distance(solid, box, frame, middle) for box in closing) if is_body else 0.0
+        is_inside = max(-distance, depth) > (TOUCHING if is_body else 0.0) + tolerance
+        if is_inside and solid.name not in approach.get("blocked_by", {}):
+            inside = f"{1e3 * max(-distance, depth):.3g} mm inside {solid.name}"
+            errors.append(f"fingers or palm are {inside}, which is not stated")
+    errors += _vertex_errors(body, [*moving, *closing], frame, middle, approach)
+    stated = number("hand.approach.clearance", approach["clearance"])
+    if not stated <= min(least, CAP) + TOLERANCE:
+        errors.append(f"a clearance of {1e3 * stated:.3g} mm stated, at most {1e3 * least:.3g} mm found")
+    blocked = ", ".join(approach.get("blocked_by", {}))
+    summary = f"stated to be blocked by {blocked}" if blocked else f"free, by points every {1e3 * SPACING:g} mm"
+    return [Check.of_errors("way in", errors, summary), *_pad_checks(problem_hand, hand, placement, body)]
+
+
+def _half_diagonal(body: NumericBody) -> float:
+    """Return half the diagonal of a body's bounding box, metres."""
+    return float(np.linalg.norm(body.bounds[1] - body.bounds[0])) / 2.0
+
+
+def _frame(points: FloatArray, approach: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return axes along closing line, transverse direction and approach, (3, 3) columns, and the middle, (3,)."""
+    closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+    return np.column_stack([closing, np.cross(approach, closing), approach]), 0.5 * (points[0] + points[1])
+
+
+def _record_errors(problem_hand: Json, hand: Json) -> Iterator[str]:
+    """Yield the errors in depth and opening of the approach."""
+    approach = hand["approach"]
+    depths = [number(f"hand.approach.blocked_by.{k}", v) for k, v in approach.get("blocked_by", {}).items()]
+    if number("hand.approach.depth", approach["depth"]) != max(depths, default=0.0):
+        yield "a depth that is not the largest of what blocks the way"
+    opened = number("hand.approach.opened", approach["opened"])
+    if not hand["opening"] * (1.0 - 1e-9) <= opened <= problem_hand["opening"] * (1.0 + 1e-9):
+        yield f"open by {1e3 * opened:.4g} mm on the approach, beyond the gripper's range"
+
+
+def _orientation_errors(solution: GraspSolution, frame: FloatArray) -> Iterator[str]:
+    """Yield the rectangular contacts that do not lie along the approach."""
+    grasp = solution.require_grasp()
+    for i, (model, tangents) in enumerate(zip(grasp.contacts, grasp.tangents, strict=True)):
+        if getattr(model, "extents", None) is not None and not abs(float(tangents[0] @ frame[:, 2])) >= 1.0 - ALONG:
+            yield f"contact {i} is a rectangle that does not lie along the approach"
+
+
+def _boxes(problem_hand: Json, hand: Json, path: float) -> tuple[list[Box], list[Box], list[Box]]:
+    """Return the boxes of open fingers and palm on the approach, of closing fingers, and of closed ones going back."""
+    length, width, thickness = problem_hand.get("finger_length", 0.0), THIN, problem_hand.get("finger_thickness", 0.0)
+    pad, finger, palm = (problem_hand.get(key) for key in ("pad", "finger", "palm_size"))
+    width, tip = (width, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
+    if finger is not None:
+        length, thickness, width = finger
+    thickness, half = max(thickness, THIN), width / 2.0
+    opening, opened = hand["opening"] / 2.0, hand["approach"]["opened"] / 2.0
+    sides = (2.0 * (opened + thickness), width, 0.0) if palm is None else palm
+    rear = -length - sides[2] - path if palm is not None else -length - path
+
+    def pair(inner: float, outer: float, back: float) -> list[Box]:
+        return [((-outer, -half, back), (-inner, half, tip)), ((inner, -half, back), (outer, half, tip))]
+
+    moving = pair(opened, opened + thickness, rear)
+    if length > 0.0:
+        moving.append(((-sides[0] / 2.0, -sides[1] / 2.0, rear), (sides[0] / 2.0, sides[1] / 2.0, -length)))
+    closing = pair(opening, opened + thickness, -length if length > 0.0 else rear)
+    return moving, closing, pair(opening, opening + thickness, rear)
+
+
+def _least_distance(solid: NumericSolid, box: Box, frame: FloatArray, middle: FloatArray) -> float:
+    """Return the least clearance of points of a box's surface from a solid, metres, at most twice the cap."""
+    lower, upper = (np.asarray(corner, dtype=float) for corner in box)
+    axes = [np.linspace(a, b, 2 + int((b - a) / SPACING)) for a, b in zip(lower, upper, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    is_outer = np.any((grid == lower) | (grid == upper), axis=1)
+    return float(np.min(solid.distance(grid[is_outer] @ frame.T + middle))) - solid.clearance
+
+
+def _vertex_errors(
+    body: NumericBody, boxes: Sequence[Box], frame: FloatArray, middle: FloatArray, approach: Json
+) -> Iterator[str]:
+    """Yield the depth of a mesh's vertices inside boxes, where the file does not state that the body is in the way."""
+    if not isinstance(body, MeshSurface) or BODY in approach.get("blocked_by", {}):
+        return
+    vertices = (body.triangles.vertices - middle) @ frame
+    for lower, upper in boxes:
+        depth = float(np.max(np.min(np.minimum(vertices - lower, np.asarray(upper) - vertices), axis=1)))
+        if depth > TOUCHING + TOLERANCE:
+            yield f"a vertex of the mesh is {1e3 * depth:.3g} mm inside a finger or the palm"
+
+
+def _pad_checks(problem_hand: Json, hand: Json, placement: StatedPlacement, body: NumericBody) -> list[Check]:
+    """Return the check of the pads' shares on their faces."""
+    pad = problem_hand.get("pad")
+    if pad is None:
+        return []
+    stated = array("hand.pads", hand.get("pads", ()), (2,))
+    frame, _ = _frame(placement.points, array(DIRECTION, hand["approach"]["direction"], (3,)))
+    distance = vectorised_distance(body)
+    own = [_share(distance, p, s * frame[:, 0], frame, pad) for p, s in zip(placement.points, (1.0, -1.0), strict=True)]
+    agrees = bool(np.all(np.abs(stated - own) <= SHARE_TOLERANCE))
+    text = f"{stated[0]:.3g} and {stated[1]:.3g} of the pads on their faces stated, {own[0]:.3g} and {own[1]:.3g} found"
+    return [Check("pads", agrees, text)]
+
+
+def _share(distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float]) -> float:
+    """Return the share of a pad's rays that meet the surface within the depth of a face."""
+    counts = [max(2, round(side / PAD_SPACING)) for side in pad]
+    along, across = ((np.arange(n) + 0.5) / n * side - side / 2.0 for n, side in zip(counts, pad, strict=True))
+    a, b = np.meshgrid(along, across, indexing="ij")
+    starts = point + a.reshape(-1, 1) * frame[:, 2] + b.reshape(-1, 1) * frame[:, 1]
+    travelled, is_on = np.full(len(starts), -TOUCHING), np.zeros(len(starts), dtype=bool)
+    while (active := np.flatnonzero(~is_on & (travelled <= FACE_DEPTH))).size:
+        gap = np.asarray(distance(starts[active] + travelled[active, None] * inward))
+        is_on[active] = gap <= ON_SURFACE
+        travelled[active] += np.maximum(gap, LEAST_STEP)
+    return float(np.mean(is_on))
