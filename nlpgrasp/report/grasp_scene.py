@@ -39,8 +39,8 @@ PAD_RADIUS = 0.16  # radius of a drawn jaw pad, as a share of the body's size
 def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     """Return name and triangles, body frame, of a gripper's fingers and palm in its pose.
 
-    Empty for planar grippers, without a ``finger_length``, and for files without a pose. The breadth of fingers is not
-    stated: they are drawn as broad as thick.
+    Empty for planar grippers, without a ``finger_length``, and for files without a pose. Fingers whose width is not
+    stated are drawn as broad as thick; a palm whose size is not stated reaches from finger to finger.
     """
     hand, configuration = solution.problem.get("hand"), solution.hand or {}
     if not isinstance(hand, Mapping) or hand.get("type") != ParallelJaw.kind or "palm_pose" not in configuration:
@@ -51,6 +51,8 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
         return []
     thickness = gripper.finger_thickness or FINGER_THICKNESS * opening
     offset, reach = 0.5 * (opening + thickness), (1.0 + FINGER_OVERHANG) * length
+    if gripper.pad is not None:
+        reach = length + 0.5 * gripper.pad[0]
     pose = configuration["palm_pose"]
     turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix()
     palm_middle = gripper.tool_centre_point - length * axes[:, 2]  # gripper's frame
@@ -61,9 +63,10 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
         vertices, faces = triangles(Box(extents))
         return Triangles(_transform_points(vertices + middle, rotation, position), faces)
 
-    finger = [thickness, thickness, reach]
+    finger = [thickness, gripper.finger_width if gripper.is_solid else thickness, reach]
     parts = [jaw_box(finger, [side * offset, 0.0, 0.5 * reach]) for side in (-1.0, 1.0)]
-    palm = jaw_box([opening + 2.0 * thickness, 1.5 * thickness, 1.5 * thickness], [0.0, 0.0, -0.75 * thickness])
+    sides = gripper.palm_size or (opening + 2.0 * thickness, 1.5 * thickness, 1.5 * thickness)
+    palm = jaw_box(list(sides), [0.0, 0.0, -0.5 * sides[2]])
     return list(zip(JAW_NAMES, [*parts, palm], strict=True))
 
 

@@ -48,3 +48,17 @@ def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
 )
 def test_what_is_not_stated_is_not_drawn(solution):
     assert jaws(solution) == []
+
+
+def test_stated_sizes_are_drawn():
+    """Pads of 20 mm end 10 mm beyond the contacts; fingers are 16 mm wide, the palm as large as stated."""
+    sized = ng.ParallelJaw(0.08, pad=(0.02, 0.012), finger=(0.1, 0.012, 0.016), palm_size=(0.14, 0.06, 0.05))
+    drawn = dict(jaws(gripper_solution(sized)))
+    approach = np.array(gripper_solution(sized).hand["approach"]["direction"])
+    closing = (CONTACTS[1] - CONTACTS[0]) / np.linalg.norm(CONTACTS[1] - CONTACTS[0])
+    frame = np.stack([closing, np.cross(approach, closing), approach], axis=1)
+    finger, palm = ((drawn[name].vertices - CONTACTS.mean(axis=0)) @ frame for name in ("jaw 1", "palm"))
+    np.testing.assert_allclose([finger[:, 2].min(), finger[:, 2].max()], [-0.1, 0.01], atol=1e-12)
+    np.testing.assert_allclose(np.ptp(finger, axis=0)[:2], [0.012, 0.016], atol=1e-12)
+    np.testing.assert_allclose(np.ptp(palm, axis=0), [0.14, 0.06, 0.05], atol=1e-12)
+    assert palm[:, 2].max() == pytest.approx(-0.1, abs=1e-12)
