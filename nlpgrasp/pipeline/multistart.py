@@ -23,6 +23,7 @@ from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
+from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.distinct_grasps import ONE, GraspCollection, KeepOptions
 from nlpgrasp.optimize.global_search import (
@@ -59,6 +60,7 @@ STATUS_TEXT = {
     Status.LOCALLY_INFEASIBLE: "constraints not kept",
 }  # end of a start in progress messages, where it differs from the name of its status
 BATCH = 8  # starts whose candidates are proposed together
+ALTERNATIVES = 6  # grasps tried in place of an answer whose gripper is in the way, or off the face
 Progress = Callable[[StartRecord, Bounds], None]
 
 
@@ -417,12 +419,21 @@ class Multistart:
         if best is None and not deadline.should_stop() and any(isinstance(r, StartGrasp) for r in self.results):
             reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, deadline=deadline), self.results)
             clock.mark("why not")
+        if best is not None and self._needs_alternatives(best):
+            alternatives = replace(self._keeping, count=max(self._keeping.count, ALTERNATIVES))
+            self._others = GraspCollection(runner, alternatives, deadline)
         if self._others is not None and best is not None:
             self._others.begin(best, self.results)
             clock.mark("other grasps")
         solution = make_answer(search, reason)
         clock.mark("answer")
         return solution
+
+    def _needs_alternatives(self, best: StartGrasp) -> bool:
+        """Return whether a gripper with stated sizes is in the way, or off the face, at the only grasp that is kept."""
+        hand, body = self.runner.problem.hand, self.runner.problem.body
+        is_sized = isinstance(hand, ParallelJaw) and hand.is_solid and body.space == 3
+        return is_sized and self._others is None and bool(best.record.obstruction) and not self.deadline.should_stop()
 
     def analyse(self, solution: GraspSolution) -> GraspSolution:
         """Return the solution with the requested analyses, the other distinct grasps and the record of the solve."""

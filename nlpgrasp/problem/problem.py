@@ -39,7 +39,7 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 OBJECTIVES = ("mu", "delta", "nu")
 NO_TASK = cast("Task", None)  # of a problem whose objective states its task
 DOWN = (0.0, 0.0, -1.0)  # approach of a gripper with pads without an ``Approach``
-PAD_MARGIN = 0.4  # of a pad's side: margin with which nine tenths of the pad are on a straight-edged face
+PAD_MARGIN = 0.4  # of a pad's shorter side: default margin, with which nine tenths of its width are on a face
 MOST_CONTACTS = 32  # largest number of contacts
 # default margin of contacts from sharp edges
 MARGIN_SHARE = 0.05  # of the body's shortest extent, without fingertip radii
@@ -74,9 +74,9 @@ class GraspProblem(DisplayedProblem):
         in the posture of the grasp; ``JointTorqueLimits`` is for known Jacobians.
     edge_margin : float, optional
         Least distance of contacts from sharp edges (more than 30 degrees between normals), metres; 0 for the paper's
-        exact problem. By default 0.4 of a gripper's pad; else half the largest fingertip's radius, at most a tenth of
-        the body's shortest extent; without fingertip radii, a twentieth of that extent; at least a millimetre except on
-        tiny bodies.
+        exact problem. By default 0.4 of a pad's shorter side; else half the largest fingertip's radius, at most a tenth
+        of the body's shortest extent; without fingertip radii, a twentieth of that extent; at least a millimetre except
+        on tiny bodies.
     torque_origin : (space,) array, optional
         Reference point of moments for task and grasp map, metres, body frame; by default the body's centroid.
     name : str
@@ -369,8 +369,8 @@ def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequenc
     Parameters
     ----------
     value : float or None
-        None for the default: of a gripper with pads 0.4 of their longer side, or of the shorter one where no face has
-        room for that; else half the largest fingertip's radius, at most a tenth of the body's shortest extent;
+        None for the default: of a gripper with pads 0.4 of their shorter side where some face has room for that; else
+        half the largest fingertip's radius, at most a tenth of the body's shortest extent;
         without fingertip radii, a twentieth of that extent. At least a millimetre, but at most a fifth of the extent;
         less if the faces are too small.
     body : Body
@@ -394,9 +394,9 @@ def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequenc
     )
     if value is None:
         shortest = float(np.min(np.ptp(body.bounds, axis=0)))
-        for side in sorted(getattr(hand, "pad", None) or (), reverse=True):
-            if PAD_MARGIN * side < largest < np.inf:
-                return float(PAD_MARGIN * side)
+        pad = hand.pad if isinstance(hand, ParallelJaw) else None
+        if pad is not None and PAD_MARGIN * min(pad) < largest < np.inf:
+            return float(PAD_MARGIN * min(pad))
         radius = 0.0 if hand is None else max(hand.tip_radii)
         least = min(LEAST_MARGIN, LEAST_MARGIN_SHARE * shortest)
         default = max(

@@ -159,6 +159,7 @@ def _share(distance: Distance, point: FloatArray, inward: FloatArray, frame: Flo
     a, b = np.meshgrid(along, across, indexing="ij")
     starts = point + a.reshape(-1, 1) * frame[:, 2] + b.reshape(-1, 1) * frame[:, 1]
     travelled, is_on = np.full(len(starts), -TOUCHING), np.zeros(len(starts), dtype=bool)
+    travelled[np.asarray(distance(starts - TOUCHING * inward)) < -ON_SURFACE] = np.inf  # that part is inside the body
     while (active := np.flatnonzero(~is_on & (travelled <= FACE_DEPTH))).size:
         gap = np.asarray(distance(starts[active] + travelled[active, None] * inward))
         is_on[active] = gap <= ON_SURFACE

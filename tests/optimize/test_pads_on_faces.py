@@ -44,6 +44,21 @@ def test_kept_grasps_of_a_sized_gripper(folder):
     assert {"pads", "way in"} <= {check.name for check in verification.checks if check.passed}
 
 
+@pytest.mark.slow
+def test_an_answer_whose_pad_overhangs_gives_way_to_another():
+    """A weight high above a block: the best contacts are 4.8 mm below the upper edge, where 74 % of a pad is on it."""
+    high, body = [0.0, 0.0, 0.08], ng.Box([0.05, 0.03, 0.06])
+    task = ng.lift(high, mass=0.5) + ng.disturbance(2.0, 0.01, high)
+    constraints = [ng.Table(-0.03, 0.001), ng.Approach([0.0, 0.0, -1.0], 0.05)]
+    problem = ng.GraspProblem(body, ng.SoftContact(0.5, 0.004), task, hand=GRIPPER, constraints=constraints)
+    solution = ng.solve(problem, 1, options=ng.SolveOptions(workers=1, global_bound=False))
+    assert [start.obstruction for start in solution.starts] == ["74 % of the pad on the face"]
+    assert min(solution.hand["pads"]) >= 0.9
+    assert solution.has_free_way
+    assert solution.grip_force is not None
+    assert ng.verify(solution).passed, ng.verify(solution)
+
+
 def fingers(pose, opening):
     """Return points of the closed fingers every 2 mm, (n, 3), body frame, from the gripper's pose alone."""
     from scipy.spatial.transform import Rotation

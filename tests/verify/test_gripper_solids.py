@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.optimize.constraint_values import HandFunctions
+from nlpgrasp.verify.gripper_solids import _share
 from tests.verify.edits import put
 from tests.verify.stated import edited, recomputed_file, stated_file
 
@@ -88,7 +90,7 @@ def test_contacts_default_to_the_pads():
     problem = ng.GraspProblem(BODY, task=TASK, hand=replace(GRIPPER, pad_friction=0.3))
     model = ng.PlaneContact(extents=(0.02, 0.012), friction=0.3, direction=(0.0, 0.0, -1.0))
     assert problem.models == (model, model)
-    assert problem.margin == pytest.approx(0.4 * 0.02)
+    assert problem.margin == pytest.approx(0.4 * 0.012)
     sideways = ng.GraspProblem(BODY, task=TASK, hand=GRIPPER, constraints=ng.Approach([1.0, 0.0, 0.0], 0.1))
     assert sideways.models[0].direction == (1.0, 0.0, 0.0)
     with pytest.raises(ng.InputError, match="contact models"):
@@ -112,3 +114,17 @@ def test_without_the_body_way_in_and_pads_are_not_checked(data):
     lost = edited(data, lambda d: d["problem"].update(body={"type": "mesh", "source": "lost.stl"}))
     checks = recomputed_file(lost)
     assert [checks[name].made for name in ("way in", "pads")] == [False, False]
+
+
+def test_a_pad_partly_inside_the_part_is_on_its_face_with_the_rest():
+    """A block on a plate of 80 mm: the pad's lower 5 mm are inside the plate."""
+    plates = [trimesh.creation.box([0.08, 0.08, 0.01]), trimesh.creation.box([0.03, 0.03, 0.02])]
+    plates[1].apply_translation([0.0, 0.0, 0.01])
+    body = ng.Mesh(trimesh.boolean.union(plates))
+    points = np.array([[-0.015, 0.0, 0.01], [0.015, 0.0, 0.01]])
+    problem = ng.GraspProblem(body, task=TASK, hand=GRIPPER, edge_margin=0.0)
+    shares = HandFunctions(problem).at_contacts(points)["pads"]
+    assert shares == pytest.approx([0.75, 0.75], abs=1e-6)  # from 0 to 20 mm, of which the plate takes 5
+    frame = np.column_stack([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    own = _share(body.clearance, points[0], frame[:, 0], frame, GRIPPER.pad)
+    assert own == pytest.approx(0.75, abs=0.03)
