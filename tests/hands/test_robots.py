@@ -143,7 +143,7 @@ def test_talos_holds_a_box():
     hand = ng.URDFHand.load(path, tips, palm="gripper_left_base_link")
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     problem = ng.GraspProblem(ng.Box([0.1, 0.04, 0.05]), ng.FrictionContact(0.7), task, hand=hand)
-    solution = ng.solve(problem, starts=2, options=QUICK)
+    solution = ng.solve(problem, starts=8, options=QUICK)  # of single starts 3 in 8 find a grasp
     assert solution.status is ng.Status.SOLVED
 
 

@@ -11,6 +11,7 @@ from nlpgrasp.optimize.processes import Processes, cores, separate_processes
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Trying to resize an executor")  # by tests before it in this process
 def test_tasks_run_in_other_processes_that_are_kept():
     processes = Processes(1)
     first = processes.submit(os.getpid).result()
