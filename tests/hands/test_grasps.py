@@ -186,7 +186,7 @@ def test_hand_on_a_mesh_touches_the_mesh_itself(outside_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(outside_meshes / "angle_block.stl", unit="in")
     hand = four_finger_hand()
-    solution = solve_grasp(body, hand, starts=2)
+    solution = solve_grasp(body, hand, starts=4)
     best = max(start.mu.upper for start in solution.starts)  # the answer may be a less fragile one
     assert best >= (1.0 - SAME) * 0.5215
     assert solution.mu.upper >= 0.9 * best
