@@ -46,7 +46,7 @@ def test_nu_is_no_less_than_at_the_best_mu_and_at_random_placements(tmp_path):
     assert solution.best_possible == np.inf
     rng = np.random.default_rng(0)
     sides = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
-    for _ in range(100):
+    for _ in range(40):
         normals = -sides[rng.integers(4, size=3)]
         points = -0.05 * normals + rng.uniform(-0.045, 0.045, (3, 1)) * normals[:, ::-1]
         grasp = ng.Grasp(points, normals, asked.contacts, [0, 0])
