@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import InitVar, dataclass, field
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import casadi as ca
 import numpy as np
@@ -244,7 +244,7 @@ class ParallelJaw(Hand):
         between = q - p
         squared = ca.sumsqr(between)
         length = ca.sqrt(squared + 1e-12 * placement.size**2)
-        tilt = TILT if self.tilt is None else self.tilt
+        tilt = cast("float", self.tilt)  # set in __post_init__
         cosine = float(np.cos(tilt))
         return [
             ScalarConstraint(
@@ -273,12 +273,15 @@ class ParallelJaw(Hand):
         """Return the JSON data of a pose with the jaws exchanged: half a turn about the approach through the TCP."""
         pose, direction = data["palm_pose"], np.asarray(data["approach"]["direction"], dtype=float)
         turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True)
-        tcp = np.asarray(pose["position"], dtype=float) + turn.apply(self.tool_centre_point)
-        flipped = Rotation.from_rotvec(np.pi * direction) * turn
-        quaternion = flipped.as_quat(canonical=True, scalar_first=True).tolist()
-        position = (tcp - flipped.apply(self.tool_centre_point)).tolist()
-        flipped_pose = {"position": position, "quaternion_wxyz": quaternion}
+        rotation, position = self.flip(turn.as_matrix(), np.asarray(pose["position"], dtype=float), direction)
+        quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
+        flipped_pose = {"position": position.tolist(), "quaternion_wxyz": quaternion}
         return {**data, "palm_pose": flipped_pose, "approach": {**data["approach"], "flip": True}}
+
+    def flip(self, rotation: FloatArray, position: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotation (3, 3) and position (3,), metres, after half a turn about the approach through the TCP."""
+        flipped = (2.0 * np.outer(direction, direction) - np.eye(3)) @ rotation
+        return flipped, position + (rotation - flipped) @ self.tool_centre_point
 
     def approaches(self, points: FloatArray, cones: Sequence[Cone] = (), turns: int = TURNS) -> FloatArray:
         """Return unit approach directions at right angles to the closing line, (m, space), within cones."""

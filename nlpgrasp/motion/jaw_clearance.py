@@ -224,9 +224,7 @@ class JawClearance:
     ) -> JawPose:
         """Return the pose of the gripper for an approach, as wide open on it as is free."""
         first = self.gripper.approaches(points)[0] if steepest is None else steepest
-        difference = points[1] - points[0]
-        opening = float(np.linalg.norm(difference))
-        closing = difference / opening
+        opening, closing = _opening_and_closing(points)
         rotation, position = self.gripper.pose(points + slide * direction, direction)
         frame = np.stack([closing, np.cross(direction, closing), direction], axis=1)
         origin, best = points.mean(axis=0) + slide * direction, None
@@ -269,7 +267,7 @@ class JawClearance:
         if self.gripper.pad is None:
             return []
         length, width = self.gripper.pad
-        closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+        _, closing = _opening_and_closing(points)
         half = 0.5 * np.array([width, length])
         shares = []
         for point, inward in zip(points, (closing, -closing), strict=True):
@@ -283,13 +281,19 @@ class JawClearance:
         stated = [model.direction for model in models if isinstance(model, PlaneContact) and model.extents is not None]
         if not self.gripper.is_solid or not stated or stated[0] is None:
             return None
-        closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+        _, closing = _opening_and_closing(points)
         along = np.asarray(stated[0]) - (closing @ np.asarray(stated[0])) * closing
         if np.linalg.norm(along) < PARALLEL:
             return None
         ways = np.outer([1.0, -1.0], along / np.linalg.norm(along))
         within = [all(np.arccos(np.clip(way @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones) for way in ways]
         return np.asarray(ways[within] if any(within) else ways[:1])
+
+
+def _opening_and_closing(points: FloatArray) -> tuple[float, FloatArray]:
+    """Return the distance between two contacts, metres, and the unit direction from the first to the second."""
+    opening = float(np.linalg.norm(points[1] - points[0]))
+    return opening, (points[1] - points[0]) / opening
 
 
 def _covered_area(triangles: FloatArray, half: FloatArray) -> float:
@@ -345,7 +349,5 @@ def rank(pose: JawPose) -> tuple[bool, float, float, float]:
 
 def flip_pose(pose: JawPose, gripper: ParallelJaw) -> JawPose:
     """Return the pose with the jaws exchanged: half a turn about the approach through the tool centre point."""
-    tcp = pose.position + pose.rotation @ gripper.tool_centre_point
-    half_turn = 2.0 * np.outer(pose.direction, pose.direction) - np.eye(3)
-    rotation = half_turn @ pose.rotation
-    return replace(pose, flip=True, rotation=rotation, position=tcp - rotation @ gripper.tool_centre_point)
+    rotation, position = gripper.flip(pose.rotation, pose.position, pose.direction)
+    return replace(pose, flip=True, rotation=rotation, position=position)
