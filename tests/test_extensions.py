@@ -311,4 +311,4 @@ def test_files_of_a_toy_format_are_read(toy, tmp_path):
     assert "force-closed" in done.stdout
     done = toy("quality", "contacts.faces", "--task", "box.json")
     assert done.returncode == 2
-    assert done.stderr.startswith("nlpgrasp: --task: got ")
+    assert done.stderr == "nlpgrasp: box.json: got no file of that name, expected a solution file that exists\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -153,6 +154,7 @@ def cores() -> int:
 
 def _prepare_worker(parent: int) -> None:
     """Let a worker ignore Ctrl-C, which its parent handles, and end when its parent is gone."""
+    atexit.register(_unpacked.clear)  # before extension modules count the objects that are left
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # prints of scripts go to standard error: standard output is the parent's
 

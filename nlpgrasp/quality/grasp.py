@@ -338,6 +338,7 @@ class GraspStack(ContactArrays):
     Attributes
     ----------
     ids : tuple of b str
+        Names of the grasps, pairwise distinct.
 
     Raises
     ------

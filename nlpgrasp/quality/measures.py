@@ -326,6 +326,7 @@ def support(
     Parameters
     ----------
     item : Grasp or Task
+        Its wrench set, or the task itself, is the set whose support is evaluated.
     directions : (m, d) array
         Directions of wrench space, not necessarily of unit length.
     force_budget : str or ForceBudget

@@ -113,6 +113,7 @@ def draw_wrenches(grasp: Grasp, task: Task, *, force_budget: str | ForceBudget =
     Parameters
     ----------
     grasp : Grasp
+        With its contacts' models.
     task : Task
         About the same torque origin as the grasp.
     force_budget : str or ForceBudget

@@ -241,6 +241,7 @@ class GraspSet:
             A format of ``nlpgrasp export``. ``"npz"`` has the arrays of docs/interop.md, in the order of the rows, and
             the labels of simulation; without a hand contacts and labels alone.
         options : ExportOptions, optional
+            Settings of the format.
 
         Raises
         ------

@@ -142,6 +142,7 @@ def make_set(
     starts : int, optional
         Most starts of a problem; four per requested grasp when left out.
     seed : int
+        Of the random candidates of all starts.
     distinct : float
         As in ``ng.solve``.
     options : SolveOptions, optional

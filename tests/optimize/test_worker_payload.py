@@ -83,3 +83,17 @@ def test_an_items_module_is_found_by_the_callers_path(tmp_path, monkeypatch):
     code = f"import pickle; print(pickle.load(open({str(tmp_path / 'payload')!r}, 'rb')).unpack()())"
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (process.returncode, process.stdout) == (0, "3\n"), process.stderr
+
+
+@pytest.mark.slow
+def test_workers_end_without_a_word():
+    """Extension modules name on standard error what still exists when an interpreter ends."""
+    code = (
+        "import nlpgrasp as ng\n"
+        "from tests.hands.urdf import four_finger_hand\n"
+        "task, body = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), ng.Ellipsoid([0.06, 0.03, 0.03])\n"
+        "problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 4, task, hand=four_finger_hand())\n"
+        "print(ng.solve(problem, 2, options=ng.SolveOptions(workers=2, global_bound=False)).status)\n"
+    )
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert (process.stdout, process.stderr) == ("Status.SOLVED\n", "")
