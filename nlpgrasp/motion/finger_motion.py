@@ -134,13 +134,21 @@ class LinkedMotions:
         Path of each finger from its contact to its new one.
     lift : float
         Height of a lifted finger above the surface, metres.
+    model : CollisionModel, optional
+        Of the same problem and hand, where it exists already.
     """
 
     def __init__(
-        self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[PathStation]], lift: float
+        self,
+        problem: GraspProblem,
+        hand: URDFHand,
+        values: Values,
+        paths: Sequence[Sequence[PathStation]],
+        lift: float,
+        model: CollisionModel | None = None,
     ) -> None:
         self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
-        self.model = CollisionModel(problem, hand)
+        self.model = model or CollisionModel(problem, hand)
         self.fingers = [FingerJoints(hand, i, self.model, problem.body.size) for i in range(hand.count)]
         self._problem = problem
         self._first = self._with_slides(values)

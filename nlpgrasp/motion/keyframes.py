@@ -34,7 +34,12 @@ NO_PREGRASP = "the hand has no pregrasp"
 
 
 def plan_keyframes(
-    problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None, links: PenetrationModel | None = None
+    problem: GraspProblem,
+    hand: URDFHand,
+    grasp: Values,
+    pregrasp: Values | None,
+    links: PenetrationModel | None = None,
+    spheres: CollisionModel | None = None,
 ) -> Json:
     """Return the phases up to the grasp, with approach and lift, as JSON data.
 
@@ -50,7 +55,8 @@ def plan_keyframes(
     grasp, pregrasp : dict
         Values of the hand's variables; None where there is no pregrasp.
     links : PenetrationModel, optional
-        Of the same problem and hand, where it exists already.
+    spheres : CollisionModel, optional
+        Both of the same problem and hand, where they exist already.
 
     Returns
     -------
@@ -58,7 +64,7 @@ def plan_keyframes(
         ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``way_in`` (penetration of
         the links' own shapes on that path and while the fingers close), ``phases`` and ``lift``.
     """
-    model = CollisionModel(problem, hand)
+    model = spheres or CollisionModel(problem, hand)
     grasp_phase = Phase.of(GRASP, hand.describe(grasp))
     entries: dict[str, Json | list[Json]] = {
         "phases": [grasp_phase.to_dict()],

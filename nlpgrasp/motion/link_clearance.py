@@ -62,7 +62,7 @@ class CollisionModel:
     """
 
     def __init__(self, problem: GraspProblem, hand: URDFHand) -> None:
-        self.hand, self.spheres = hand, sphere_model(hand)
+        self.hand, self.spheres = hand, LinkSphereModel(hand)
         self.fields = build_distance_fields(problem.body, problem.constraints, hand.count)
         self.tolerance = TOLERANCE * hand.tree.span
         self.sphere_indices = np.arange(len(self.spheres.radii))
@@ -271,13 +271,3 @@ class LinkSphereModel:
             overlaps.append(np.full(len(pairs[-1]), link_pair.overlap))
         sphere_pairs = np.concatenate(pairs)
         return sphere_pairs, self.radii[sphere_pairs].sum(axis=1) - np.concatenate(overlaps)
-
-
-_last_model: list[LinkSphereModel] = []  # of the last hand, many grasps of which are examined in turn; one at most
-
-
-def sphere_model(hand: URDFHand) -> LinkSphereModel:
-    """Return the sphere model of a hand; that of the last hand is kept."""
-    if not _last_model or _last_model[0].hand is not hand:
-        _last_model[:] = [LinkSphereModel(hand)]
-    return _last_model[0]

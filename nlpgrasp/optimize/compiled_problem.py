@@ -11,6 +11,7 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
 from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
@@ -71,6 +72,14 @@ class CompiledProblem:
             return self._parent.link_depths
         hand = self.problem.hand
         return PenetrationModel(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
+
+    @cached_property
+    def collision_model(self) -> CollisionModel | None:
+        """Collision model of the spheres of a hand that has links; None for other hands."""
+        hand = self.problem.hand
+        if self._parent is not None and self._parent.problem.hand is hand:  # a variant's hand may have other limits
+            return self._parent.collision_model
+        return CollisionModel(self.problem, hand) if isinstance(hand, URDFHand) else None
 
     @cached_property
     def workspace(self) -> HandWorkspace:

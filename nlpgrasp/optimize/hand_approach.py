@@ -83,12 +83,12 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     if not compiled.follows_contacts:
         pregrasp, message = attempt(lambda: find_pregrasp(compiled, start.on_body, compiled.options.pregrasp_clearance))
         start = start.with_message(message and f"no pregrasp: {message}")
-        model, links = problem.hand, compiled.link_depths
+        model, links, spheres = problem.hand, compiled.link_depths, compiled.collision_model
         if pregrasp is not None and model is not None:
             hand["pregrasp"] = {"clearance": pregrasp.clearance, **model.describe(pregrasp.hand)}
         if isinstance(model, URDFHand) and links is not None:
             opened = None if pregrasp is None else pregrasp.hand
-            phases, message = attempt(lambda: plan_keyframes(problem, model, candidate.hand, opened, links))
+            phases, message = attempt(lambda: plan_keyframes(problem, model, candidate.hand, opened, links, spheres))
             start, hand = start.with_message(message and f"no phases: {message}"), {**hand, **(phases or {})}
     if start.record.obstruction:
         return replace(start, hand=hand)

@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,9 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.experiments.solve_job import Outcome
 from nlpgrasp.experiments.solve_record import body_digest
+from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand
+from nlpgrasp.hands.robot import Robot
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
@@ -42,6 +45,7 @@ from nlpgrasp.sets.grasp_rows import (
     parquet_bytes,
 )
 from nlpgrasp.simulation.hand_protocol import HoldTest, try_hold
+from nlpgrasp.simulation.robot_hand_scene import read_hand
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -135,6 +139,14 @@ class UnitProblem:
     distinct: float
     robot_file: Path | None
     simulate: bool
+
+    @cached_property
+    def robot(self) -> Robot | None:
+        """Robot of the hand's file, read once for all simulations; None without a file."""
+        if self.robot_file is None or not isinstance(self.problem.hand, URDFHand):
+            return None
+        robot = self.problem.hand.robot
+        return read_hand(self.robot_file, robot.root, robot.units)
 
     @property
     def identity(self) -> RowIdentity:
@@ -298,7 +310,7 @@ def _simulate(unit: UnitProblem, solution: GraspSolution) -> tuple[HoldTest | No
         reason = "not requested" if not unit.simulate else "no hand with joints"
         return None, f"{NOT_SIMULATED}: {reason}"
     try:
-        hold = try_hold(solution, unit.robot_file)
+        hold = try_hold(solution, unit.robot_file, robot=unit.robot)
     except NlpgraspError as error:
         return None, f"{NOT_SIMULATED}: {error_line(error)}"
     return hold, hold.verdict

@@ -11,6 +11,7 @@ import numpy as np
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.robot import Robot
 from nlpgrasp.simulation.hand_outcome import (
     AS_SOLVED,
     CONTROL,
@@ -113,7 +114,7 @@ def simulate_hand(
 
 @dataclass(frozen=True)
 class HoldTest:
-    """Verdict on one grasp in a data set: pushes and a lift with the squeeze and, where all of them hold, without it.
+    """Outcome of ``try_hold``: pushes and a lift with the squeeze and, where all of them hold, without it.
 
     Parameters
     ----------
@@ -136,9 +137,13 @@ class HoldTest:
 
 
 def try_hold(
-    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, push: float = PUSH
+    solution: GraspSolution,
+    urdf: str | Path,
+    options: HandSceneOptions | None = None,
+    push: float = PUSH,
+    robot: Robot | None = None,
 ) -> HoldTest:
-    """Simulate the trials of ``simulate_hand`` as solved and of its control, each up to the first loss.
+    """Simulate pushes and lift of ``simulate_hand`` with the squeeze, then without it, up to the first loss.
 
     Parameters
     ----------
@@ -150,6 +155,8 @@ def try_hold(
         As for ``simulate_hand``.
     push : float
         Newtons.
+    robot : Robot, optional
+        The robot of the file, where it has been read already.
 
     Raises
     ------
@@ -158,7 +165,7 @@ def try_hold(
     """
     settings = HandSceneOptions() if options is None else options
     mass = object_mass(solution, settings.mass, DEFAULT_MASS)
-    scene = mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms))
+    scene = mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms), robot=robot)
 
     def trials(squeeze: bool) -> Iterator[HandTrial]:
         condition, world = AS_SOLVED if squeeze else CONTROL, HandWorld(scene)

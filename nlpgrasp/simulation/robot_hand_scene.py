@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from xml.etree.ElementTree import Comment, Element, SubElement
 
@@ -65,7 +64,11 @@ USAGE = """ Keyframes: {names}. Servos hold every joint where its control is: go
 
 
 def mjcf_with_hand(
-    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Progress | None = None
+    solution: GraspSolution,
+    urdf: str | Path,
+    options: HandSceneOptions | None = None,
+    progress: Progress | None = None,
+    robot: Robot | None = None,
 ) -> str:
     """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
 
@@ -83,6 +86,8 @@ def mjcf_with_hand(
         Servo gains, frictions and the object's mass.
     progress : callable, optional
         Called with a message before the convex decomposition, which may take half a minute.
+    robot : Robot, optional
+        The robot of the file, where it has been read already (``read_hand``).
 
     Raises
     ------
@@ -98,7 +103,9 @@ def mjcf_with_hand(
     hand = _require_posture(solution)
     squeeze = solution.require_squeeze()
     grasp = solution.require_grasp()
-    robot = _robot(urdf, solution.palm, hand["joint_positions"], UrdfUnits.from_dict(solution.problem["hand"]))
+    if robot is None:
+        robot = read_hand(urdf, solution.palm, UrdfUnits.from_dict(solution.problem["hand"]))
+    _require_joints(robot, hand["joint_positions"], urdf)
     drawing = solution.require_drawing()
     require_pressing(grasp)
     mass = solid_mass(drawing.body, DENSITY).scaled(object_mass(solution, settings.mass).kilograms)
@@ -192,22 +199,24 @@ class HandSceneOptions:
             object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0))
 
 
-def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float], units: UrdfUnits) -> Robot:
-    """Read the hand's file; raise if it is not the solution's hand."""
+def read_hand(urdf: str | Path, palm: str, units: UrdfUnits) -> Robot:
+    """Return the robot of a hand's file, below its palm.
+
+    Raises
+    ------
+    InputError
+        Where there is no such file, or it cannot be used.
+    """
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
-    robot = _read_robot(Path(urdf), Path(urdf).stat().st_mtime_ns, palm, units)
+    return read_robot(urdf, palm, units)
+
+
+def _require_joints(robot: Robot, joints: Mapping[str, float], urdf: str | Path) -> None:
+    """Raise where a robot lacks one of a solution's joints."""
     missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
     if missing:
         raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
-    return robot
-
-
-@lru_cache(maxsize=1)  # many grasps of one hand
-def _read_robot(urdf: Path, modified: int, palm: str, units: UrdfUnits) -> Robot:
-    """Return the robot of a file that was modified at a time, nanoseconds."""
-    del modified
-    return read_robot(urdf, palm, units)
 
 
 def _contact_attributes(model: ContactModel, share: float) -> dict[str, str]:

@@ -330,7 +330,8 @@ class _GoalSearch:
         hand, holding, paths = self.goal.hand, goal.holding, goal.holding.paths
         if isinstance(hand, URDFHand):
             values = hand.values_of(self.picked.hand or {})
-            moves = ordered_moves(holding, LinkedMotions(self.goal, hand, values, paths, self.lift), moved)
+            model = self._runner.compiled.collision_model
+            moves = ordered_moves(holding, LinkedMotions(self.goal, hand, values, paths, self.lift, model), moved)
         elif hand is not None and hand.follows_contacts:
             contacts = self.grasp.points, self.grasp.normals
             moves = ordered_moves(holding, ContactMotions(self.goal, hand, contacts, paths, self.lift), moved)
