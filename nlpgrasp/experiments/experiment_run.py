@@ -232,11 +232,11 @@ class _WriteError(Exception):
 def run_local(
     solves: Sequence[Key], factory: Callable[[Key], RunnableJob | None], workers: int
 ) -> Generator[tuple[Key, Outcome], None, None]:
-    """Run solves in local worker processes; yield each with its outcome when done, in any order.
+    """Run jobs in local worker processes; yield the key of each with its outcome when done, in any order.
 
-    Those for which the factory returns None when a worker is free are left out.
-    At most one solve per worker is active. When a worker process crashes, all workers end, and the guilty solve is
-    unknown: each active solve is repeated alone, and one that crashes its process again has failed.
+    ``solves`` are the keys. The factory returns the job of a key when a worker is free; None leaves it out. At most one
+    job per worker is active. When a worker process crashes, all workers end, and the job that crashed it is unknown:
+    each active job is repeated alone, and one that crashes its process again has failed.
     """
     if multiprocessing.current_process().daemon:
         raise InputError("workers", "a daemonic process, which can have none", "a call from another process")

@@ -1,4 +1,4 @@
-"""Jobs of worker processes: one solve of an experiment."""
+"""Jobs of worker processes: their protocol, outcome, and the job of one solve of an experiment."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _solver_lock = threading.Lock()  # IPOPT's linear solver is not thread-safe
 
 
 class RunnableJob(Protocol):
-    """Protocol of a job for a worker."""
+    """Interface of a job for a worker process."""
 
     @property
     def key(self) -> str:
         """Unique name of the job in the run."""
 
     def run(self) -> Outcome:
-        """Return the outcome."""
+        """Return the outcome of the job."""
 
 
 def run_job(job: RunnableJob) -> Outcome:
@@ -80,7 +80,7 @@ class Job:
         return f"nlpgrasp-{self.payload.token}-{self.solve.seed}{suffix}"
 
     def run(self) -> Outcome:
-        """Solve, or improve a finished solution by offered grasps."""
+        """Return the outcome of a solve, or of improving a finished solution by offered grasps."""
         lazy, offer, seed = self.payload.unpack(), self.offer, self.solve.seed
         compiled, starts = lazy.compiled, lazy.problem_with_options.starts
         if offer is not None:

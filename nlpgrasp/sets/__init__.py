@@ -1,1 +1,1 @@
-"""Data sets of grasps: tables with one row a start, made by many processes and read as solutions."""
+"""Data sets of grasps: tables with one row per start, made in parallel and read as solutions."""

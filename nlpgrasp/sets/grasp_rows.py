@@ -1,4 +1,4 @@
-"""Rows of a set of grasps: one a start, as columns of a Parquet table."""
+"""Rows of a set of grasps, one per start, and Parquet files of them."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ LABELS = (
     *("has_depth", "link_depth", "way_in_free", "way_in", "simulated", "held", "caged", "verdict", "slip", "turn"),
     *("seconds", "cpu_seconds", "simulation_cpu_seconds"),
 )
-IDENTITY = ("problem", "start", "seed", "object", "hand", "status", "reason", *COST)
-"""Columns that rows without a grasp have; the others are null there, and flags false."""
+ALWAYS_STATED = ("problem", "start", "seed", "object", "hand", "status", "reason", *COST)
+"""Columns that every row states; in rows without a grasp the others are null, and flags false."""
 
-GROUP = 64  # rows that are read together
+GROUP = 64  # rows of a row group, which are read together
 
 Row = dict[str, object]
 
 
-def parquet(module: str = "pyarrow.parquet") -> ModuleType:
-    """Import a module of pyarrow.
+def import_pyarrow(module: str = "pyarrow.parquet") -> ModuleType:
+    """Import a module of pyarrow, that of Parquet files by default.
 
     Raises
     ------
@@ -61,14 +61,14 @@ def parquet(module: str = "pyarrow.parquet") -> ModuleType:
 
 @dataclass(frozen=True)
 class RowIdentity:
-    """Entries that all rows of a problem have in common.
+    """Entries shared by all rows of a problem, with which rows are built.
 
     Parameters
     ----------
     problem : str
-        Its name.
+        Name of the problem.
     seed : int
-        Of the set.
+        Seed of the set.
     body, hand : str
         Digests of the body and of the hand; empty without a hand.
     """
@@ -78,16 +78,18 @@ class RowIdentity:
     body: str
     hand: str
 
-    def failure(self, start: int, status: str, reason: str, **entries: object) -> Row:
+    def row_without_grasp(self, start: int, status: str, reason: str, **entries: object) -> Row:
         """Return the row of a start without a grasp."""
         row = {"problem": self.problem, "seed": self.seed, "object": self.body, "hand": self.hand, "start": start}
         row |= {"status": status, "reason": reason}
         return row | dict.fromkeys(FLAGS, False) | dict.fromkeys(COST, 0.0) | entries
 
-    def grasp(self, start: int, solution: GraspSolution, hold: HoldTest | None, verdict: str, **entries: object) -> Row:
+    def row_with_grasp(
+        self, start: int, solution: GraspSolution, hold: HoldTest | None, verdict: str, **entries: object
+    ) -> Row:
         """Return the row of a grasp, with the outcome of its simulation or, in ``verdict``, why there is none."""
         grasp, depth = solution.require_grasp(), solution.link_depth
-        row = self.failure(start, GRASP, "") | {
+        row = self.row_without_grasp(start, GRASP, "") | {
             "mu_lower": solution.mu.lower,
             "mu_upper": solution.mu.upper,
             "mu_gap": solution.mu.gap,
@@ -105,7 +107,7 @@ class RowIdentity:
 
 
 def _posture_entries(solution: GraspSolution) -> Row:
-    """Return the hand's poses and joints of a grasp, and its approach; empty without a hand that has a pose."""
+    """Return the hand's states and approach in a grasp; a reason alone without a hand that has a pose."""
     if "palm_pose" not in (solution.hand or {}):
         return {"way_in": "no hand with a pose"}
     states = HandStates.of(solution)
@@ -124,8 +126,8 @@ def _posture_entries(solution: GraspSolution) -> Row:
 
 
 def row_schema() -> Any:
-    """Return the Arrow schema of rows."""
-    pa = parquet("pyarrow")
+    """Return the Arrow schema of the rows."""
+    pa = import_pyarrow("pyarrow")
     kinds = dict.fromkeys(TEXT, pa.string()) | dict.fromkeys(WHOLE, pa.int64()) | dict.fromkeys(FLAGS, pa.bool_())
     kinds |= dict.fromkeys((*REAL, *COST), pa.float64()) | dict.fromkeys(VECTORS, pa.list_(pa.float64()))
     kinds |= {"faces": pa.list_(pa.string()), "outline": pa.string(), "constraint_names": pa.string()}
@@ -134,7 +136,7 @@ def row_schema() -> Any:
 
 
 def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
-    """Return rows, or a table of them, as the content of a Parquet file with checksums.
+    """Return the content of a Parquet file of rows, or of a table of them, with checksums.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
     unit : str
         Number of the unit; ``"all"`` for all rows of a problem.
     """
-    pa, pq, sink = parquet("pyarrow"), parquet(), io.BytesIO()
+    pa, pq, sink = import_pyarrow("pyarrow"), import_pyarrow(), io.BytesIO()
     table = rows if isinstance(rows, pa.Table) else pa.Table.from_pylist(list(rows), schema=row_schema())
     settings = {
         "compression": "zstd",
@@ -161,32 +163,32 @@ def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
 
 
 def read_rows(source: object, columns: Sequence[str], problem: str, field: str, group: int | None = None) -> Any:
-    """Return columns of the rows of a file, or of its content, as an Arrow table.
+    """Return columns of a Parquet file, or of its content, as an Arrow table.
 
     Parameters
     ----------
     source : path or bytes
     columns : sequence of str
     problem : str
-        Digest of the problem that the rows have to be of.
+        Digest of the problem to which the rows have to belong.
     field : str
-        For messages.
+        Name of the file in messages.
     group : int, optional
-        Read the rows from ``GROUP * group`` on alone, ``GROUP`` at most.
+        Number of a row group to read: rows from ``GROUP * group`` on, at most ``GROUP``; all rows by default.
 
     Raises
     ------
     InputError
         On a damaged file, and on rows of another problem.
     """
-    pa, pq = parquet("pyarrow"), parquet()
+    pa, pq = import_pyarrow("pyarrow"), import_pyarrow()
     opened = pa.BufferReader(source) if isinstance(source, bytes) else source
     try:
         with pq.ParquetFile(opened, page_checksum_verification=True) as file:
             stated = {k.decode(): v.decode() for k, v in (file.metadata.metadata or {}).items()}
             table = file.read(list(columns)) if group is None else file.read_row_group(group, list(columns))
             table = table.select(list(columns))
-    except (pa.ArrowException, OSError, KeyError, ValueError, IndexError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError, KeyError) as error:  # the last: a column is missing
         raise InputError(field, f"a damaged file ({str(error).splitlines()[0][:60]})", "rows of this set") from None
     if stated.get("problem") != problem:
         raise InputError(field, "rows of another problem", f"rows of the problem with digest {problem}")

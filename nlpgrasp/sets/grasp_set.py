@@ -1,4 +1,4 @@
-"""Set of grasps: a table with one row a start, and solutions made on demand from its rows."""
+"""Set of grasps: a table with one row per start, and solutions built from its rows on demand."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 IDLE_SECONDS = 30.0  # seconds after which idle workers end
-CHUNK = 16  # grasps verified in one call of a worker
+CHUNK = 16  # rows whose grasps are verified in one call of a worker; divides ``GROUP``
 NPZ = "npz"
 MOST_LISTED = 5  # failed grasps listed in a verdict
 
@@ -74,9 +74,9 @@ class SetVerification:
         return self.passed
 
     def __str__(self) -> str:
-        word = "NOT verified" if self.failed else "verified" if self.complete else "partly verified"
-        lines = [f"{word}: {self.verified} grasps verified, {self.partly_verified} partly, {len(self.failed)} not"]
-        lines += [f"  grasp {i}: {verdict}" for i, verdict in list(self.failed.items())[:MOST_LISTED]]
+        verdict = "NOT verified" if self.failed else "verified" if self.complete else "partly verified"
+        lines = [f"{verdict}: {self.verified} grasps verified, {self.partly_verified} partly, {len(self.failed)} not"]
+        lines += [f"  grasp {i}: {reason}" for i, reason in list(self.failed.items())[:MOST_LISTED]]
         lines += [
             f"  {name} not found: give its folder with --folder, in Python with folders=" for name in self.missing
         ]
@@ -85,14 +85,14 @@ class SetVerification:
 
 @dataclass(frozen=True)
 class RowFile:
-    """File with rows of one problem.
+    """Parquet file with rows of one problem.
 
     Parameters
     ----------
     problem : str
-        Its name.
+        Name of the problem.
     digest : str
-        Its digest.
+        Digest of the problem.
     file : Path
     """
 
@@ -150,7 +150,7 @@ class GraspSet:
         return len(self._finished) == len(self.problems)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._grasp_rows)
 
     def counts(self) -> dict[str, int]:
         """Return the number of rows of each status: grasp, duplicate, touches, no grasp, failed."""
@@ -195,7 +195,7 @@ class GraspSet:
             On an index out of range, and on a damaged row.
         """
         index = integer("index", index, at_least=-len(self), at_most=len(self) - 1)
-        number, row = self._places[index]
+        number, row = self._grasp_rows[index]
         source = self._files[number]
         key = source.file, row // GROUP
         if key not in self._cache:
@@ -224,7 +224,7 @@ class GraspSet:
         return self._join(sorted(solutions, key=lambda solution: -solution.mu.lower))
 
     def _join(self, solutions: Sequence[GraspSolution]) -> GraspSolution:
-        """Return several grasps of one problem as one solution, the first as its answer."""
+        """Return one solution of several grasps of a problem, the first as its answer."""
         first = solutions[0]
         solver = {**first.solver, "keep": len(solutions), "distinct": self.settings["distinct"]}
         starts = tuple(sorted((start for s in solutions for start in s.starts), key=lambda start: start.index))
@@ -316,26 +316,23 @@ class GraspSet:
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
     @cached_property
-    def _places(self) -> list[tuple[int, int]]:
-        """File and row of each grasp."""
+    def _grasp_rows(self) -> list[tuple[int, int]]:
+        """Number of the file, and row in it, of each grasp."""
         statuses = [table["status"].to_pylist() for table in self._tables]
         return [(number, row) for number, column in enumerate(statuses) for row, s in enumerate(column) if s == GRASP]
 
     def _indices(self, problem: str) -> list[int]:
         """Return the indices of a problem's grasps."""
-        return [i for i, (number, _) in enumerate(self._places) if self._files[number].problem == problem]
+        return [i for i, (number, _) in enumerate(self._grasp_rows) if self._files[number].problem == problem]
 
     def _verify_chunks(
         self, chunks: Sequence[Sequence[int]], rtol: float, folders: Sequence[str], workers: int
-    ) -> Iterator[list[_Outcome]]:
+    ) -> Iterator[list[_VerifiedGrasp]]:
         """Yield the outcomes of each chunk of grasps, in order."""
-        calls = [
-            partial(
-                _verify_rows, str(self.path), self._files[number], [self._places[i][1] for i in chunk], rtol, folders
-            )
-            for chunk in chunks
-            for number in {self._places[chunk[0]][0]}
-        ]
+        calls = []
+        for chunk in chunks:
+            source, rows = self._files[self._grasp_rows[chunk[0]][0]], [self._grasp_rows[i][1] for i in chunk]
+            calls.append(partial(_verify_rows, str(self.path), source, rows, rtol, folders))
         if workers == 1 or len(chunks) < 2:
             yield from (call() for call in calls)
             return
@@ -344,9 +341,9 @@ class GraspSet:
                 yield future.result()
 
     def _chunks(self) -> list[list[int]]:
-        """Return indices of grasps that are verified in one call each: some rows of one group."""
+        """Return the indices of grasps in chunks that are verified in one call each, rows of one row group."""
         groups: dict[tuple[int, int], list[int]] = {}
-        for index, (number, row) in enumerate(self._places):
+        for index, (number, row) in enumerate(self._grasp_rows):
             groups.setdefault((number, row // CHUNK), []).append(index)
         return list(groups.values())
 
@@ -357,20 +354,18 @@ class GraspSet:
         indices = self._indices(problem)
         if export_format.name == NPZ:
             file = target / f"{file_name(problem)}.npz"
-            return [write_bytes(file, self._npz(indices, export_format, options))]
+            return [write_bytes(file, self._npz_content(indices, export_format, options))]
         if export_format.has_all_grasps:
-            path, grasps = (
-                target / f"{file_name(problem)}{export_format.ending}",
-                map(self._without_constraints, indices),
-            )
-            return [write_bytes(path, export_format.export(self._join(list(grasps)), options))]
+            path = target / f"{file_name(problem)}{export_format.ending}"
+            solution = self._join([self._without_constraints(i) for i in indices])
+            return [write_bytes(path, export_format.export(solution, options))]
         starts = [self._label(i, "start") for i in indices]
         paths = [target / f"{file_name(problem)}-{start}{export_format.ending}" for start in starts]
         for index, path in zip(indices, paths, strict=True):
             write_bytes(path, export_format.export(self._without_constraints(index), options))
         return paths
 
-    def _npz(self, indices: Sequence[int], export_format: ExportFormat, options: ExportOptions) -> bytes:
+    def _npz_content(self, indices: Sequence[int], export_format: ExportFormat, options: ExportOptions) -> bytes:
         """Return the arrays of a problem's grasps, with their labels, as the bytes of an npz file."""
         solutions = [self._without_constraints(i) for i in indices]
         arrays: dict[str, NDArray[np.generic]] = {
@@ -379,9 +374,8 @@ class GraspSet:
             "contact_normals": np.stack([s.require_grasp().normals for s in solutions]),
         }
         if self._label(indices[0], "has_pose"):
-            with np.load(
-                io.BytesIO(export_format.export(self._join(solutions), options)), allow_pickle=False
-            ) as stated:
+            exported = io.BytesIO(export_format.export(self._join(solutions), options))
+            with np.load(exported, allow_pickle=False) as stated:
                 arrays = {name: stated[name] for name in stated.files}
         names = ("start", "link_depth", "friction_needed", "slip", "turn", "verdict", *FLAGS)
         labels = {name: _column(name, [self._label(i, name) for i in indices]) for name in names}
@@ -396,13 +390,13 @@ class GraspSet:
 
     def _label(self, index: int, name: str) -> object:
         """Return one label of a grasp."""
-        number, row = self._places[index]
+        number, row = self._grasp_rows[index]
         return self._tables[number][name][row].as_py()
 
 
 @dataclass(frozen=True)
-class _Outcome:
-    """Outcome of verifying one grasp."""
+class _VerifiedGrasp:
+    """Outcome of verifying one grasp: whether checks passed and were all made, missing files, verdict."""
 
     passed: bool
     complete: bool
@@ -412,22 +406,20 @@ class _Outcome:
 
 def _verify_rows(
     path: str, source: RowFile, rows: Sequence[int], rtol: float, folders: Sequence[str]
-) -> list[_Outcome]:
+) -> list[_VerifiedGrasp]:
     """Return the outcomes of verifying the grasps in some rows of one group of a file."""
     try:
-        problem, records = (
-            SetFolder(Path(path)).read_problem(source.problem, source.digest),
-            source.records(rows[0] // GROUP),
-        )
+        problem = SetFolder(Path(path)).read_problem(source.problem, source.digest)
+        records = source.records(rows[0] // GROUP)
     except InputError as error:
-        return [_Outcome(False, False, (), f"NOT verified: {error}")] * len(rows)
-    outcomes = list[_Outcome]()
+        return [_VerifiedGrasp(False, False, (), f"NOT verified: {error}")] * len(rows)
+    outcomes = list[_VerifiedGrasp]()
     for row in rows:
         try:
             result = verify(source.solution(records, row, problem), rtol, folders)
-            outcomes.append(_Outcome(result.passed, result.complete, result.missing, result.verdict))
+            outcomes.append(_VerifiedGrasp(result.passed, result.complete, result.missing, result.verdict))
         except InputError as error:
-            outcomes.append(_Outcome(False, False, (), f"NOT verified: {error}"))
+            outcomes.append(_VerifiedGrasp(False, False, (), f"NOT verified: {error}"))
     return outcomes
 
 

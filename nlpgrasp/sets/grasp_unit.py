@@ -49,13 +49,13 @@ from nlpgrasp.simulation.robot_hand_scene import read_hand
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
-UNIT = 4  # starts of a unit: their candidates are proposed together, and they are lost together
+UNIT = 4  # starts of a unit: their candidates are proposed together, and a crash loses them together
 POSTURE = ("palm_pose", "joint_positions", "opening")  # entries of a hand's data from which its variables follow
 
 
 @dataclass(frozen=True)
 class KnownCandidate:
-    """Contacts and posture of a grasp of the set, to tell others from it.
+    """Contacts and hand posture of a grasp of the set, with which later grasps are compared.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ class DistinctCandidates:
         self.known = list(known)
         self._candidates = [self._candidate(entry) for entry in known]
 
-    def reason(self, entry: KnownCandidate) -> str:
-        """Return why a grasp is no distinct one: the first start with an equivalent grasp; empty without one."""
+    def describe_equivalent(self, entry: KnownCandidate) -> str:
+        """Return the first start with an equivalent grasp, as text; empty where the grasp is distinct from all."""
         candidate = self._candidate(entry)
         for other, earlier in zip(self._candidates, self.known, strict=True):
             if self._equivalence.are_equivalent(candidate, other):
@@ -150,12 +150,12 @@ class UnitProblem:
 
     @property
     def identity(self) -> RowIdentity:
-        """Entries that all rows have in common."""
+        """Entries shared by all rows of the problem."""
         return row_identity(self.name, self.seed, self.problem.to_dict())
 
 
 def row_identity(name: str, seed: int, problem: Json) -> RowIdentity:
-    """Return the entries that all rows of a problem have in common."""
+    """Return the entries shared by all rows of a problem, given as JSON data."""
     body, hand = problem["body"], problem.get("hand")
     return RowIdentity(name, seed, body_digest(body) or data_digest(body), "" if hand is None else data_digest(hand))
 
@@ -167,13 +167,14 @@ def data_digest(data: Json) -> str:
 
 @dataclass(frozen=True)
 class UnitId:
-    """Number of a unit of a problem: its starts are ``UNIT * number`` and the next ones.
+    """Identifier of a unit: its problem, and its number among the units of that problem.
 
     Parameters
     ----------
     problem : str
         Name of the problem in the set.
     number : int
+        The first start of the unit is ``UNIT * number``.
     """
 
     problem: str
@@ -185,7 +186,7 @@ class UnitId:
 
 @dataclass(frozen=True)
 class UnitJob:
-    """One unit as data for a worker.
+    """Job of a worker process: the starts of one unit.
 
     Parameters
     ----------
@@ -261,34 +262,34 @@ def _start_row(
     unit: UnitProblem,
     result: StartResult,
     distinct: DistinctCandidates,
-    is_added: bool,
+    adds: bool,
 ) -> tuple[Row, float]:
     """Return the row of a start, its grasp completed and simulated, and the CPU seconds of the simulation.
 
-    With ``is_added`` its grasp is one that later ones are compared with.
+    With ``adds`` its distinct grasp is one with which later ones are compared.
     """
     identity, record = unit.identity, result.record
     if not isinstance(result, StartGrasp) or not record.has_grasp:
         status = FAILED if record.status is Status.FAILED else NO_GRASP
-        return identity.failure(record.index, status, _reason(record)), 0.0
+        return identity.row_without_grasp(record.index, status, _failure_reason(record)), 0.0
     if not result.solved:
-        return identity.failure(record.index, TOUCHES, record.obstruction), 0.0
+        return identity.row_without_grasp(record.index, TOUCHES, record.obstruction), 0.0
     solution = _complete(compiled, unit, result)
     if solution.touches:
-        return identity.failure(record.index, TOUCHES, "; ".join(solution.caveats)), 0.0
+        return identity.row_without_grasp(record.index, TOUCHES, "; ".join(solution.caveats)), 0.0
     entry = KnownCandidate.of(record.index, solution)
-    if reason := distinct.reason(entry):
-        return identity.failure(record.index, DUPLICATE, reason), 0.0
-    if is_added:
+    if reason := distinct.describe_equivalent(entry):
+        return identity.row_without_grasp(record.index, DUPLICATE, reason), 0.0
+    if adds:
         distinct.add(entry)
     begin = time.process_time()
     hold, verdict = _simulate(unit, solution)
     seconds = time.process_time() - begin if hold is not None else 0.0
-    return identity.grasp(record.index, solution, hold, verdict), seconds
+    return identity.row_with_grasp(record.index, solution, hold, verdict), seconds
 
 
-def _reason(record: StartRecord) -> str:
-    """Return why a start has no grasp."""
+def _failure_reason(record: StartRecord) -> str:
+    """Return the reason for a start without a grasp, as text."""
     if record.status is Status.FAILED:
         return record.message
     if not record.mu.lower > 0.0:
@@ -297,7 +298,7 @@ def _reason(record: StartRecord) -> str:
 
 
 def _complete(compiled: CompiledProblem, unit: UnitProblem, result: StartGrasp) -> GraspSolution:
-    """Return the solution of a start: the hand's approach, least forces and squeeze added."""
+    """Return the solution of a start, with the hand's approach, least forces and squeeze."""
     start = add_hand_record(compiled, result)
     search = SearchRecord(compiled.problem, compiled.options, unit.seed, [start], chosen=start)
     record = solver_record(compiled.options, unit.seed, start.effort, sum(start.record.seconds.values()))
@@ -305,7 +306,7 @@ def _complete(compiled: CompiledProblem, unit: UnitProblem, result: StartGrasp) 
 
 
 def _simulate(unit: UnitProblem, solution: GraspSolution) -> tuple[HoldTest | None, str]:
-    """Return the simulated verdict on a grasp, or None and why there is none."""
+    """Return the outcome of simulating a grasp, None without a simulation, and the verdict or the reason."""
     if not unit.simulate or unit.robot_file is None:
         reason = "not requested" if not unit.simulate else "no hand with joints"
         return None, f"{NOT_SIMULATED}: {reason}"

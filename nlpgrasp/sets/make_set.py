@@ -1,4 +1,4 @@
-"""Making of a set of grasps: units of starts over worker processes, each safe on disk when it is finished."""
+"""Generation of a set of grasps: units of starts in worker processes, each written when it is finished."""
 
 from __future__ import annotations
 
@@ -27,7 +27,16 @@ from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem
 from nlpgrasp.optimize.processes import WorkerPayload, cores
 from nlpgrasp.pipeline.solve import check_json
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.sets.grasp_rows import DUPLICATE, FAILED, GRASP, IDENTITY, LABELS, parquet, parquet_bytes, read_rows
+from nlpgrasp.sets.grasp_rows import (
+    ALWAYS_STATED,
+    DUPLICATE,
+    FAILED,
+    GRASP,
+    LABELS,
+    import_pyarrow,
+    parquet_bytes,
+    read_rows,
+)
 from nlpgrasp.sets.grasp_set import GraspSet, open_set
 from nlpgrasp.sets.grasp_unit import (
     UNIT,
@@ -44,9 +53,9 @@ from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
 
 STARTS_PER_GRASP = 4  # most starts of a problem per requested grasp, by default
-WAIT_SECONDS = 0.5  # seconds between looks at the folder while other processes run the last units
+WAIT_SECONDS = 0.5  # seconds between readings of the folder while other processes run the last units
 DEFAULT_OPTIONS = SolveOptions(global_bound=False, final_rtol=SolveOptions().rtol)
-REFUSED = ("gap", "time_limit", "analyses", "extras", "workers", "edge_margin")  # of the options
+REFUSED = ("gap", "time_limit", "analyses", "extras", "workers", "edge_margin")  # options that keep their default
 INTERRUPTED = "Interrupted: what is finished is kept; call ng.make_set again to go on."
 
 
@@ -169,7 +178,7 @@ def make_set(
     MissingExtraError
         Without the extras ``tables``, for simulation ``sim``, for a scheduler ``cluster``.
     """
-    parquet()
+    import_pyarrow()
     run = _Run.of(problems, grasps_per_problem, out, simulate, starts, seed, distinct, options, folders, progress)
     if workers is not None:
         if scheduler is not None:
@@ -177,10 +186,10 @@ def make_set(
         workers = integer("workers", workers, at_least=1, at_most=1024)
     client = None if scheduler is None else connect(scheduler)
     try:
-        run_units = (
-            partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
-        )
-        run.run(run_units)
+        if client is None:
+            run.run(partial(run_local, workers=workers or cores()))
+        else:
+            run.run(partial(run_cluster, client=client))
     except KeyboardInterrupt:
         run.notes.append(INTERRUPTED)
     except ClusterLostError as error:
@@ -213,8 +222,8 @@ class _ProblemState:
     data: Json
     robot_file: Path | None = None
     distinct: DistinctCandidates | None = None
-    next_unit: int = 0  # the first unit that is not settled
-    pending: dict[int, int] = field(default_factory=dict)  # finished units after it, with their numbers of grasps
+    next_unit: int = 0  # the first unit whose grasps have not been compared with those of earlier starts
+    pending: dict[int, int] = field(default_factory=dict)  # numbers of grasps of finished units from it on, by unit
     duplicates: dict[int, str] = field(default_factory=dict)  # reason by start, for grasps that proved equivalent
     grasps: int = 0  # of a finished problem
     is_finished: bool = False
@@ -226,27 +235,28 @@ class _ProblemState:
 
     @property
     def count(self) -> int:
-        """Number of grasps so far; those of units that are not settled may turn out equivalent."""
-        return self.grasps if self.is_finished else self.settled + sum(self.pending.values())
+        """Number of grasps so far; those of pending units may turn out equivalent."""
+        return self.grasps if self.is_finished else self.distinct_count + sum(self.pending.values())
 
     @property
-    def settled(self) -> int:
-        """Number of distinct grasps of the settled units."""
+    def distinct_count(self) -> int:
+        """Number of grasps that have been compared and are distinct."""
         return 0 if self.distinct is None else len(self.distinct.known)
 
 
 @dataclass
 class _Run:
-    """Run of a set's missing units.
+    """Run of the missing units of a set.
 
     Parameters
     ----------
     folder : SetFolder
     states : mapping of str to _ProblemState
+        By name of the problem.
     wanted : int
-        Grasps a problem.
+        Number of grasps of each problem.
     most_units : int
-        Of a problem.
+        Largest number of units of a problem.
     settings : mapping
         As the plan states them.
     options : SolveOptions
@@ -265,8 +275,8 @@ class _Run:
     starts: int = 0
     failures: int = 0
     cpu_seconds: float = 0.0
-    before: int = 0  # grasps of earlier runs
-    payload: tuple[str, WorkerPayload[LazyCompiledProblem[UnitProblem]]] | None = None
+    earlier_grasps: int = 0  # number of grasps of earlier runs
+    payload: tuple[str, WorkerPayload[LazyCompiledProblem[UnitProblem]]] | None = None  # of the latest job's problem
 
     @classmethod
     def of(
@@ -299,7 +309,7 @@ class _Run:
             "simulate": simulate,
             "options": check_options(options).to_dict(),
         }
-        states = {name: _state_of(name, given) for name, given in check_named_problems(problems).items()}
+        states = {name: _initial_state(name, source) for name, source in check_named_problems(problems).items()}
         search = [Path(), *map(Path, folders)]
         for state in states.values() if simulate else ():
             if state.data["hand"] is not None and state.data["hand"].get("type") == URDFHand.kind:
@@ -313,15 +323,15 @@ class _Run:
 
     def run(self, run_units: Callable[..., Any]) -> None:
         """Run units until all problems are finished; those that other processes run are waited for."""
-        self._look_at_folder()
-        self.before = sum(state.count for state in self.states.values())
+        self._read_folder()
+        self.earlier_grasps = sum(state.count for state in self.states.values())
         while units := self._missing_units():
             is_idle = True
             with closing(run_units(units, self._job)) as outcomes:
                 for unit, outcome in outcomes:
                     is_idle = False
                     self._store(unit, outcome)
-            self._look_at_folder()
+            self._read_folder()
             if is_idle:
                 time.sleep(WAIT_SECONDS)
 
@@ -350,9 +360,9 @@ class _Run:
                 raise InputError(f"problem {state.name!r}", error_line(error), allowed) from None
         known = () if state.distinct is None else tuple(state.distinct.known)
         wanted = self.wanted - len(known) if unit.number == state.next_unit else None
-        return UnitJob(unit, self.payload[1], self._starts(unit.number), known, wanted)
+        return UnitJob(unit, self.payload[1], self._starts_of(unit.number), known, wanted)
 
-    def _starts(self, number: int) -> range:
+    def _starts_of(self, number: int) -> range:
         """Return the starts of a unit."""
         return range(UNIT * number, min(UNIT * (number + 1), int(self.settings["starts"])))
 
@@ -361,9 +371,11 @@ class _Run:
         state, content = self.states[unit.problem], outcome.content
         if not content:
             identity = row_identity(state.name, int(self.settings["seed"]), state.data)
-            failures = [identity.failure(start, FAILED, outcome.failure) for start in self._starts(unit.number)]
+            failures = [
+                identity.row_without_grasp(start, FAILED, outcome.failure) for start in self._starts_of(unit.number)
+            ]
             content = parquet_bytes(failures, state.digest, str(unit.number))
-        rows = read_rows(content, IDENTITY, state.digest, str(unit)).to_pylist()
+        rows = read_rows(content, ALWAYS_STATED, state.digest, str(unit)).to_pylist()
         self.starts += len(rows)
         self.failures += sum(row["status"] != GRASP for row in rows)
         self.cpu_seconds += sum(row["cpu_seconds"] + row["simulation_cpu_seconds"] for row in rows)
@@ -372,11 +384,11 @@ class _Run:
         else:
             self.folder.write_unit(unit, content)
             state.pending[unit.number] = sum(row["status"] == GRASP for row in rows)
-            self._settle(state)
+            self._compare_units(state)
         self._report()
 
-    def _look_at_folder(self) -> None:
-        """Take up what is in the folder: finished problems, and units of earlier runs and other processes."""
+    def _read_folder(self) -> None:
+        """Take over finished problems, and units of earlier runs and other processes, from the folder."""
         finished = self.folder.finished()
         for state in self.states.values():
             if not state.is_finished and finished.is_merged(state.name):
@@ -387,9 +399,9 @@ class _Run:
                         rows = self._read_unit(state, number, ("status",))
                         if rows is not None:
                             state.pending[number] = rows["status"].to_pylist().count(GRASP)
-                self._settle(state)
+                self._compare_units(state)
 
-    def _settle(self, state: _ProblemState) -> None:
+    def _compare_units(self, state: _ProblemState) -> None:
         """Compare the grasps of finished units with those before, in the order of starts; merge a finished problem."""
         while not state.is_finished and state.next_unit in state.pending:
             number = state.next_unit
@@ -400,14 +412,14 @@ class _Run:
             state.next_unit += 1
             for row in table.to_pylist():
                 if row["status"] == GRASP:
-                    self._compare(state, row)
-                if state.settled == self.wanted:
+                    self._add_or_reject(state, row)
+                if state.distinct_count == self.wanted:
                     self._merge(state, row["start"])
                     return
             if state.next_unit == self.most_units:
                 self._merge(state, UNIT * self.most_units)
 
-    def _compare(self, state: _ProblemState, row: Mapping[str, Any]) -> None:
+    def _add_or_reject(self, state: _ProblemState, row: Mapping[str, Any]) -> None:
         """Add a row's grasp to the distinct ones, or note that it is equivalent to one of them."""
         if state.distinct is None:
             compiled = CompiledProblem(state.make(), self.options)
@@ -415,26 +427,26 @@ class _Run:
         start = int(row["start"])
         solution = unpack_solution(row, state.data, state.name, f"{state.name}, start {start}")
         entry = KnownCandidate.of(start, solution)
-        if reason := state.distinct.reason(entry):
+        if reason := state.distinct.describe_equivalent(entry):
             state.duplicates[start] = reason
         else:
             state.distinct.add(entry)
 
     def _merge(self, state: _ProblemState, last: int) -> None:
         """Write the rows of a finished problem, up to its last start, as one file."""
-        pa = parquet("pyarrow")
+        pa = import_pyarrow("pyarrow")
         tables = [self._read_unit(state, number, (*LABELS, *RECORD)) for number in range(state.next_unit)]
         if any(table is None for table in tables):
             state.next_unit, state.distinct, state.duplicates = 0, None, {}  # a file was damaged meanwhile
             return
         table = pa.concat_tables(tables)
-        table = table.filter(parquet("pyarrow.compute").less_equal(table["start"], last))
+        table = table.filter(import_pyarrow("pyarrow.compute").less_equal(table["start"], last))
         table = _relabel(table, state.duplicates)
         self.folder.write_merged(state.name, parquet_bytes(table, state.digest, "all"))
         self._finish(state)
 
     def _finish(self, state: _ProblemState) -> None:
-        """Note that a problem is finished, and let go of what is no longer needed."""
+        """Mark a problem as finished, and free what is no longer needed."""
         file = self.folder.merged_file(state.name)
         try:
             rows = read_rows(file, (*LABELS, *RECORD), state.digest, file.name)  # all of them, to notice any damage
@@ -474,7 +486,7 @@ class _Run:
                 sum(state.is_finished for state in states),
                 self.starts,
                 self.failures,
-                max(grasps - self.before, 0),
+                max(grasps - self.earlier_grasps, 0),
                 time.monotonic() - self.begin,
                 self.cpu_seconds,
             )
@@ -514,9 +526,9 @@ def find_robot_file(hand: Json, folders: Sequence[Path]) -> Path:
     raise InputError("simulate", f"True, and {hand['source']} is not found", allowed)
 
 
-def _state_of(name: str, given: GraspProblem | ProblemFactory) -> _ProblemState:
-    """Return the initial state of a problem, made once to learn its data."""
-    make = partial(_identity, given) if isinstance(given, GraspProblem) else given
+def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _ProblemState:
+    """Return the initial state of a problem, which is built once for its data."""
+    make = partial(_return, source) if isinstance(source, GraspProblem) else source
     try:
         problem = make()
     except Exception as error:  # whatever the user's function raises
@@ -528,7 +540,8 @@ def _state_of(name: str, given: GraspProblem | ProblemFactory) -> _ProblemState:
     return _ProblemState(name, make, data)
 
 
-def _identity(problem: GraspProblem) -> GraspProblem:
+def _return(problem: GraspProblem) -> GraspProblem:
+    """Return the argument; unlike a lambda, a name that workers can import."""
     return problem
 
 
@@ -541,21 +554,21 @@ def _make_unit(
 
 
 def _relabel(table: Any, duplicates: Mapping[int, str]) -> Any:
-    """Return a table whose grasps that proved equivalent to earlier ones are labelled so, without their data."""
-    pa, rows = parquet("pyarrow"), table["start"].to_pylist()
+    """Return a table in which grasps equivalent to earlier ones are labelled duplicates, without their data."""
     if not duplicates:
         return table
-    is_kept = pa.array([start not in duplicates for start in rows])
+    pa, starts = import_pyarrow("pyarrow"), table["start"].to_pylist()
+    is_kept = pa.array([start not in duplicates for start in starts])
     for i, name in enumerate(table.column_names):
         if name == "status":
             replaced = pa.scalar(DUPLICATE)
         elif name == "reason":
-            replaced = pa.array([duplicates.get(start, "") for start in rows])
-        elif name in IDENTITY:
+            replaced = pa.array([duplicates.get(start, "") for start in starts])
+        elif name in ALWAYS_STATED:
             continue
         else:
             kind = table.schema.field(name).type
             replaced = pa.scalar(False if pa.types.is_boolean(kind) else None, kind)
-        column = parquet("pyarrow.compute").if_else(is_kept, table[name], replaced)
+        column = import_pyarrow("pyarrow.compute").if_else(is_kept, table[name], replaced)
         table = table.set_column(i, name, column)
     return table

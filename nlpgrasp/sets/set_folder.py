@@ -1,4 +1,4 @@
-"""Folder of a set: its plan, each problem once, and one Parquet file a unit, merged when a problem is finished.
+"""Folder of a set: its plan, each problem once, and one Parquet file per unit, merged when a problem is finished.
 
 ``set.json`` is the plan; ``problems/NAME.json`` states a problem; ``rows/NAME--3.parquet`` has the rows of its unit 3,
 ``rows/NAME.parquet`` all rows of a finished problem. Each file is written whole or not at all. A unit always gives the
@@ -25,7 +25,7 @@ from nlpgrasp.version import __version__
 SCHEMA = "nlpgrasp-set/1"
 PLAN, PROBLEMS, ROWS, LOCKS, LOCK = "set.json", "problems", "rows", ".locks", ".lock"
 SET_FOLDER = "the folder of a set of grasps"
-ABANDONED = 600.0  # seconds after which a partly written file is nobody's
+ABANDONED = 600.0  # seconds without a change after which a partly written file is of an ended process
 DAMAGED = ".damaged"  # appended to the name of a file that cannot be read
 
 
@@ -131,8 +131,8 @@ class SetFolder:
         if not self.path.parent.is_dir():
             raise InputError(f"out ({self.path})", f"no folder {self.path.parent}", "a folder in one that exists")
         if self.path.is_dir() and not (self.path / PLAN).is_file():
-            others = [p.name for p in self.path.iterdir() if p.name not in (LOCK, PROBLEMS, ROWS, LOCKS)]
-            if others and not all(name.startswith(".nlpgrasp-") for name in others):
+            foreign = [p.name for p in self.path.iterdir() if p.name not in (LOCK, PROBLEMS, ROWS, LOCKS)]
+            if not all(name.startswith(".nlpgrasp-") for name in foreign):
                 raise InputError(f"out ({self.path})", "files that are no set's", "a new or empty folder")
         try:
             for name in ("", PROBLEMS, ROWS, LOCKS):

@@ -1,4 +1,4 @@
-"""Compact record of a solution in a row of a set: numbers apart from the text that rows of one problem share.
+"""Compact record of a solution in a row of a set: its numbers, and its text, which rows of one problem share.
 
 Constraints are stored as their values in single precision, and names and limits as one text for all rows that state the
 same ones. All other numbers round-trip exactly. The problem is stored once, beside the rows.
@@ -61,7 +61,7 @@ def unpack_solution(record: Record, problem: Json, name: str, field: str) -> Gra
     name : str
         The problem's name.
     field : str
-        Of the row, for messages.
+        Name of the row in messages.
 
     Raises
     ------
