@@ -38,9 +38,10 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
 OBJECTIVES = ("mu", "delta", "nu")
 NO_TASK = cast("Task", None)  # of a problem whose objective states its task
-DOWN = (0.0, 0.0, -1.0)  # approach of a gripper with pads without an ``Approach``
+DOWN = (0.0, 0.0, -1.0)  # direction of the pads of a gripper where no ``Approach`` is stated
 PAD_MARGIN = 0.4  # of a pad's shorter side: default margin, with which nine tenths of its width are on a face
 MOST_CONTACTS = 32  # largest number of contacts
+CONTACT_MODELS = "contact models, one a finger, such as [ng.FrictionContact(0.6)] * 3"  # allowed contacts, as text
 # default margin of contacts from sharp edges
 MARGIN_SHARE = 0.05  # of the body's shortest extent, without fingertip radii
 PATCH_SHARE = 0.5  # of a fingertip's radius: patch radius when it flattens by r / 8, (2 r r / 8)^(1/2)
@@ -202,12 +203,12 @@ class GraspProblem(DisplayedProblem):
                 )
             contacts = (contacts,) * self.hand.count
         try:
-            models = tuple(contacts) or self._pads()
+            models = tuple(contacts)
         except TypeError:
-            models = ()
+            raise InputError("GraspProblem.contacts", contacts, CONTACT_MODELS) from None
+        models = models or self._pad_contacts()
         if not models or not all(isinstance(m, ContactModel) for m in models):
-            expected = "contact models, one a finger, such as [ng.FrictionContact(0.6)] * 3"
-            raise InputError("GraspProblem.contacts", contacts, expected)
+            raise InputError("GraspProblem.contacts", contacts, CONTACT_MODELS)
         if len(models) > MOST_CONTACTS:
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
         if self.hand is not None:
@@ -221,32 +222,37 @@ class GraspProblem(DisplayedProblem):
                 raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
         object.__setattr__(self, "contacts", models)
 
-    def _pads(self) -> tuple[ContactModel, ...]:
-        """Return the contacts of a gripper with pads, along the axis of an ``Approach`` or downwards; else none."""
+    def _pad_contacts(self) -> tuple[ContactModel, ...]:
+        """Return the contacts of a gripper's pads, lengthwise along the axis of an ``Approach`` or downwards.
+
+        Empty without pads.
+        """
         if not isinstance(self.hand, ParallelJaw) or self.hand.pad is None or self.body.space != 3:
             return ()
-        given = self.constraints
-        constraints = (given,) if isinstance(given, PlacementConstraint) else tuple(given)
-        cones = [c for c in constraints if isinstance(c, Approach)]
+        self._set_constraint_tuple()
+        cones = [c for c in self.constraints if isinstance(c, Approach)]
         x, y, z = array("Approach.direction", cones[0].direction, (3,)).tolist() if cones else DOWN
         length, width = self.hand.pad
         pad = PlaneContact(extents=(length, width), friction=self.hand.pad_friction, direction=(x, y, z))
         return (pad, pad)
 
-    def _set_constraints(self) -> None:
-        """Set the constraints to a tuple, validated; raise if they leave some contact no face."""
+    def _set_constraint_tuple(self) -> None:
+        """Set the constraints to a tuple."""
         constraints = self.constraints
         if isinstance(constraints, PlacementConstraint):
             constraints = (constraints,)
         try:
-            constraints = tuple(constraints)
+            object.__setattr__(self, "constraints", tuple(constraints))
         except TypeError:
             raise InputError("GraspProblem.constraints", constraints, "a sequence of constraints") from None
-        for item in constraints:
+
+    def _set_constraints(self) -> None:
+        """Set the constraints to a tuple, validated; raise if they leave some contact no face."""
+        self._set_constraint_tuple()
+        for item in self.constraints:
             if not isinstance(item, PlacementConstraint):
                 raise InputError("GraspProblem.constraints", item, "constraints such as ng.Table or ng.Forbid")
             item.check(self.body.space, self.body.size, len(self.models))
-        object.__setattr__(self, "constraints", constraints)
         for i in range(len(self.models)):
             if not self.allowed_faces(i):
                 faces = self.models[i].faces

@@ -113,3 +113,13 @@ def test_problems_that_do_not_fit_together_are_refused(make, message):
     with pytest.raises(ng.InputError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+def test_constraints_from_an_iterator_are_kept_with_the_contacts_of_pads():
+    gripper = ng.ParallelJaw(stroke=0.11, pad=(0.02, 0.012))
+    body, table = ng.Box([0.06, 0.05, 0.04]), ng.Table(-0.02)
+    problem = ng.GraspProblem(body, task=ng.lift(body.centroid, 0.2), hand=gripper, constraints=iter([table]))
+    assert problem.constraints == (table,)
+    assert [model.extents for model in problem.models] == [(0.02, 0.012)] * 2
+    with pytest.raises(ng.InputError, match=r"GraspProblem\.constraints: got 5"):
+        ng.GraspProblem(body, task=ng.lift(body.centroid, 0.2), hand=gripper, constraints=5)
