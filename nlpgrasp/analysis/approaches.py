@@ -17,14 +17,15 @@ from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import SLIDES, JawClearance, JawPose, flip_pose, rank
 from nlpgrasp.optimize.constraint_values import HandFunctions
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.kept_grasps import POSE, FoundGrasp, angle_between_poses
+from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses
 from nlpgrasp.solution.obstructions import approach_obstructions
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 
-TURNS = 36  # approach directions of ``approaches``
-KEPT_TURNS = 24  # those tried for each kept grasp
-MOST_TURNS = 3600  # approach directions, at most
+TURNS = 36  # default number of approach directions
+KEPT_TURNS = 24  # approach directions tried for each kept grasp
+MOST_TURNS = 3600  # largest number of approach directions
+CONTACTS, TURNED, FLIPPED = range(3)  # kinds of kept grasps: contacts of their own, a turn of others, a flip of others
 WITHOUT_BODY = "the problem that was solved, as the file does not hold its mesh or function"
 
 
@@ -75,12 +76,13 @@ def approaches(
     offsets = _check_slides(gripper, slides, any(isinstance(model, PadContact) for model in grasp.contacts))
     clearance = JawClearance(gripper, *_surroundings(solution, problem))
     poses = clearance.poses(grasp.points, turns, offsets, clearance.directions(grasp.points, grasp.contacts))
-    both = [*poses, *(flip_pose(pose, gripper) for pose in poses)] if _is_symmetric(solution.problem) else poses
-    return tuple(sorted(both, key=rank))
+    if _has_equal_contacts(solution.problem):
+        poses += [flip_pose(pose, gripper) for pose in poses]
+    return tuple(sorted(poses, key=rank))
 
 
 def _check_slides(gripper: ParallelJaw, slides: Sequence[float] | None, are_pads: bool) -> tuple[float, ...]:
-    """Return the checked slides, metres."""
+    """Return the validated slides, metres; the default ones where none are given."""
     length = 0.0 if gripper.pad is None or are_pads else gripper.pad[0]
     if slides is None:
         return tuple(dict.fromkeys(share * length for share in SLIDES))
@@ -104,38 +106,39 @@ def _surroundings(
         raise InputError("problem", None, WITHOUT_BODY) from None
 
 
-def _is_symmetric(problem: Json) -> bool:
-    """Return whether both contacts have the same model, so that jaws may be exchanged."""
+def _has_equal_contacts(problem: Json) -> bool:
+    """Return whether both contacts have the same model, so that the jaws may be exchanged."""
     first, second = problem["contacts"]
     return bool(first == second)
 
 
 @dataclass(frozen=True)
-class _Variant:
-    """A kept grasp with one of its poses.
+class _PosedGrasp:
+    """A kept grasp in one of its poses.
 
     Parameters
     ----------
-    found : FoundGrasp
+    grasp : FoundGrasp
     is_free : bool
-    level : int
-        0 for a contact place, 1 for a turn of it, 2 for a flip.
-    place : int
-        Index of the place among the kept grasps.
+        Whether its approach is free.
+    kind : int
+        ``CONTACTS``, ``TURNED`` or ``FLIPPED``.
+    index : int
+        Index among the kept grasps of the one with the same contacts.
     """
 
-    found: FoundGrasp
+    grasp: FoundGrasp
     is_free: bool
-    level: int
-    place: int
+    kind: int
+    index: int
 
 
 def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int) -> GraspSolution:
-    """Return a solution whose kept grasps by parallel jaws have a free way in where their contacts allow one.
+    """Return a solution whose kept grasps by parallel jaws have free approaches where their contacts allow one.
 
-    A grasp whose way is blocked takes the approach of another turn that is free. Where fewer than ``count`` grasps have
-    a free way, further turns of their contacts are added, at least 30 degrees apart, then flips. Free grasps come
-    first; where the answer is blocked, the best free grasp becomes the answer.
+    A grasp whose approach is blocked takes the approach of another turn that is free. Where fewer than ``count`` grasps
+    have a free approach, further turns of their contacts are added, at least 30 degrees apart, then flips. Free grasps
+    come first; where the answer is blocked, the best free grasp becomes the answer.
 
     Parameters
     ----------
@@ -148,111 +151,114 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
     if not isinstance(hand, ParallelJaw) or solution.grasp is None or solution.grasp.space != 3:
         return solution
     arranger = _PoseArranger(problem, hand)
-    variants = [arranger.own_pose(found, i) for i, found in enumerate(solution.grasps)]
+    posed = [arranger.free_pose(grasp, i) for i, grasp in enumerate(solution.grasps)]
     if count > 1:
-        variants += arranger.further(variants, count)
-    free = [v for v in variants if v.is_free]
-    free = sorted(free, key=lambda v: v.level)[:count]  # stable: places, then turns, then flips, best first
-    blocked = [v for v in variants if not v.is_free][: count - len(free)]
-    kept = [*sorted(free, key=lambda v: (v.place, v.level)), *blocked]
-    return _with_kept(solution, [v.found for v in kept])
+        posed += arranger.further_poses(posed, count)
+    free = sorted((p for p in posed if p.is_free), key=lambda p: p.kind)[:count]  # stable: best first in each kind
+    blocked = [p for p in posed if not p.is_free][: count - len(free)]
+    kept = [*sorted(free, key=lambda p: (p.index, p.kind)), *blocked]
+    return _with_kept(solution, [p.grasp for p in kept])
 
 
 class _PoseArranger:
-    """Poses of a gripper at the contacts of kept grasps, and their records."""
+    """Search for free poses of a gripper at the contacts of kept grasps.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    hand : ParallelJaw
+    """
 
     def __init__(self, problem: GraspProblem, hand: ParallelJaw) -> None:
-        self.hand, self.functions = hand, HandFunctions(problem)
-        self.clearance = JawClearance(hand, problem.body, problem.constraints)
-        self.is_symmetric = problem.models[0] == problem.models[1]
-        self._poses = dict[int, list[JawPose]]()
+        self._functions = HandFunctions(problem)
+        self._clearance = JawClearance(hand, problem.body, problem.constraints)
+        self._can_flip = problem.models[0] == problem.models[1]
+        self._free_poses = dict[int, list[JawPose]]()
 
-    def own_pose(self, found: FoundGrasp, place: int) -> _Variant:
-        """Return a kept grasp with its own approach if that is free, else with a free one, else with its own."""
-        stated = ((found.hand or {}).get("approach") or {}).get("direction")
-        if stated is None:
-            return _Variant(found, False, 0, place)
-        own = self.clearance.pose(found.grasp.points, np.asarray(stated, dtype=float))
-        if self._is_free(own, found.hand):
-            return _Variant(found, True, 0, place)
-        for pose in self._turned(found, place):
-            variant = self._variant(found, pose, 0, place)
-            if variant is not None:
-                return replace(variant, found=replace(variant.found, start=found.start))
-        return _Variant(found, False, 0, place)
+    def free_pose(self, grasp: FoundGrasp, index: int) -> _PosedGrasp:
+        """Return a kept grasp in its own pose if that is free, else in a free one, else in its own."""
+        direction = ((grasp.hand or {}).get("approach") or {}).get("direction")
+        if direction is None:
+            return _PosedGrasp(grasp, False, CONTACTS, index)
+        own = self._clearance.pose(grasp.grasp.points, np.asarray(direction, dtype=float))
+        if _is_free(own, grasp.hand):
+            return _PosedGrasp(grasp, True, CONTACTS, index)
+        for pose in self._poses_at(grasp, index):
+            turned = self._in_pose(grasp, pose)
+            if turned is not None:
+                return _PosedGrasp(replace(turned, start=grasp.start), True, CONTACTS, index)
+        return _PosedGrasp(grasp, False, CONTACTS, index)
 
-    def further(self, variants: Sequence[_Variant], count: int) -> list[_Variant]:
-        """Return turns and flips of free variants, until ``count`` are free; of the best places first, in rounds."""
-        missing, added = count - sum(v.is_free for v in variants), list[_Variant]()
-        for level in (1, 2):
-            if len(added) < missing and (level == 1 or self.is_symmetric):
-                sources = [v for v in (*variants, *added) if v.is_free]
-                added += self._of_level(level, sources, missing - len(added))
-        return added
+    def further_poses(self, posed: Sequence[_PosedGrasp], count: int) -> list[_PosedGrasp]:
+        """Return turns, then flips, of free grasps, until ``count`` are free."""
+        free = [p for p in posed if p.is_free]
+        if len(free) >= count:
+            return []
+        turned = self._further_turns(free, count - len(free))
+        missing = count - len(free) - len(turned)
+        flipped = [self._flip(p) for p in [*free, *turned][:missing]] if self._can_flip else []
+        return [*turned, *flipped]
 
-    def _of_level(self, level: int, sources: Sequence[_Variant], missing: int) -> list[_Variant]:
-        """Return up to a number of turns of places, or of flips of their poses."""
-        added = list[_Variant]()
-        if level == 2:
-            return [self._flip(v) for v in sources[:missing]]
-        chosen = {v.place: [v] for v in sources}
-        remaining = {v.place: list(self._turned(v.found, v.place)) for v in sources}
+    def _further_turns(self, free: Sequence[_PosedGrasp], missing: int) -> list[_PosedGrasp]:
+        """Return up to a number of distinct turns of free grasps, of each one in turn, the best grasps first."""
+        added = list[_PosedGrasp]()
+        chosen = {p.index: [p.grasp] for p in free}
+        remaining = {p.index: list(self._poses_at(p.grasp, p.index)) for p in free}
         while len(added) < missing and any(remaining.values()):
-            for place, poses in remaining.items():
-                variant = self._next(chosen[place], poses)
-                if variant is not None and len(added) < missing:
-                    chosen[place].append(variant)
-                    added.append(variant)
+            for index, poses in remaining.items():
+                turned = self._pop_distinct(chosen[index], poses)
+                if turned is not None and len(added) < missing:
+                    chosen[index].append(turned)
+                    added.append(_PosedGrasp(turned, True, TURNED, index))
         return added
 
-    def _next(self, chosen: Sequence[_Variant], poses: list[JawPose]) -> _Variant | None:
-        """Return the next free turn that differs from chosen ones, and remove the poses tried."""
+    def _pop_distinct(self, chosen: Sequence[FoundGrasp], poses: list[JawPose]) -> FoundGrasp | None:
+        """Return the first turn that is free and differs from those chosen, and remove the poses up to it."""
         while poses:
-            pose = poses.pop(0)
-            variant = self._variant(chosen[0].found, pose, 1, chosen[0].place)
-            if variant is not None and all(_are_distinct(variant.found, other.found) for other in chosen):
-                return variant
+            turned = self._in_pose(chosen[0], poses.pop(0))
+            if turned is not None and all(_are_distinct(turned, other) for other in chosen):
+                return turned
         return None
 
-    def _turned(self, found: FoundGrasp, place: int) -> list[JawPose]:
-        """Return the free poses at a grasp's contacts, the best first."""
-        if place not in self._poses:
-            points = found.grasp.points
-            directions = self.clearance.directions(points, found.grasp.contacts)
-            poses = self.clearance.poses(points, KEPT_TURNS, directions=directions)
-            self._poses[place] = [pose for pose in poses if pose.is_free]
-        return self._poses[place]
+    def _poses_at(self, grasp: FoundGrasp, index: int) -> list[JawPose]:
+        """Return the free poses at the contacts of a kept grasp, the best first."""
+        if index not in self._free_poses:
+            points = grasp.grasp.points
+            directions = self._clearance.directions(points, grasp.grasp.contacts)
+            poses = self._clearance.poses(points, KEPT_TURNS, directions=directions)
+            self._free_poses[index] = [pose for pose in poses if pose.is_free]
+        return self._free_poses[index]
 
-    def _variant(self, found: FoundGrasp, pose: JawPose, level: int, place: int) -> _Variant | None:
-        """Return a kept grasp with another pose; None where that is not free."""
-        record = self.functions.along_approach(found.grasp.points, pose.direction)
-        if not self._is_free(pose, record):
+    def _in_pose(self, grasp: FoundGrasp, pose: JawPose) -> FoundGrasp | None:
+        """Return a grasp in another pose; None where that is not free."""
+        record = self._functions.along_approach(grasp.grasp.points, pose.direction)
+        if not _is_free(pose, record):
             return None
-        return _Variant(replace(found, hand={**(found.hand or {}), **record}, start=None), True, level, place)
+        return replace(grasp, hand={**(grasp.hand or {}), **record}, start=None)
 
-    def _is_free(self, pose: JawPose, record: Json | None) -> bool:
-        """Return whether a pose is free by exact geometry, and by the lines that its record states."""
-        return pose.is_free and not approach_obstructions(record)
-
-    def _flip(self, variant: _Variant) -> _Variant:
-        """Return a variant with the jaws exchanged."""
-        found, hand = variant.found, variant.found.hand or {}
+    def _flip(self, posed: _PosedGrasp) -> _PosedGrasp:
+        """Return a grasp with the jaws exchanged."""
+        grasp, hand = posed.grasp, posed.grasp.hand or {}
         direction = np.asarray(hand["approach"]["direction"], dtype=float)
-        record = self.functions.along_approach(found.grasp.points, direction, flip=True)
-        return replace(variant, found=replace(found, hand={**hand, **record}, start=None), level=2)
+        record = self._functions.along_approach(grasp.grasp.points, direction, flip=True)
+        return replace(posed, grasp=replace(grasp, hand={**hand, **record}, start=None), kind=FLIPPED)
+
+
+def _is_free(pose: JawPose, record: Json | None) -> bool:
+    """Return whether a pose is free by exact geometry, and by the obstructions that its record states."""
+    return pose.is_free and not approach_obstructions(record)
 
 
 def _are_distinct(a: FoundGrasp, b: FoundGrasp) -> bool:
     """Return whether the poses of two grasps at the same contacts differ by at least 30 degrees."""
-    return bool(angle_between_poses(a.hand, b.hand) >= POSE)
+    return bool(angle_between_poses(a.hand, b.hand) >= DISTINCT_ANGLE)
 
 
 def _with_kept(solution: GraspSolution, kept: Sequence[FoundGrasp]) -> GraspSolution:
     """Return a solution with kept grasps, the first as its answer."""
     answer, *others = kept
     if np.array_equal(answer.grasp.points, solution.require_grasp().points):
-        hand, found = answer.hand, tuple(others)
-        return replace(solution, hand=hand, others=found, stated_first=None)
+        return replace(solution, hand=answer.hand, others=tuple(others), stated_first=None)
     reason = "; ".join(approach_obstructions(solution.hand)) or "the gripper's way in is not free"
     starts = tuple(
         replace(start, obstruction=start.obstruction or reason) if start.index == solution.best_start else start

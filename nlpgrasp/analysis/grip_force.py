@@ -15,7 +15,7 @@ from nlpgrasp.solution.grip_record import GripForce
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.tasks import Task
 
-FRICTION_LOSS = 0.1  # default share of friction that a margin does without
+FRICTION_LOSS = 0.1  # default share of friction that is lost in the force with margin
 MOST_LOSS = 0.99  # largest friction loss
 
 
@@ -32,9 +32,9 @@ def grip_force(
     solution : GraspSolution
         With a grasp of two contacts.
     safety_factor : float
-        On the force with friction loss, at least 1.
+        Factor on the force with friction loss, at least 1.
     friction_loss : float
-        Share of every friction coefficient that the force with margin does without, from 0 to 0.99.
+        Share of every friction coefficient that is lost in the force with margin, from 0 to 0.99.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def grip_force(
     loss = number("friction_loss", friction_loss, at_least=0.0)
     if loss > MOST_LOSS:
         raise InputError("friction_loss", friction_loss, f"a share from 0 to {MOST_LOSS:g}")
-    return _grip_of(grasp, solution.task, factor, loss)
+    return _compute_grip(grasp, solution.task, factor, loss)
 
 
 def add_grip(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
@@ -70,7 +70,7 @@ def add_grips(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     return replace(solution, others=tuple(others))
 
 
-def _grip_of(grasp: Grasp, task: Task, factor: float, loss: float) -> GripForce:
+def _compute_grip(grasp: Grasp, task: Task, factor: float, loss: float) -> GripForce:
     """Return the grip force of a grasp for a task."""
     force, weaker = least_grip(grasp, task), least_grip(grasp, task, friction_loss=loss)
     return GripForce(factor, loss, force, Bounds(factor * weaker.lower, factor * weaker.upper))

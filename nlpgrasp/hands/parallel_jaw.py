@@ -5,10 +5,11 @@ clearest direction at right angles to it within the cones of the problem. The po
 in which both directions are axes, x and z unless the hand states others, and the middle between the pads is its tool
 centre point.
 
-The approach path is straight: from the grasp back by twice the body's size. Both fingers move along it, rectangles as
-thick as stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are
-sampled along lines at most two millimetres apart, the faces of the fingers included, so an obstacle between two lines
-is at most one millimetre deep. The pads' breadth, the gripper's body and an arm are ignored.
+The approach path is straight: from the grasp back by twice the body's size. Without stated pads or fingers, lines stand
+for the gripper (``Jaws``): both fingers, rectangles as thick as stated from the pads outwards, and, where a finger's
+length is stated, the palm between their ends. The lines are at most two millimetres apart, the faces of the fingers
+included, so an obstacle between two lines is at most one millimetre deep; the fingers' width is ignored. With stated
+pads or fingers, boxes stand for fingers and palm (``GripperSolids``; ``motion/jaw_clearance.py``). An arm is ignored.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ class ParallelJaw(Hand):
         object.__setattr__(self, "safety_factor", factor)
 
     def _set_solids(self) -> None:
-        """Check the sizes of pad, finger and palm, and take length and thickness from the finger's."""
+        """Validate the sizes of pad, finger and palm, and set length and thickness of the fingers."""
         for name, count in (("pad", 2), ("finger", 3), ("palm_size", 3)):
             if (sizes := getattr(self, name)) is not None:
                 label = f"ParallelJaw.{name}"
@@ -169,7 +170,7 @@ class ParallelJaw(Hand):
             object.__setattr__(self, "finger_thickness", self.finger[1])
 
     def _stated_tcp(self, default: FloatArray) -> tuple[float, ...] | None:
-        """Return the checked tool centre point; None where it is the default one."""
+        """Return the validated tool centre point; None where it is the default one."""
         if self.tcp is None:
             return None
         point = array("ParallelJaw.tcp", self.tcp, (3,))
@@ -188,7 +189,7 @@ class ParallelJaw(Hand):
 
     @property
     def is_solid(self) -> bool:
-        """Whether sizes of pads or fingers are stated, which keep clear of part, tables and obstacles."""
+        """Whether sizes of pads or fingers are stated, so that clearances are those of boxes instead of lines."""
         return self.pad is not None or self.finger is not None
 
     @property
@@ -199,34 +200,31 @@ class ParallelJaw(Hand):
         return THIN if self.pad is None else float(self.pad[1])
 
     def solids(self, opening: float, opened: float, path: float) -> GripperSolids:
-        """Return the boxes of fingers and palm on a straight approach, closing from ``opened`` to ``opening``.
+        """Return the boxes that fingers and palm sweep on a straight approach and while they close.
 
         Parameters
         ----------
         opening, opened : float
-            Between the pads in the grasp and on the approach, metres.
+            Distances between the pads in the grasp and on the approach, metres.
         path : float
             Length of the approach, metres.
         """
         thickness, half_width = max(self.finger_thickness, THIN), 0.5 * self.finger_width
-        tip, back = 0.0 if self.pad is None else 0.5 * self.pad[0], -self.finger_length
-        far = back - path
+        tip, back = 0.0 if self.pad is None else 0.5 * self.pad[0], -self.finger_length  # ends along the approach
+        has_palm = self.finger_length > 0.0
+        along, across, depth = self.palm_size or (opened + 2.0 * thickness, 2.0 * half_width, 0.0)
+        rear = back - depth - path
 
         def fingers(inner: float, outer: float, rear: float) -> list[FloatArray]:
             box = np.array([[inner, -half_width, rear], [outer, half_width, tip]])
             return [np.array([[-outer, *box[0, 1:]], [-inner, *box[1, 1:]]]), box]
 
-        along, across = opened + 2.0 * thickness, 2.0 * half_width
-        if self.palm_size is not None:
-            along, across, depth = self.palm_size
-            far = back - depth - path
-        has_palm = self.finger_length > 0.0
-        palm = [np.array([[-0.5 * along, -0.5 * across, far], [0.5 * along, 0.5 * across, back]])]
+        palm = np.array([[-0.5 * along, -0.5 * across, rear], [0.5 * along, 0.5 * across, back]])
         return GripperSolids(
-            fingers(0.5 * opened, 0.5 * opened + thickness, far),
-            fingers(0.5 * opening, 0.5 * opened + thickness, back if has_palm else far),
-            fingers(0.5 * opening, 0.5 * opening + thickness, far),
-            palm if has_palm else [],
+            open_fingers=fingers(0.5 * opened, 0.5 * opened + thickness, rear),
+            closing_fingers=fingers(0.5 * opening, 0.5 * opened + thickness, back if has_palm else rear),
+            closed_fingers=fingers(0.5 * opening, 0.5 * opening + thickness, rear),
+            palm=[palm] if has_palm else [],
         )
 
     @property
@@ -265,7 +263,7 @@ class ParallelJaw(Hand):
         return jaws.posture(size, distance, self.axes, self.tool_centre_point)
 
     def along_approach(self, points: FloatArray, direction: FloatArray, size: float, distance: Distance) -> Json:
-        """Return pose, opening and a stated approach of the gripper, as JSON data; arguments as ``approach_depth``."""
+        """Return pose and opening of the gripper on a given approach, as JSON data; arguments as ``approach_depth``."""
         jaws = Jaws(points, self.finger_length, self.finger_thickness)
         return jaws.posture(size, distance, self.axes, self.tool_centre_point, direction)
 
@@ -331,25 +329,25 @@ class ParallelJaw(Hand):
 
 @dataclass(frozen=True)
 class GripperSolids:
-    """Boxes that a gripper sweeps on its way to a grasp, and in it.
+    """Boxes that fingers and palm of a gripper sweep on a straight approach and while they close.
 
     Coordinates are along closing line, transverse direction and approach, metres, from the middle between the pads.
 
     Parameters
     ----------
-    way : list of (2, 3) array
+    open_fingers : list of (2, 3) array
         Corners of the two boxes that the open fingers sweep along the approach.
-    closing : list of (2, 3) array
+    closing_fingers : list of (2, 3) array
         Those that they sweep while they close.
-    closed : list of (2, 3) array
+    closed_fingers : list of (2, 3) array
         Those that the closed fingers sweep along the approach.
     palm : list of (2, 3) array
-        Of the palm along the approach; empty without a finger's length.
+        The one that the palm sweeps along the approach; empty without a finger's length.
     """
 
-    way: list[FloatArray]
-    closing: list[FloatArray]
-    closed: list[FloatArray]
+    open_fingers: list[FloatArray]
+    closing_fingers: list[FloatArray]
+    closed_fingers: list[FloatArray]
     palm: list[FloatArray]
 
 

@@ -1,10 +1,10 @@
 """Clearance of a parallel gripper's fingers and palm from part, tables and obstacles, by exact geometry.
 
-A box that moves along one of its own axes sweeps a box. The open fingers and the palm on a straight approach, the
-fingers while they close, and the closed fingers on the way back are therefore boxes, in one frame with axes along
-closing line, transverse direction and approach. Their signed distances from triangles are exact to 0.02 mm
-(``common/meshes/box_distance.py``). Curved bodies are triangulated; the distance of the triangles from the surface is
-subtracted.
+A box that moves along one of its own axes sweeps a box. What open fingers and palm sweep on a straight approach, the
+fingers while they close, and the closed fingers on the retreat are therefore boxes (``GripperSolids``), in one frame
+with axes along closing line, transverse direction and approach. Their signed distances from triangles are exact to
+0.02 mm (``common/meshes/box_distance.py``). Curved bodies are triangulated; the distance of the triangles from the
+surface is subtracted.
 """
 
 from __future__ import annotations
@@ -25,35 +25,36 @@ from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import Cone
 from nlpgrasp.solution.obstructions import BODY, TABLE, TOLERANCE
 
-FARTHEST = 0.02  # metres: larger clearances are not told apart
-TOUCHING = 2e-4  # metres: depth of a finger in the part that its compliant pad takes up
+FARTHEST = 0.02  # metres: largest clearance that is computed
+TOUCHING = 2e-4  # metres: allowed depth of a finger in the part, by compression of its pad
 UNSTATED_TOUCHING = TOLERANCE  # metres: the same for grippers without stated pads or fingers
 FACE_DEPTH = 3e-3  # metres behind a pad within which the surface counts as its face
 FLAT_AREA = 1e-14  # square metres: projected triangles with less are edge-on
-PARALLEL = 1e-3  # sine of the angle between closing line and a pad's direction below which that does not orient it
+PARALLEL = 1e-3  # least sine of the angle between closing line and a pad's direction, for a defined orientation
 PATH_SIZES = 2.0  # length of an approach, in body sizes
 SPACE_TO_CLOSE = (np.inf, 0.01, 0.004)  # metres beyond the opening of the grasp that are tried on an approach
-SLIDES = (0.0, 0.25, -0.25)  # of the pad's length: the tool centre point beyond the contacts along the approach
+SLIDES = (0.0, 0.25, -0.25)  # distances of the tool centre point beyond the contacts, over the pad's length
+RANKED_CLEARANCE = 0.01  # metres: larger clearances of free poses rank equally
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A solid that a gripper may run into.
+    """Solid from which a gripper keeps clear: the held body, a table or an obstacle.
 
     Parameters
     ----------
     name : str
-        The body, the table, or an obstacle by its name.
+        As in ``blocked_by``: ``"the body"``, ``"the table"``, or the obstacle's name.
     clearance : float
         Required clearance, metres.
     triangles : (n, 3, 3) array
         Surface in the body's frame, metres; empty for a table.
     height : float
-        Of a table, along the last axis, metres.
+        Height of a table along the last axis, metres; minus infinity for other solids.
     roughness : float
         Largest distance of the triangles from the surface, metres.
     contains : callable or None
-        Mask of points (m, 3) that are inside, for a solid that a finger may be inside altogether.
+        Function from points (m, 3) to the mask of those inside, (m,); finds boxes inside the solid altogether.
     """
 
     name: str
@@ -64,7 +65,7 @@ class Solid:
     contains: Callable[[FloatArray], FloatArray] | None = None
 
     def distances(self, boxes: FloatArray, rotation: FloatArray, origin: FloatArray) -> FloatArray:
-        """Return the clearance of each box beyond the required one, (b,), metres; negative by a penetration's depth.
+        """Return the clearance of each box less the required one, (b,), metres; minus the depth of a penetration.
 
         Parameters
         ----------
@@ -89,20 +90,20 @@ class Solid:
         return result - self.roughness - self.clearance
 
 
-def solids_of(body: Body, constraints: Iterable[PlacementConstraint]) -> list[Solid]:
+def build_solids(body: Body, constraints: Iterable[PlacementConstraint]) -> list[Solid]:
     """Return body, tables and obstacles as solids, in the body's frame; bodies in space only."""
-    solids = [_solid(BODY, body, 0.0)]
+    solids = [_body_solid(BODY, body, 0.0)]
     for constraint in constraints:
         if isinstance(constraint, Table):
             solids.append(Solid(TABLE, constraint.clearance, height=constraint.height))
         elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
             position = np.zeros(3) if constraint.position is None else np.asarray(constraint.position, dtype=float)
             pose = constraint.rotation, position
-            solids.append(_solid(constraint.name, constraint.body, constraint.clearance, *pose))
+            solids.append(_body_solid(constraint.name, constraint.body, constraint.clearance, *pose))
     return solids
 
 
-def _solid(
+def _body_solid(
     name: str,
     body: Body,
     clearance: float,
@@ -110,10 +111,10 @@ def _solid(
     position: FloatArray | None = None,
 ) -> Solid:
     """Return a body in a pose as a solid."""
-    turn, shift = np.eye(3) if rotation is None else rotation, np.zeros(3) if position is None else position
+    rotation, position = np.eye(3) if rotation is None else rotation, np.zeros(3) if position is None else position
     corners, roughness = surface_triangles(body)
-    contains = partial(_contains, body, turn, shift)
-    return Solid(name, clearance, corners @ turn.T + shift, roughness=roughness, contains=contains)
+    contains = partial(_contains, body, rotation, position)
+    return Solid(name, clearance, corners @ rotation.T + position, roughness=roughness, contains=contains)
 
 
 def _contains(body: Body, rotation: FloatArray, position: FloatArray, points: FloatArray) -> FloatArray:
@@ -139,7 +140,7 @@ class JawPose:
     direction : (3,) array
         Unit direction in which the gripper moves to the body, body frame.
     turn : float
-        About the closing line from the steepest approach downwards, radians.
+        Angle about the closing line from the steepest approach downwards, radians.
     slide : float
         Distance of the tool centre point beyond the contacts along the approach, metres.
     flip : bool
@@ -149,13 +150,13 @@ class JawPose:
     rotation : (3, 3) array
         Of the gripper's own frame in the body's.
     opening, opened : float
-        Between the pads in the grasp and on the approach, metres.
+        Distances between the pads in the grasp and on the approach, metres.
     clearance : float
         Least distance of fingers and palm on the approach, while the jaws close and on the way back with the body, from
         part, tables and obstacles, beyond what these require, metres, at most 0.02; minus the depth where blocked.
         The contact of the closing fingers with the part does not count up to a depth of 0.2 mm.
     blocked_by : mapping of str to float
-        Depth in each solid that is in the way, metres.
+        Depth in each solid that blocks the approach, metres, by name.
     """
 
     direction: FloatArray
@@ -171,7 +172,7 @@ class JawPose:
 
     @property
     def is_free(self) -> bool:
-        """Whether the way in, the grasp and the way back are free."""
+        """Whether approach, grasp and retreat are free."""
         return not self.blocked_by
 
     @property
@@ -195,7 +196,7 @@ class JawClearance:
     def __init__(self, gripper: ParallelJaw, body: Body, constraints: Sequence[PlacementConstraint]) -> None:
         self.gripper, self.path = gripper, PATH_SIZES * body.size
         self.touching = UNSTATED_TOUCHING if gripper.pad is None and gripper.finger is None else TOUCHING
-        self.solids = solids_of(body, constraints)
+        self.solids = build_solids(body, constraints)
         self.cones: list[Cone] = [(np.asarray(c.direction), c.angle) for c in constraints if isinstance(c, Approach)]
 
     def poses(
@@ -214,44 +215,46 @@ class JawClearance:
         directions : (m, 3) array, optional
             Approach directions in place of the turns.
         """
-        ways = self.gripper.approaches(points, self.cones, turns) if directions is None else directions
+        if directions is None:
+            directions = self.gripper.approaches(points, self.cones, turns)
         steepest = self.gripper.approaches(points)[0]
-        poses = [self.pose(points, direction, slide, steepest) for direction in ways for slide in slides]
+        poses = [self.pose(points, direction, slide, steepest) for direction in directions for slide in slides]
         return sorted(poses, key=rank)
 
     def pose(
         self, points: FloatArray, direction: FloatArray, slide: float = 0.0, steepest: FloatArray | None = None
     ) -> JawPose:
-        """Return the pose of the gripper for an approach, as wide open on it as is free."""
-        first = self.gripper.approaches(points)[0] if steepest is None else steepest
+        """Return the pose for an approach, the jaws as wide open on it as is free; ``steepest`` where it is known."""
+        steepest = self.gripper.approaches(points)[0] if steepest is None else steepest
         opening, closing = _opening_and_closing(points)
         rotation, position = self.gripper.pose(points + slide * direction, direction)
         frame = np.stack([closing, np.cross(direction, closing), direction], axis=1)
-        origin, best = points.mean(axis=0) + slide * direction, None
+        origin = points.mean(axis=0) + slide * direction
+        opened, clearance, depths = opening, -np.inf, dict[str, float]()
         for space in SPACE_TO_CLOSE:
-            opened = max(opening, min(self.gripper.opening, opening + space))
-            clearance, depths = self._clearance(opening, opened, frame, origin)
-            if best is None or (clearance > best[1] and best[2]):
-                best = opened, clearance, depths
-            if not depths or opened == opening:
+            width = max(opening, min(self.gripper.opening, opening + space))
+            result, blocking = self._clearance(opening, width, frame, origin)
+            if result > clearance:
+                opened, clearance, depths = width, result, blocking
+            if not blocking or width == opening:
                 break
-        opened, clearance, depths = best or (opening, -np.inf, {})
-        turn = float(np.arctan2(np.cross(first, direction) @ closing, first @ direction))
+        turn = float(np.arctan2(np.cross(steepest, direction) @ closing, steepest @ direction))
         return JawPose(direction, turn, slide, False, position, rotation, opening, opened, clearance, depths)
 
     def _clearance(
         self, opening: float, opened: float, frame: FloatArray, origin: FloatArray
     ) -> tuple[float, dict[str, float]]:
-        """Return the least clearance, metres, and the depth in each solid that is in the way."""
+        """Return the least clearance from all solids, metres, and the depth in each that blocks, by name."""
         boxes, least, depths = self.gripper.solids(opening, opened, self.path), FARTHEST, dict[str, float]()
         for solid in self.solids:
             is_body = solid.name == BODY
-            groups = boxes.way, boxes.palm, boxes.closing, [] if is_body else boxes.closed
-            distances = solid.distances(np.array([box for group in groups for box in group]), frame, origin)
-            closing = range(len(boxes.way) + len(boxes.palm), len(boxes.way) + len(boxes.palm) + len(boxes.closing))
+            approaching, closing = [*boxes.open_fingers, *boxes.palm], boxes.closing_fingers
+            retreating = [] if is_body else boxes.closed_fingers
+            distances = solid.distances(np.array([*approaching, *closing, *retreating]), frame, origin)
             if is_body:  # the pads touch it
-                depth = -float(np.min(distances[closing])) - solid.roughness
-                distances[closing] = FARTHEST if depth <= self.touching else -depth
+                on_pads = distances[len(approaching) :]
+                depth = -float(np.min(on_pads)) - solid.roughness
+                on_pads[:] = FARTHEST if depth <= self.touching else -depth
             clearance = float(np.min(distances))
             if clearance < (-self.touching if is_body else 0.0):
                 depths[solid.name] = max(depths.get(solid.name, 0.0), -clearance)
@@ -285,9 +288,11 @@ class JawClearance:
         along = np.asarray(stated[0]) - (closing @ np.asarray(stated[0])) * closing
         if np.linalg.norm(along) < PARALLEL:
             return None
-        ways = np.outer([1.0, -1.0], along / np.linalg.norm(along))
-        within = [all(np.arccos(np.clip(way @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones) for way in ways]
-        return np.asarray(ways[within] if any(within) else ways[:1])
+        both_ways = np.outer([1.0, -1.0], along / np.linalg.norm(along))
+        is_allowed = [
+            all(np.arccos(np.clip(way @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones) for way in both_ways
+        ]
+        return np.asarray(both_ways[is_allowed] if any(is_allowed) else both_ways[:1])
 
 
 def _opening_and_closing(points: FloatArray) -> tuple[float, FloatArray]:
@@ -343,7 +348,7 @@ def _clipped_area(triangle: FloatArray, half: FloatArray) -> float:
 
 def rank(pose: JawPose) -> tuple[bool, float, float, float]:
     """Return the sorting key of poses: free ones, then by clearance up to a centimetre, small slides, steep ones."""
-    clearance = min(pose.clearance, 0.01) if pose.is_free else pose.clearance
+    clearance = min(pose.clearance, RANKED_CLEARANCE) if pose.is_free else pose.clearance
     return not pose.is_free, -round(clearance, 3), abs(pose.slide), abs(pose.turn)
 
 

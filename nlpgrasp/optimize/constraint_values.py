@@ -27,8 +27,8 @@ from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_c
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TOLERANCE, jaws_depth
 
-SOLID_TURNS = 24  # approaches of a gripper with stated sizes
-FEW_TURNS = 8  # those tried where only a free one is looked for
+SOLID_TURNS = 24  # approach directions tried for a gripper with stated sizes
+FEW_TURNS = 8  # approach directions tried to decide whether any is free
 NARROW = 1e-2  # width between limits, over a constraint's scale, below which it counts as an equation
 
 
@@ -220,25 +220,24 @@ class HandFunctions:
         clearance = self._jaw_clearance
         if clearance is not None:
             directions = clearance.directions(points, self._problem.models)
-            return self._jaw_record(points, clearance.poses(points, SOLID_TURNS, directions=directions)[0])
+            return _jaw_record(clearance, points, clearance.poses(points, SOLID_TURNS, directions=directions)[0])
         return self.hand.at_contacts(
             points, self._problem.body.size, lambda points: self._distance(points), self._approach_cones
         )
 
     def along_approach(self, points: FloatArray, direction: FloatArray, flip: bool = False) -> Json:
-        """Return the pose of parallel jaws at contacts (2, 3) on an approach, and what blocks it, as JSON data.
+        """Return the pose of parallel jaws at contacts (2, 3) on an approach, with its obstacles, as JSON data.
 
-        With ``flip`` the jaws are exchanged.
+        With ``flip`` the jaws are exchanged. Empty for other hands.
         """
-        hand = self.hand
+        hand, clearance = self.hand, self._jaw_clearance
         if not isinstance(hand, ParallelJaw):
             return {}
-        if self._jaw_clearance is not None:
-            data = self._jaw_record(points, self._jaw_clearance.pose(points, direction))
-            return hand.flip_record(data) if flip else data
-        data = self.name_obstacles(
-            points, hand.along_approach(points, direction, self._problem.body.size, self._distance)
-        )
+        if clearance is not None:
+            data = _jaw_record(clearance, points, clearance.pose(points, direction))
+        else:
+            data = hand.along_approach(points, direction, self._problem.body.size, self._distance)
+            data = self.name_obstacles(points, data)
         return hand.flip_record(data) if flip else data
 
     @property
@@ -262,10 +261,9 @@ class HandFunctions:
 
     def has_free_approach(self, points: FloatArray) -> bool:
         """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
-        is_blocked = self.is_blocked(points)
-        if self._jaw_clearance is not None:
-            return not is_blocked
-        return not is_blocked and jaws_depth(self.at_contacts(points)) == 0.0
+        if self.is_blocked(points):
+            return False
+        return self._jaw_clearance is not None or jaws_depth(self.at_contacts(points)) == 0.0
 
     @cached_property
     def _jaw_clearance(self) -> JawClearance | None:
@@ -275,39 +273,24 @@ class HandFunctions:
             return None
         return JawClearance(hand, problem.body, problem.constraints)
 
-    def _jaw_record(self, points: FloatArray, pose: JawPose) -> Json:
-        """Return the JSON data of a gripper's pose, with its exact clearance and its pads' shares on their faces."""
-        quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True, scalar_first=True).tolist()
-        approach = {
-            "direction": pose.direction.tolist(),
-            "depth": max(pose.blocked_by.values(), default=0.0),
-            "clearance": pose.clearance,
-            "opened": pose.opened,
-            **({"blocked_by": dict(pose.blocked_by)} if pose.blocked_by else {}),
-        }
-        shares = self._jaw_clearance.pad_shares(points, pose.direction) if self._jaw_clearance is not None else []
-        return {
-            "palm_pose": {"position": pose.position.tolist(), "quaternion_wxyz": quaternion},
-            "opening": pose.opening,
-            "approach": approach,
-            **({"pads": shares} if shares else {}),
-        }
-
     def is_blocked(self, points: FloatArray) -> bool:
-        """Return whether samples show that parallel jaws have no free straight approach to contacts (2, 3)."""
+        """Return whether no straight approach of parallel jaws to contacts (2, 3) is free, of a few or by samples.
+
+        For a gripper with stated sizes, a few approaches are tried by exact geometry; its pads have to be on their
+        faces. Other jaws are sampled along all approaches: an obstacle can be missed.
+        """
         hand, size, clearance = self.hand, self._problem.body.size, self._jaw_clearance
-        if clearance is not None:
-            directions = clearance.directions(points, self._problem.models)
-            ways = (
-                clearance.gripper.approaches(points, clearance.cones, FEW_TURNS) if directions is None else directions
+        if clearance is None:
+            return isinstance(hand, ParallelJaw) and hand.is_blocked(
+                points, size, self._distance, self._approach_cones, TOLERANCE
             )
-            return not any(
-                min(clearance.pad_shares(points, way), default=1.0) >= LEAST_PAD_SHARE
-                and clearance.pose(points, way).is_free
-                for way in ways
-            )
-        return isinstance(hand, ParallelJaw) and hand.is_blocked(
-            points, size, self._distance, self._approach_cones, TOLERANCE
+        directions = clearance.directions(points, self._problem.models)
+        if directions is None:
+            directions = clearance.gripper.approaches(points, clearance.cones, FEW_TURNS)
+        return not any(
+            min(clearance.pad_shares(points, direction), default=1.0) >= LEAST_PAD_SHARE
+            and clearance.pose(points, direction).is_free
+            for direction in directions
         )
 
     @cached_property
@@ -356,3 +339,22 @@ class HandFunctions:
         spheres = [s.centre for s in self.hand.spheres(symbols)]
         outputs = [ca.horzcat(*tips), ca.horzcat(ca.SX(3, 0), *spheres)]
         return ca.Function("hand", list(symbols.values()), outputs, {"cse": True})
+
+
+def _jaw_record(clearance: JawClearance, points: FloatArray, pose: JawPose) -> Json:
+    """Return the JSON data of a gripper's pose, with its exact clearance and its pads' shares on their faces."""
+    quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True, scalar_first=True).tolist()
+    approach = {
+        "direction": pose.direction.tolist(),
+        "depth": max(pose.blocked_by.values(), default=0.0),
+        "clearance": pose.clearance,
+        "opened": pose.opened,
+        **({"blocked_by": dict(pose.blocked_by)} if pose.blocked_by else {}),
+    }
+    shares = clearance.pad_shares(points, pose.direction)
+    return {
+        "palm_pose": {"position": pose.position.tolist(), "quaternion_wxyz": quaternion},
+        "opening": pose.opening,
+        "approach": approach,
+        **({"pads": shares} if shares else {}),
+    }

@@ -1,4 +1,4 @@
-"""Pairs of opposite contacts for parallel jaws, squared: the second is straight across from the first."""
+"""Antipodal candidates for parallel jaws: pairs of contacts on one line, along the normal of the first."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import sampled_quality
 
-SQUARING_STEPS = 3  # projections of the second contact onto the line along the first one's normal
+PROJECTION_STEPS = 3  # alternating projections of the second contact onto the first one's normal and the surface
 
 ObjectArray = NDArray[np.object_]
 
 
 def opposite_candidates(compiled: CompiledProblem, distance: float, most: int) -> Iterator[GraspCandidate]:
-    """Yield feasible pairs of opposite contacts with a sampled quality above 0, free approaches first, then the best.
+    """Yield feasible antipodal pairs with a sampled quality above zero, the best first, blocked approaches last.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def opposite_candidates(compiled: CompiledProblem, distance: float, most: int) -
     most : int
         Number of pairs, at most.
     """
-    points, normals, faces = _squared_pairs(compiled)
+    points, normals, faces = _antipodal_pairs(compiled)
     if not len(points):
         return
     hand = compiled.hand_functions.start(points, normals)
@@ -40,7 +40,7 @@ def opposite_candidates(compiled: CompiledProblem, distance: float, most: int) -
     quality = sampled_quality(compiled, points[feasible], normals[feasible])
     order = feasible[np.argsort(-quality, kind="stable")][: int(np.sum(quality > 0.0))]
     blocked = []
-    for i in _spread(points[order], distance)[:most]:
+    for i in _select_spaced(points[order], distance)[:most]:
         candidate = GraspCandidate(tuple(faces[order[i]]), points[order[i]])
         if compiled.hand_functions.is_blocked(candidate.points):
             blocked.append(candidate)
@@ -49,8 +49,8 @@ def opposite_candidates(compiled: CompiledProblem, distance: float, most: int) -
     yield from blocked
 
 
-def _spread(pairs: FloatArray, distance: float) -> list[int]:
-    """Return indices of pairs (b, 2, space) in order that keep a distance from those before, whatever their order."""
+def _select_spaced(pairs: FloatArray, distance: float) -> list[int]:
+    """Return indices of pairs (b, 2, space) at a distance from all selected before, in either order of contacts."""
     chosen = list[int]()
     for i, pair in enumerate(pairs):
         others = pairs[chosen]
@@ -60,8 +60,8 @@ def _spread(pairs: FloatArray, distance: float) -> list[int]:
     return chosen
 
 
-def _squared_pairs(compiled: CompiledProblem) -> tuple[FloatArray, FloatArray, ObjectArray]:
-    """Return points and inward normals (b, 2, space) and faces (b, 2) of squared pairs of samples."""
+def _antipodal_pairs(compiled: CompiledProblem) -> tuple[FloatArray, FloatArray, ObjectArray]:
+    """Return points and inward normals (b, 2, space), and faces (b, 2), of opposite samples moved onto one line."""
     tables, body = compiled.sample_tables, compiled.problem.body
     pairs = tables.pairs[: len(tables.pairs) // 2]  # the others are the same in reverse
     points, normals = tables.contacts_of(pairs)
@@ -69,7 +69,7 @@ def _squared_pairs(compiled: CompiledProblem) -> tuple[FloatArray, FloatArray, O
     if not len(pairs):
         return points, normals, faces
     first, across, second = points[:, 0], normals[:, 0], points[:, 1]
-    for _ in range(SQUARING_STEPS):
+    for _ in range(PROJECTION_STEPS):
         along = np.sum((second - first) * across, axis=1, keepdims=True)
         second, inward = _project(body, first + along * across, faces[:, 1])
     return np.stack([first, second], axis=1), np.stack([across, inward], axis=1), faces

@@ -22,7 +22,7 @@ from nlpgrasp.quality.measures import mu
 from nlpgrasp.tasks import Task
 
 BUDGET = "shared"  # force budget that counts the sum of normal forces
-NO_FORCE = Bounds(0.0, np.inf)  # where no force of the jaws is known to hold the task
+NO_FORCE = Bounds(0.0, np.inf)  # grip force where none is known to hold the task
 
 
 def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: float = 0.0, *, seed: int = 0) -> Bounds:
@@ -36,7 +36,7 @@ def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: floa
     rtol : float
         Relative width of the interval.
     friction_loss : float
-        Share of every friction coefficient that is missing, from 0 to below 1.
+        Share of every friction coefficient that is lost, from 0 to below 1.
     seed : int
         Of the certificate's directions.
 

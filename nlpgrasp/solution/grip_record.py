@@ -64,7 +64,7 @@ class GripForce(Record):
         if not self.holds:
             return f"no force of the jaws holds the whole task{end}"
         force = f"set the gripper to {format_upper(self.force.upper, DIGITS)} {FORCE_UNIT}"
-        return f"{force} (normal force of each jaw; {self._margin_words()}){end}"
+        return f"{force} (normal force of each jaw; {self._margin_text()}){end}"
 
     def warning(self, limit: float | None) -> str:
         """Return what the jaws lack for the task as text; empty where the limit leaves the margin."""
@@ -76,11 +76,11 @@ class GripForce(Record):
         if self.force.upper > limit:
             return f"each jaw needs {force} {FORCE_UNIT} for the task, above max_force = {most}"
         if self.with_margin.upper > limit:
-            return f"max_force = {most} leaves too little margin: {self._margin_words()}"
+            return f"max_force = {most} leaves too little margin: {self._margin_text()}"
         return ""
 
-    def _margin_words(self) -> str:
-        """Return the force with its margin as text."""
+    def _margin_text(self) -> str:
+        """Return the force with margin, its factor and friction loss as text."""
         factor, loss = f"{self.safety_factor:g}", f"friction {format_percent(self.friction_loss)} lower"
         if not np.isfinite(self.with_margin.upper):
             return f"with {loss} no force holds the task"

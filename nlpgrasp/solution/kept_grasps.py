@@ -22,8 +22,8 @@ from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import ConstraintReport
 
-POSE = np.radians(30.0)  # radians: rotation between poses of parallel jaws at the same contacts that are distinct
-ROUNDING = 1e-6  # radians: tolerance of that rotation
+DISTINCT_ANGLE = np.radians(30.0)  # radians: least rotation between distinct poses of jaws at the same contacts
+ROUNDING = 1e-6  # radians: added to a rotation, so that rounding does not lower it
 
 Accepts = Callable[["FoundGrasp"], bool]  # whether a kept grasp may be the answer
 
@@ -161,8 +161,8 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
     raise InputError("select", f"a function that is true for none of {count}", "one that accepts a grasp, or more kept")
 
 
-def _way_in(grasp: FoundGrasp) -> str:
-    """Return the approach of parallel jaws as text of one width: its direction, whether it is free and flipped."""
+def _format_approach(grasp: FoundGrasp) -> str:
+    """Return the approach of parallel jaws as text of fixed width: direction, free or blocked, flip, share of pads."""
     data = (grasp.hand or {}).get("approach") or {}
     direction = ", ".join(f"{x + 0.0:.2f}" for x in np.round(data.get("direction") or (), 2))
     state = "blocked" if jaws_depth(grasp.hand) else "free, flipped" if data.get("flip") else "free"
@@ -198,9 +198,10 @@ def grasp_table(grasps: Sequence[FoundGrasp], requested: int = 1) -> list[str]:
     for i, (grasp, force) in enumerate(zip(grasps, forces, strict=True)):
         remaining = "" if grasp.robust is None else f"{grasp.robust.mu.upper:.4g} left"
         fragile = ", fragile" if grasp.is_fragile else ""
-        setting = (
-            f"{'' if force is None else format_upper(force, DIGITS) + ' N':9}  {_way_in(grasp)}" if has_jaws else ""
-        )
+        setting = ""
+        if has_jaws:
+            needed = "" if force is None else f"{format_upper(force, DIGITS)} N"
+            setting = f"{needed:9}  {_format_approach(grasp)}"
         row = f"  {i:4d}  {grasp.mu!s:20}  {setting}{remaining + fragile:20}  {', '.join(grasp.faces)}"
         lines.append(row.rstrip())
     return lines

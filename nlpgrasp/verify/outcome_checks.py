@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from nlpgrasp.common.formatting import format_headroom
 from nlpgrasp.solution.analysis_records import mu_before_margins
-from nlpgrasp.solution.kept_grasps import POSE, FoundGrasp, angle_between_poses
+from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, guard
@@ -153,7 +153,7 @@ def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
         yield f"{len(solution.grasps)} grasps where {solver.get('keep')} were to be kept"
     least = float(solver.get("distinct", 0.0)) * size * (1.0 - DISTANCE_TOLERANCE)
     for (i, a), (j, b) in combinations(enumerate(solution.grasps), 2):
-        has_own_pose = "joint_positions" in (a.hand or {}) or angle_between_poses(a.hand, b.hand) >= POSE
+        has_own_pose = "joint_positions" in (a.hand or {}) or angle_between_poses(a.hand, b.hand) >= DISTINCT_ANGLE
         if not has_own_pose and _matched_distance(a, b) < least:
             yield f"grasps[{i}] and grasps[{j}] are one: contacts less than {least:.3g} m apart"
 

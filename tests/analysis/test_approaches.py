@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.solution.kept_grasps import POSE, angle_between_poses
+from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, angle_between_poses
 from nlpgrasp.solution.obstructions import approach_obstructions
 from tests.verify.edits import failed
 from tests.verify.stated import edited
@@ -73,7 +73,7 @@ def test_twenty_kept_grasps_are_free_and_distinct_by_place_turn_or_flip():
             distance = min(
                 np.linalg.norm(a.grasp.points - q, axis=1).max() for q in (b.grasp.points, b.grasp.points[::-1])
             )
-            assert distance > least or angle_between_poses(a.hand, b.hand) >= POSE
+            assert distance > least or angle_between_poses(a.hand, b.hand) >= DISTINCT_ANGLE
     assert all(grasp.grip_force is not None for grasp in grasps)
 
 
