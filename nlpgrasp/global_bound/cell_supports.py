@@ -20,7 +20,8 @@ from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.cells.cell import CurvedParts, IntArray, SurfaceCell
 
 SEARCH_POWER = 32.0  # power of the norm that replaces the largest of the contacts' supports in searches for directions
-THRESHOLDS, DIGITS = (0.5, 0.7, 0.9), 8  # thresholds in turn, relative to the bound to be lowered; their decimal digits
+THRESHOLDS = (0.5, 0.7, 0.9)  # thresholds of successive rounds, over the bound to be lowered
+DIGITS = 8  # decimal digits of thresholds
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space; beyond it tilting
 
 Powers = TypeVar("Powers", bound=FloatArray | NDArray[np.float32])
@@ -39,13 +40,13 @@ class CombinationRule:
         p: 2 for the L2 budget, else 1.
     lengths : bool
         Whether a contact's unit is the length of its force (``s = |P_K(z)|``) and not its normal force.
-    largest : bool
+    takes_largest : bool
         Whether the support is the largest s_i instead of the sum.
     """
 
     power: float
     lengths: bool
-    largest: bool = False
+    takes_largest: bool = False
 
     @classmethod
     def of(cls, budget: ForceBudget) -> CombinationRule:
@@ -102,25 +103,25 @@ class CombinationRule:
 
     @property
     def search_power(self) -> float:
-        """Power of the norm of the contacts' supports whose weakest directions are searched for."""
-        return SEARCH_POWER if self.largest else self.power
+        """Power of the norm of the contacts' supports that a search for weak directions minimises."""
+        return SEARCH_POWER if self.takes_largest else self.power
 
-    def above(self, powers: Powers, thresholds: FloatArray | float) -> Powers:
-        """Return the excess ``(s - theta)_+`` of supports over thresholds where the largest counts, else ``s^p``."""
-        return cast("Powers", np.maximum(powers - thresholds, 0.0)) if self.largest else powers
+    def excess(self, powers: Powers, thresholds: FloatArray | float) -> Powers:
+        """Return the excess ``(s - theta)_+`` of supports over thresholds; without thresholds in the rule, ``s^p``."""
+        return cast("Powers", np.maximum(powers - thresholds, 0.0)) if self.takes_largest else powers
 
-    def thresholds(self, bounds: FloatArray, turn: int) -> FloatArray:
-        """Return thresholds to lower bounds on mu (b,) at a turn of several, (b,): zero where the support is a sum."""
-        if not self.largest:
+    def thresholds(self, bounds: FloatArray, round_number: int) -> FloatArray:
+        """Return the thresholds of a round for current bounds on mu (b,), (b,); zero where the support is a sum."""
+        if not self.takes_largest:
             return np.zeros(len(bounds))
-        return np.asarray(np.round(THRESHOLDS[turn % len(THRESHOLDS)] * bounds, DIGITS))
+        return np.asarray(np.round(THRESHOLDS[round_number % len(THRESHOLDS)] * bounds, DIGITS))
 
 
 COMBINATION_RULES: dict[type[ForceBudget], CombinationRule] = {
     L2Budget: CombinationRule(2.0, lengths=True),
     PerFingerBudget: CombinationRule(1.0, lengths=False),
     PerFingerSizeBudget: CombinationRule(1.0, lengths=True),
-    SharedBudget: CombinationRule(1.0, lengths=False, largest=True),
+    SharedBudget: CombinationRule(1.0, lengths=False, takes_largest=True),
 }
 
 

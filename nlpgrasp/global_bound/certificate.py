@@ -51,7 +51,7 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
             [*leaf] for leaf in zip(leaves.cells.tolist(), numbers[positions].tolist(), bounds.tolist(), strict=True)
         ],
     }
-    if scope.rule.largest:
+    if scope.rule.takes_largest:
         data["thresholds"] = [dual.threshold for dual in dual_weights]
     return float(np.max(bounds, initial=0.0)), data
 

@@ -64,8 +64,8 @@ class MarginalBound:
             supports, allowed_faces = group.supports, self.scope.problem.allowed_faces(group.contact_indices[0])
             allowed = np.isin(faces, allowed_faces) & group.allowed.contains(points, normals)
             z = self.twists @ supports.maps_at(points[allowed], normals[allowed])
-            above = supports.rule.above(supports.rule.powers(supports.contact, z), self.threshold)
-            bounds[allowed] = np.fmax(bounds[allowed], above @ self.weights)
+            excesses = supports.rule.excess(supports.rule.powers(supports.contact, z), self.threshold)
+            bounds[allowed] = np.fmax(bounds[allowed], excesses @ self.weights)
         return bounds
 
 

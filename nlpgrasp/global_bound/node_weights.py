@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import IntArray
@@ -16,7 +18,7 @@ from nlpgrasp.global_bound.scope import BoundScope
 from nlpgrasp.global_bound.support_table import SupportTable
 
 BATCH = 64  # largest number of nodes bounded together
-DIRECTIONS, OF_LARGEST = 16, 32  # directions per node, under the shared budget more
+DIRECTIONS, SHARED_DIRECTIONS = 16, 32  # directions per node, in general and under the shared budget
 FEWEST, PART = 8, 4  # nodes split at a time, at least, and all nodes so far over those split at a time
 WORK = 500_000  # rows times directions of a batch, at most
 BATCHES = 4  # work of the nodes split at a time, at most, in units of WORK
@@ -25,7 +27,26 @@ MOST_LEAVES = 10_000  # largest number of recorded leaves
 FIRST_ROUNDS = 24  # rounds of linear programs over all root nodes
 SPREAD = 1e-2  # weight of a cell's squared radius relative to the variance of the fractional contact
 
-Best = tuple[FloatArray, FloatArray, IntArray, FloatArray]  # bounds, weights and numbers of directions, thresholds
+
+class DualBounds(NamedTuple):
+    """Bounds of nodes (b,) with the dual weights and direction numbers (b, j), and thresholds (b,), that prove them."""
+
+    bounds: FloatArray
+    weights: FloatArray
+    numbers: IntArray
+    thresholds: FloatArray
+
+    def select(self, mask: NDArray[np.bool_]) -> DualBounds:
+        """Return the bounds of some of the nodes."""
+        return DualBounds(self.bounds[mask], self.weights[mask], self.numbers[mask], self.thresholds[mask])
+
+    def lower_of(self, other: DualBounds) -> DualBounds:
+        """Return the lower of two bounds of each node, its own where the other is infinite."""
+        is_lower = (self.bounds < other.bounds) | np.isinf(other.bounds)
+        weights = np.where(is_lower[:, None], self.weights, other.weights)
+        numbers = np.where(is_lower[:, None], self.numbers, other.numbers)
+        thresholds = np.where(is_lower, self.thresholds, other.thresholds)
+        return DualBounds(np.minimum(self.bounds, other.bounds), weights, numbers, thresholds)
 
 
 class NodeWeightStrategy(BoundingStrategy):
@@ -41,7 +62,7 @@ class NodeWeightStrategy(BoundingStrategy):
     drops_copies, max_open = True, MOST_OPEN
 
     def __init__(self, scope: BoundScope) -> None:
-        super().__init__(scope, OF_LARGEST if scope.rule.largest else DIRECTIONS)
+        super().__init__(scope, SHARED_DIRECTIONS if scope.rule.takes_largest else DIRECTIONS)
         self._placement_of: dict[Cells, FractionalPlacement] = {}
 
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
@@ -93,26 +114,26 @@ class NodeWeightStrategy(BoundingStrategy):
         """
         rounds = 2 if weights is not None else int(np.clip(FIRST_ROUNDS // max(1, len(cells)), 2, FIRST_ROUNDS))
         finished = list[NodeArrays]()
-        best = np.full(len(cells), np.inf), np.zeros(numbers.shape), numbers, thresholds
-        for turn in range(1, rounds + 1):
+        best = DualBounds(np.full(len(cells), np.inf), np.zeros(numbers.shape), numbers, thresholds)
+        for round_number in range(1, rounds + 1):
             if not len(cells):
                 break
             table = self._table(cells, numbers, thresholds)
             table.select_rows(weights)
             weights, shares = optimal_dual_weights(table.powers)
             bounds, weights, thresholds = table.tighten(weights)
-            best = _lower_of_two((bounds, weights, numbers, thresholds), best)
-            is_finished = (best[0] <= target) | (turn == rounds)
+            best = DualBounds(bounds, weights, numbers, thresholds).lower_of(best)
+            is_finished = (best.bounds <= target) | (round_number == rounds)
             dual_index = len(self.dual_weights) + np.arange(np.count_nonzero(is_finished))
-            finished.append(NodeArrays(cells[is_finished], best[0][is_finished], dual_index))
+            finished.append(NodeArrays(cells[is_finished], best.bounds[is_finished], dual_index))
             for i in np.flatnonzero(is_finished).tolist():
-                self.dual_weights.append(DualWeights(best[2][i], best[1][i], float(best[3][i])))
-                if best[0][i] > target:
-                    self.placements.append(FractionalPlacement(float(best[0][i]), table.rows[i], shares[i]))
+                self.dual_weights.append(DualWeights(best.numbers[i], best.weights[i], float(best.thresholds[i])))
+                if best.bounds[i] > target:
+                    self.placements.append(FractionalPlacement(float(best.bounds[i]), table.rows[i], shares[i]))
                     self._placement_of[tuple(cells[i].tolist())] = self.placements[-1]
-            best = best[0][~is_finished], best[1][~is_finished], best[2][~is_finished], best[3][~is_finished]
+            best = best.select(~is_finished)
             cells, numbers, weights = cells[~is_finished], numbers[~is_finished], weights[~is_finished]
-            thresholds = self.scope.rule.thresholds(best[0], turn)
+            thresholds = self.scope.rule.thresholds(best.bounds, round_number)
             if len(cells):
                 spread = table.rows[~is_finished], shares[~is_finished]
                 numbers = self.twists.renew(self.scope.groups, numbers, weights, *spread)
@@ -157,7 +178,7 @@ class NodeWeightStrategy(BoundingStrategy):
         return SupportTable(self.scope.groups, cells, self.twists[numbers], thresholds)
 
     def _dense(self, indices: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return direction numbers and weights of several dual weights, (b, j) each, and their thresholds, (b,)."""
+        """Return numbers and weights of the directions of some dual weights, (b, j) each, and thresholds, (b,)."""
         numbers, weights, thresholds = zip(*(self.dual_weights[i] for i in indices.tolist()), strict=True)
         return np.stack(numbers), np.stack(weights), np.array(thresholds)
 
@@ -165,10 +186,3 @@ class NodeWeightStrategy(BoundingStrategy):
         """Return the number of rows times directions of each node."""
         counts = [[self.scope.group_of[i][0].supports.count(c) for i, c in enumerate(node)] for node in cells.tolist()]
         return np.asarray(self.twists.per_node * np.sum(np.array(counts, dtype=np.int64).reshape(cells.shape), axis=1))
-
-
-def _lower_of_two(new: Best, old: Best) -> Best:
-    """Return the lower of two bounds of each node, with its dual weights and threshold."""
-    better = (new[0] < old[0]) | np.isinf(old[0])
-    weights, numbers = (np.where(better[:, None], new[i], old[i]) for i in (1, 2))
-    return np.minimum(new[0], old[0]), weights, numbers, np.where(better, new[3], old[3])

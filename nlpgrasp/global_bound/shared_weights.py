@@ -138,7 +138,7 @@ class SharedWeightStrategy(BoundingStrategy):
         bounds = np.array([np.min(self.maxima.bounds_by_weights(node)) for node in nodes], dtype=float)
         for remaining in reversed(range(rounds)):
             rows, thresholds = np.sort(rows, axis=2), rule.thresholds(bounds, remaining)
-            powers = rule.above(self._powers(rows, numbers), thresholds[:, None, None, None])
+            powers = rule.excess(self._powers(rows, numbers), thresholds[:, None, None, None])
             weights, fractions = optimal_dual_weights(powers)
             maximal = np.empty((*nodes.shape, 1), dtype=np.int64)
             for i, (node, node_numbers, node_weights) in enumerate(zip(nodes, numbers, weights, strict=True)):
@@ -263,7 +263,7 @@ class ClusterMaxima:
         return np.concatenate(maxima) + self._threshold_share(dual)
 
     def _threshold_share(self, dual: DualWeights) -> float:
-        """Return the part of a threshold that counts for one contact."""
+        """Return the part of a threshold in the bound of one contact."""
         return dual.threshold / len(self._group)
 
     def largest_rows(self, node: IntArray, dual: DualWeights) -> tuple[IntArray, float]:
@@ -370,9 +370,14 @@ class CornerContacts:
     def weighted_powers(
         self, twists: FloatArray, weights: FloatArray, rows: slice = EVERY, threshold: float = 0.0
     ) -> FloatArray:
-        """Return ``sum over j of w_j s^p``, or of excesses over a threshold, at rows, (m,).
+        """Return ``sum over j of w_j s^p``, or the same sum of excesses over a threshold, at rows, (m,).
 
-        For twists (j, 6) and weights (j,).
+        Parameters
+        ----------
+        twists : (j, 6) array
+        weights : (j,) array
+        rows : slice
+        threshold : float
         """
         first, last, _ = rows.indices(len(self))
         result = np.empty(last - first)
@@ -386,7 +391,7 @@ class CornerContacts:
         for begin in range(first, last, step):
             end = min(last, begin + step)
             powers = self._powers(converted, squares, slice(begin, end))
-            result[begin - first : end - first] = single_weights @ self.supports.rule.above(powers, threshold)
+            result[begin - first : end - first] = single_weights @ self.supports.rule.excess(powers, threshold)
         return result
 
     def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:

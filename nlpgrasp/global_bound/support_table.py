@@ -2,7 +2,7 @@
 
 A table holds ``s^p`` of every contact at the rows of its cell, along the directions of each node. Linear programs for
 dual weights use a selection of these rows, and bounds follow from the largest weighted sums. Over flat cells a row is
-the maximum; over curved cells ``weighted_supports`` bounds the excess between rows.
+the maximum; over curved cells ``weighted_supports`` bounds the increase between rows.
 
 Inside a part of a curved cell the work z of a contact deviates from a linear interpolation of the corners' by at most
 Z, and from any corner's by at most X (``CurvedSurface.deviations``). ``s^p`` is convex in z, with Lipschitz constant
@@ -39,7 +39,7 @@ BLOCK = 256  # parts subdivided at a time, to fit the processor's cache
 ARITHMETIC_MARGIN = 0.3  # fraction of the tolerance left for independent arithmetic (``verify.bound``)
 FEW = 8  # largest number of rows per cell that linear programs use without selection
 ROUNDING_MARGIN = 1e-9  # relative margin for rounding in a bound
-SHARE = 0.25  # share of the threshold in the bound of one contact, to which tolerances are relative
+THRESHOLD_SHARE = 0.25  # share of the threshold that counts, with one contact's support, as the scale of tolerances
 
 
 class SupportTable:
@@ -80,12 +80,13 @@ class SupportTable:
         return np.asarray((self._thresholds + total) * (1.0 + ROUNDING_MARGIN))
 
     def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return bounds, dual weights and thresholds.
+        """Return the nodes' bounds (b,), dual weights (b, j) and thresholds (b,), tightened by single directions.
 
-        Where the largest support along a single direction is lower, it is the threshold and the bound.
+        Under the shared budget the largest support along any single direction is a bound: the least of them, where it
+        is lower, replaces the bound by dual weights, with itself as the threshold.
         """
         bounds, thresholds = self.bounds(weights), self._thresholds
-        if not self._rule.largest:
+        if not self._rule.takes_largest:
             return bounds, weights, thresholds
         single = np.max(self.upper_bounds(None), axis=1)
         direction = np.argmin(single, axis=1)
@@ -161,13 +162,13 @@ class GroupTable:
         )
 
     @cached_property
-    def above(self) -> FloatArray:
-        """Powers, or excesses over the thresholds, (c, m, j)."""
-        return self.group.supports.rule.above(self.powers, self.thresholds[:, None, None])
+    def excesses(self) -> FloatArray:
+        """Excesses over the thresholds, (c, m, j); powers where the rule has no thresholds."""
+        return self.group.supports.rule.excess(self.powers, self.thresholds[:, None, None])
 
     def weighted(self, weights: FloatArray) -> FloatArray:
         """Return powers weighted by each node's dual weights (b, j), by pair and row."""
-        return np.asarray((self.above @ weights[self.owner][:, :, None])[:, :, 0])
+        return np.asarray((self.excesses @ weights[self.owner][:, :, None])[:, :, 0])
 
     def select_rows(self, weights: FloatArray | None, max_rows: int) -> tuple[IntArray, FloatArray]:
         """Return the selected rows, sorted, and their powers: (c, m) and (c, m, j)."""
@@ -175,11 +176,11 @@ class GroupTable:
         if max_rows <= FEW:
             indices = np.broadcast_to(np.minimum(np.arange(max_rows), m - 1), (c, max_rows))
         else:
-            weighted = np.mean(self.above, axis=2) if weights is None else self.weighted(weights)
+            weighted = np.mean(self.excesses, axis=2) if weights is None else self.weighted(weights)
             along = np.argmax(self.powers, axis=1)
             indices = np.sort(np.concatenate([along, np.argmax(weighted, axis=1)[:, None]], axis=1), axis=1)
         rows = np.take_along_axis(self.rows, indices, axis=1)
-        return rows, np.take_along_axis(self.above, indices[..., None], axis=1)
+        return rows, np.take_along_axis(self.excesses, indices[..., None], axis=1)
 
     def upper_bounds(self, weights: FloatArray) -> FloatArray:
         """Return upper bounds on the weighted supports under each node's dual weights, (b, s)."""
@@ -192,7 +193,7 @@ class GroupTable:
         return np.asarray(np.max(self.weighted(weights), axis=1)[self.pair_of])
 
     def single_upper_bounds(self) -> FloatArray:
-        """Return upper bounds on the supports along each direction alone, (b, s, j)."""
+        """Return upper bounds on the powers of supports along each single direction, (b, s, j)."""
         return single_supports(self.group.supports, self.cells, self.powers, self.twists)[self.pair_of]
 
 
@@ -218,21 +219,21 @@ def weighted_supports(
         Dual weights of each cell's node.
     thresholds : (c,) array
     """
-    weighted = (supports.rule.above(powers, thresholds[:, None, None]) @ weights[:, :, None])[:, :, 0]
+    weighted = (supports.rule.excess(powers, thresholds[:, None, None]) @ weights[:, :, None])[:, :, 0]
     largest = np.max(powers, axis=1) ** (1.0 / supports.rule.power)
     speed, turning = supports.speed_bounds(cells, twists)
     interval = _SupportInterval(
         supports,
         np.max(weighted, axis=1),
-        excess_tolerance(supports, cells),
+        bound_tolerance(supports, cells),
         *_weighted_directions(twists, weights),
         thresholds,
     )
     for surface, parts, rows, deviations, owner in _parts_by_surface(supports, cells):
-        excess = excess_inside_parts(
+        increase = increase_inside_parts(
             supports, deviations, largest[owner], speed[owner], turning[owner], thresholds[owner, None]
         )
-        upper = np.max(weighted[owner[:, None], rows], axis=1) + np.sum(weights[owner] * excess, axis=1)
+        upper = np.max(weighted[owner[:, None], rows], axis=1) + np.sum(weights[owner] * increase, axis=1)
         interval.refine(surface, parts, owner, upper)
     return interval.upper_bounds()
 
@@ -246,17 +247,17 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
     none = np.zeros((2, 3))
     deviations = np.stack([np.max([p.max_deviations for p in parts], axis=0) if parts else none for parts in curved])
     largest = maxima ** (1.0 / supports.rule.power)
-    excess = excess_inside_parts(supports, deviations, largest, *supports.speed_bounds(cells, twists), np.zeros(1))
-    return np.asarray((maxima + excess) * (1.0 + ARITHMETIC_MARGIN * excess_tolerance(supports, cells))[:, None])
+    increase = increase_inside_parts(supports, deviations, largest, *supports.speed_bounds(cells, twists), np.zeros(1))
+    return np.asarray((maxima + increase) * (1.0 + ARITHMETIC_MARGIN * bound_tolerance(supports, cells))[:, None])
 
 
-def excess_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
-    """Return the accepted relative excess over the largest known support, (c,)."""
+def bound_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
+    """Return the accepted relative excess of a bound over the largest known support, (c,)."""
     radii = supports.radii(cells)
     return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.largest_radius, 1e-300)) ** 2))
 
 
-def excess_inside_parts(
+def increase_inside_parts(
     supports: Supports,
     deviations: FloatArray,
     largest: FloatArray,
@@ -264,7 +265,7 @@ def excess_inside_parts(
     turning: FloatArray,
     thresholds: FloatArray,
 ) -> FloatArray:
-    """Return a bound on the excess of ``s^p`` inside parts over the corners' values, both above the thresholds.
+    """Return a bound on the increase of ``s^p``, or of its excess over thresholds, from corners to insides of parts.
 
     Parameters
     ----------
@@ -281,7 +282,7 @@ def excess_inside_parts(
         force * deviations[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1)
     )
     largest_inside = largest + corner_change
-    by_corners = supports.rule.above(largest_inside**p, thresholds) - supports.rule.above(largest**p, thresholds)
+    by_corners = supports.rule.excess(largest_inside**p, thresholds) - supports.rule.excess(largest**p, thresholds)
     return np.asarray(np.minimum(p * largest_inside ** (p - 1.0) * change, by_corners))
 
 
@@ -345,7 +346,7 @@ class _SupportInterval:
         ``owner`` are the parts' cells, ``upper`` their upper bounds; subdivision raises the cells' lower bounds.
         """
         for _ in range(ROUNDS):
-            is_open = upper > (self._lower + self._tolerance * (self._lower + SHARE * self._thresholds))[owner]
+            is_open = upper > (self._lower + self._tolerances(self._lower))[owner]
             np.maximum.at(self._upper, owner[~is_open], upper[~is_open])
             if not np.any(is_open):
                 return
@@ -366,17 +367,21 @@ class _SupportInterval:
         powers, speed, turning = supports.evaluate(points, normals, self._twists[owner])
         supports.evaluations += powers.size
         thresholds = self._thresholds[owner][:, None, None]
-        above = supports.rule.above(powers, thresholds)
-        np.maximum.at(self._lower, owner, np.max(np.sum(above * weights, axis=2), axis=1))
+        excesses = supports.rule.excess(powers, thresholds)
+        np.maximum.at(self._lower, owner, np.max(np.sum(excesses * weights, axis=2), axis=1))
         quarters = vertices[:, corner_indices].reshape(-1, corner_indices.shape[1], q)
         deviations = surface.deviations(quarters).reshape(n, len(corner_indices), 1, 2, 3)
         supports_at = powers ** (1.0 / supports.rule.power)
         at_corners = (supports_at[:, corner_indices], speed[:, corner_indices], turning[:, None, None])
-        excess = excess_inside_parts(supports, deviations, *at_corners, thresholds[:, None])
-        upper = np.sum((above[:, corner_indices] + excess) * weights[:, None], axis=3)
+        increase = increase_inside_parts(supports, deviations, *at_corners, thresholds[:, None])
+        upper = np.sum((excesses[:, corner_indices] + increase) * weights[:, None], axis=3)
         return quarters, np.repeat(owner, len(corner_indices)), np.max(upper, axis=2).ravel()
 
     def upper_bounds(self) -> FloatArray:
         """Return the upper bounds, (c,), with a margin for independent recomputation."""
         largest = np.maximum(self._upper, self._lower)
-        return np.asarray(largest + ARITHMETIC_MARGIN * self._tolerance * (largest + SHARE * self._thresholds))
+        return np.asarray(largest + ARITHMETIC_MARGIN * self._tolerances(largest))
+
+    def _tolerances(self, supports: FloatArray) -> FloatArray:
+        """Return the tolerances at weighted supports (c,), (c,)."""
+        return np.asarray(self._tolerance * (supports + THRESHOLD_SHARE * self._thresholds))

@@ -205,7 +205,7 @@ class SampleTables:
         self.budget: ForceBudget = problem.budget if type(problem.budget) in COMBINATION_RULES else L2Budget()
         rule = CombinationRule.of(self.budget)
         self.power = rule.power
-        self.combine: np.ufunc = np.maximum if rule.largest else np.add
+        self.combine: np.ufunc = np.maximum if rule.takes_largest else np.add
         models, origin = problem.models, problem.origin
         self._jaws = isinstance(problem.hand, ParallelJaw)
         allowed = [_satisfying_samples(rows, hand, clouds, i) for i in range(len(models))]

@@ -185,7 +185,7 @@ class PowerBounds:
         power, weights = self._power, self._power.weights
         points, normals = face.contacts(parts.reshape(n * c, q))
         powers, speeds = power.contact.powers(points, normals, power.twists, power.origin)
-        self.lower = max(self.lower, float(np.max(power.contact.above(powers, power.threshold) @ weights)))
+        self.lower = max(self.lower, float(np.max(power.contact.excess(powers, power.threshold) @ weights)))
         errors = np.repeat(face.interpolation_errors(parts), c, axis=0)
         upper = power.contact.upper_bounds(powers, speeds, errors, power.twists, power.threshold) @ weights
         return np.asarray(np.max(upper.reshape(n, c), axis=1))
@@ -234,7 +234,7 @@ def _largest_over_mesh(cells: dict[int, StatedMeshCell], power: WeightedPower) -
 
 @dataclass(frozen=True)
 class WeightedPower:
-    """The weighted power ``sum of w s^p`` of one contact, s its support along each direction, or that of excesses.
+    """Weighted power ``sum of w s^p`` of one contact with supports s, under the shared budget of their excesses.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ class WeightedPower:
         if not len(contacts.points):
             return 0.0
         powers, _ = self.contact.powers(contacts.points, contacts.normals, self.twists, self.origin)
-        return float(np.max(self.contact.above(powers, self.threshold) @ self.weights))
+        return float(np.max(self.contact.excess(powers, self.threshold) @ self.weights))
 
 
 @dataclass(frozen=True)
@@ -369,8 +369,8 @@ class StatedContact:
         tilting = np.sqrt(np.maximum(turning**2 - torsion**2, 0.0))
         return self.work(normal, [sliding, torsion, tilting]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
-    def above(self, powers: FloatArray, threshold: float) -> FloatArray:
-        """Return the excess of supports over a threshold under a shared budget, else the powers."""
+    def excess(self, powers: FloatArray, threshold: float) -> FloatArray:
+        """Return the excesses of supports over a threshold; without thresholds in the file, the powers."""
         return np.maximum(powers - threshold, 0.0) if self.budget.has_thresholds else powers
 
     def upper_bounds(
@@ -380,8 +380,8 @@ class StatedContact:
 
         The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the length L of the longest force, the interpolation error z
         of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less. The work
-        of forces and that of moments have their own L, and their products are added. Excesses over a threshold change
-        by no more than s, which is ``s + L x`` at most.
+        of forces and that of moments have their own L, and their products are added. An excess over a threshold changes
+        by no more than s does, and is at most that of ``s + L x``.
 
         Parameters
         ----------
@@ -399,8 +399,8 @@ class StatedContact:
             force * errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1)
         )
         largest = powers ** (1.0 / p) + difference
-        by_convexity = self.above(powers, threshold) + p * largest ** (p - 1.0) * error
-        return np.asarray(np.minimum(by_convexity, self.above(largest**p, threshold)))
+        by_convexity = self.excess(powers, threshold) + p * largest ** (p - 1.0) * error
+        return np.asarray(np.minimum(by_convexity, self.excess(largest**p, threshold)))
 
 
 def _disc_coefficients(data: Json) -> tuple[float, float, float]:
