@@ -60,7 +60,7 @@ STATUS_TEXT = {
     Status.LOCALLY_INFEASIBLE: "constraints not kept",
 }  # end of a start in progress messages, where it differs from the name of its status
 BATCH = 8  # starts whose candidates are proposed together
-ALTERNATIVES = 6  # grasps tried in place of an answer whose gripper is in the way, or off the face
+ALTERNATIVES = 6  # grasps tried in place of an answer whose gripper is blocked, or whose pad overhangs
 Progress = Callable[[StartRecord, Bounds], None]
 
 
@@ -228,9 +228,9 @@ class Multistart:
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
     def prove(self, rtol: float) -> bool:
-        """Certify the best start to a relative gap and branch further; return whether no further start is needed.
+        """Certify the best start to a relative gap and branch further; return whether the search may end.
 
-        None is where the best is within the bound's gap, memory is full, or the deadline is over.
+        It may where the best start is within the bound's gap, memory is full, or the deadline is over.
         """
         self._clock.restart()
         problem = self.runner.problem
@@ -244,20 +244,20 @@ class Multistart:
     def run_until_proved(
         self, starts: int, rtol: float, contacts: Sequence[FloatArray] | None = (), patience: int | None = None
     ) -> int:
-        """Run starts one at a time in this process, until after one of them no further is needed (``prove``).
+        """Run starts one at a time in this process, until after one of them the search may end (``prove``).
 
         Parameters
         ----------
         starts : int
-            Number of starts, at least 1, at most.
+            Largest number of starts, at least 1.
         rtol : float
             Relative gap to which the best start is certified after each.
         contacts : sequence of (k, space) array
-            Contacts of known grasps: candidates begin from them and the bound's relaxed placements, too; None for the
-            candidates of ``propose``, as in a solve.
+            Contacts of known grasps: candidates begin from them and from the bound's relaxed placements as well. None
+            for neither, as in a solve.
         patience : int, optional
-            Number of starts in a row after which to stop where none of them is better by ``rtol``; unlimited by
-            default. It does not count before there is a grasp.
+            Number of successive starts without an improvement by ``rtol`` after which to stop; unlimited by default.
+            Starts before the first grasp do not count.
 
         Returns
         -------
@@ -304,9 +304,10 @@ class Multistart:
         self._clock.mark("closing the gap")
 
     def _add_start(self, candidates: Sequence[GraspCandidate] = ()) -> None:
-        """Run one more start in this process, from candidates or else also from the bound's relaxed placements.
+        """Run one more start in this process, from candidates if there are any.
 
-        Requested starts that have not been run come first.
+        Without them the start proposes its own, also from the bound's relaxed placements. Requested starts that have
+        not been run come first.
         """
         finished = {result.record.index for result in self.results}
         index = next((i for i in range(self.runner.count) if i not in finished), self.next_index)
@@ -314,10 +315,10 @@ class Multistart:
         self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, relaxed, candidates))
 
     def _propose_near(self, contacts: Sequence[FloatArray] | None, starts: int) -> list[Sequence[GraspCandidate]]:
-        """Return candidates for each of some further starts, also near contacts (k, space) and relaxed placements.
+        """Return the candidates of each of some further starts, also near known contacts and relaxed placements.
 
-        Without contacts, those of a solve with as many starts.
-        Empty for each where the proposal fails numerically: those starts propose on their own.
+        ``contacts`` are arrays (k, space); with None, candidates are those of a solve with as many starts. They are
+        empty where the proposal fails numerically: each start then proposes its own.
         """
         known = [] if contacts is None else [*contacts, *self._relaxed_placements()]
         try:
@@ -430,7 +431,7 @@ class Multistart:
         return solution
 
     def _needs_alternatives(self, best: StartGrasp) -> bool:
-        """Return whether a gripper with stated sizes is in the way, or off the face, at the only grasp that is kept."""
+        """Return whether the only kept grasp of a gripper with stated sizes is blocked, or a pad overhangs."""
         hand, body = self.runner.problem.hand, self.runner.problem.body
         is_sized = isinstance(hand, ParallelJaw) and hand.is_solid and body.space == 3
         return is_sized and self._others is None and bool(best.record.obstruction) and not self.deadline.should_stop()

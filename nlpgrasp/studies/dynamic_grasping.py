@@ -42,18 +42,18 @@ from nlpgrasp.tasks import Task
 
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
-REMEMBERED = 16  # latest grasps whose contacts a start begins from as well
-ALLOWED_SHARE = {2: 1.0 / 4.0, 3: 1.0 / 12.0}  # by dimension: starts allowed for a step over those of a cold solve
-GROWN = 1.02  # growth of bound over quality since the last start after which a step is solved anew at once
-SAVED = 2  # starts that are saved while it does not grow
-PATIENCE = 3  # starts in a row without a gain after which a step ends
-OWN_TASK = "task"  # the task while fingers move to the grasp of a step: the step's own
+RECENT_GRASPS = 16  # latest grasps near whose contacts candidates are proposed
+STARTS_SHARE = {2: 1.0 / 4.0, 3: 1.0 / 12.0}  # starts granted for a step over those of a cold solve, by dimension
+GROWTH = 1.02  # growth of bound over quality since the last start from which a step is solved anew at once
+LEAST_SAVED = 2  # starts that are saved before a step is solved anew without such growth
+PATIENCE = 3  # successive starts without a gain after which a step ends
+OWN_TASK = "task"  # the step's own task holds while fingers move to its grasp
 REGRASP_GAIN = 0.01  # default least relative gain for which the fingers move
 
 
 @dataclass(frozen=True)
 class DynamicStep:
-    """The grasp for one value of the parameter.
+    """Grasp of a followed task for one value of its parameter.
 
     Parameters
     ----------
@@ -300,39 +300,67 @@ def _follow(
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
     current: StartGrasp | None = None
     graph: SurfaceGraph | None = None
-    contact_points = deque[FloatArray](maxlen=REMEMBERED)
-    allowed, known_gap = 1.0, 0.0
+    budget, rtol = _StartBudget(starts), min(options.final_rtol, RTOL)
     for compiled, parameter in tasks:
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
         if current is not None:
             search.add_warm_start(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
-        rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
-        allowed += ALLOWED_SHARE[compiled.problem.body.space] * starts
-        count, is_proved = 0, search.prove(rtol)
-        if is_lost and not is_proved:
-            patience = None if current is None else PATIENCE
-            count = search.run_until_proved(starts, rtol, None, patience)
-        elif not is_proved and (allowed >= SAVED or 1.0 + search.gap > GROWN * (1.0 + known_gap)):
-            count = search.run_until_proved(min(max(int(allowed), 1), starts), rtol, contact_points, PATIENCE)
-            allowed = max(allowed - count, 0.0)
-        known_gap = search.gap if count or is_proved else known_gap
+        is_lost = search.best is None
+        count = budget.run_starts(search, rtol, is_first=current is None)
         search.close_gap()
         answer = _select_answer(search, rtol, gain)
         if answer is not None:
             search.accept_unchanged(answer)
-        step = _step(compiled, search, current, parameter, cold=is_lost and current is not None)
+        step = _make_step(compiled, search, current, parameter, cold=is_lost and current is not None)
         if hold is not None and current is not None and search.chosen is not None:
             graph = graph or SurfaceGraph(compiled.problem.body)
             task = hold if isinstance(hold, Task) else compiled.problem.task
             step = _with_moves(step, compiled.problem, graph, (current, search.chosen), task)
         yield replace(step, starts=count)
         current = search.chosen or current
-        contact_points.extend(r.on_body.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
+        budget.add_contacts(search)
+
+
+class _StartBudget:
+    """Budget of starts of a followed task: a share for each step, saved while the gap to the bound does not grow.
+
+    Parameters
+    ----------
+    starts : int
+        Most starts of a step: those of a cold solve.
+    """
+
+    def __init__(self, starts: int) -> None:
+        self._starts, self._available, self._gap = starts, 1.0, 0.0  # gap after the last step with a start or a proof
+        self._contacts = deque[FloatArray](maxlen=RECENT_GRASPS)
+
+    def run_starts(self, search: Multistart, rtol: float, is_first: bool) -> int:
+        """Run the starts of a step that its bound needs and the budget grants, and return their number.
+
+        A step without a grasp has all starts of a cold solve.
+        """
+        is_lost, count = search.best is None, 0
+        self._available += STARTS_SHARE[search.runner.problem.body.space] * self._starts
+        is_proved = search.prove(rtol)
+        if is_lost and not is_proved:
+            count = search.run_until_proved(self._starts, rtol, None, None if is_first else PATIENCE)
+        elif not is_proved and (self._available >= LEAST_SAVED or 1.0 + search.gap > GROWTH * (1.0 + self._gap)):
+            most = min(max(int(self._available), 1), self._starts)
+            count = search.run_until_proved(most, rtol, self._contacts, PATIENCE)
+            self._available = max(self._available - count, 0.0)
+        if count or is_proved:
+            self._gap = search.gap
+        return count
+
+    def add_contacts(self, search: Multistart) -> None:
+        """Add the contacts of a step's solved starts to those near which later candidates are proposed."""
+        solved = (r for r in search.results if isinstance(r, StartGrasp) and r.solved)
+        self._contacts.extend(start.on_body.grasp.points for start in solved)
 
 
 def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
-    """Return the warm start, unchanged or else refined, or a best start that gains enough over it; None without any."""
+    """Return the warm start, unchanged or refined, unless the best start gains enough over both; None without any."""
     best = search.certify_best(rtol)
     if best is None:
         return None
@@ -343,7 +371,7 @@ def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp |
     return next((start for start in certified if start.record.mu.lower >= required), best)
 
 
-def _step(
+def _make_step(
     compiled: CompiledProblem, search: Multistart, previous: StartGrasp | None, parameter: float, cold: bool
 ) -> DynamicStep:
     """Return the record of a step, with the displacements from the previous grasp.
@@ -371,7 +399,7 @@ def _with_moves(
     starts: tuple[StartGrasp, StartGrasp],
     task: Task,
 ) -> DynamicStep:
-    """Return a step with the moves from the previous grasp to its own, certified for the task meanwhile."""
+    """Return a step with the moves from the previous grasp to its own, certified for a task that holds meanwhile."""
     if problem.budget.depends_on_frames:
         return step
     before, after = (start.on_body for start in starts)

@@ -21,6 +21,7 @@ from nlpgrasp.common.validation import number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
 from nlpgrasp.motion.finger_motion import ContactMotions, LinkedMotions
 from nlpgrasp.optimize.options import SolveOptions
@@ -37,11 +38,12 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.finger_moves import HELD_RTOL, FingerMove, HoldingQuality, match_contacts, ordered_moves
 from nlpgrasp.tasks import TaskEllipsoid
 
-GOALS = 8  # distinct goals of a hand with a pose, at most
-MOST_PLANS = 24  # nodes whose moves are planned, at most
-STILL = 1e-3  # share of the body's size: displacement of a contact for which its finger does not move
-PALM_OFFSET, PALM_TURN = 1e-4, 1e-3  # metres and radians: tolerance of a palm that stays
-UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
+GOALS = 8  # largest number of distinct goals of a hand with a pose
+MOST_PLANS = 24  # largest number of nodes whose moves are planned
+LEAST_MOTION = 1e-3  # displacement of a contact, over the body's size, up to which its finger does not move
+PALM_OFFSET, PALM_TURN = 1e-4, 1e-3  # metres and radians: tolerances of a palm that stays
+LEAST_TRACE = 2.9  # least trace of the palm's rotation from its pose: excludes half turns
+DISTURBANCE = 0.1  # disturbance in any direction while a finger moves, over the weight
 LIFT = 5e-3  # metres: default height of a lifted finger
 
 
@@ -191,14 +193,14 @@ def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid 
     space, d = pick.body.space, pick.dimension
     if hold is None:
         carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # upwards, against the weight
-        hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=carried)
+        hold = TaskEllipsoid(np.where(np.arange(d) < space, DISTURBANCE, 0.0), center=carried)
     if not isinstance(hold, TaskEllipsoid) or hold.dimension != d:
         raise InputError("hold", hold, f"a TaskEllipsoid of dimension {d}")
     return hold
 
 
 class HeldPalm(PlacementConstraint):
-    """The palm pose of a posture, to a tenth of a millimetre and a milliradian.
+    """Constraint that keeps the palm at its pose in a posture, to 0.1 mm and a milliradian.
 
     Parameters
     ----------
@@ -211,20 +213,20 @@ class HeldPalm(PlacementConstraint):
 
     def __init__(self, hand: URDFHand, posture: Json) -> None:
         frame = hand.tree.palm_frame(hand.values_of(posture))
-        self.position, self.turn = frame[:3, 3], frame[:3, :3]
+        self.position, self.rotation = frame[:3, 3], frame[:3, :3]
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return the limits on the palm's displacement, and on its turn by the antisymmetric part of the rotation."""
+        """Return the limits on the palm's displacement and on its rotation, by antisymmetric part and trace."""
         palm = placement.palm
         if palm is None:
             raise InputError(self.kind, "no palm", "a hand with a palm")
-        offset, turn = palm.position - self.position, self.turn.T @ palm.rotation
+        offset, turn = palm.position - self.position, self.rotation.T @ palm.rotation
         spin = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-        limit, facing = PALM_OFFSET, turn[0, 0] + turn[1, 1] + turn[2, 2]
+        limit, trace = PALM_OFFSET, turn[0, 0] + turn[1, 1] + turn[2, 2]
         return [
             *(ScalarConstraint(self.kind, offset[i], -limit, limit, scale=placement.size, unit="m") for i in range(3)),
             *(ScalarConstraint(self.kind, s, -2.0 * PALM_TURN, 2.0 * PALM_TURN) for s in spin),
-            ScalarConstraint(self.kind, facing, 2.9),  # not turned by 180 degrees
+            ScalarConstraint(self.kind, trace, LEAST_TRACE),
         ]
 
     def to_dict(self) -> Json:
@@ -234,7 +236,7 @@ class HeldPalm(PlacementConstraint):
 
 @dataclass(frozen=True)
 class _Goal:
-    """A goal grasp: contact of each finger in it, fingers that have to move, and the quality of intermediate grasps."""
+    """Goal grasp with the contact of each finger, the fingers that have to move, and the intermediate qualities."""
 
     found: FoundGrasp
     order: tuple[int, ...]
@@ -248,6 +250,15 @@ class _Goal:
         for i in moved:
             points[i], normals[i] = goal.points[self.order[i]], goal.normals[self.order[i]]
         return Grasp(points, normals, pick.contacts, pick.torque_origin)
+
+
+@dataclass(frozen=True)
+class _Node:
+    """Node of the search: the grasp in which some fingers have moved to a goal, and its quality for the goal's task."""
+
+    goal: _Goal
+    moved: frozenset[int]
+    quality: float
 
 
 class _GoalSearch:
@@ -278,87 +289,86 @@ class _GoalSearch:
         self.pick, self.goal, self.picked, self.in_hand = pick, goal, picked, in_hand
         self.hold, self.lift, self.options = hold, lift, options
         self.graph, self.grasp = SurfaceGraph(pick.body), picked.require_grasp()
+        self._queue, self._numbers = list[tuple[float, int, _Node]](), count()  # numbers order nodes of equal quality
+        self._seen = set[tuple[int, frozenset[int]]]()
 
     def run(self, seed: int) -> FineManipulation:
-        """Return the moves to the best grasp that is reached, or those to the best goal with what is in their way."""
-        numbers, unreached, plans = count(), list[str](), list[FineManipulation]()
-        queue, seen = list[tuple[float, int, _Goal, frozenset[int]]](), set[tuple[int, frozenset[int]]]()
+        """Return the moves to the best grasp that is reached, or those to the best goal with their obstructions."""
         for found in self.in_hand.grasps:
-            goal = self._goal(found)
-            heappush(queue, (-found.mu.lower, next(numbers), goal, goal.moving))
-        least = 0.0
-        while queue and len(plans) < MOST_PLANS and (not plans or -queue[0][0] > least):
-            value, _, goal, moved = heappop(queue)
-            plan = self._plan(goal, moved)
-            if plan.success and (reached := self._reached(plan, goal, moved, seed)) is not None:
+            goal = self._make_goal(found)
+            self._push(_Node(goal, goal.moving, found.mu.lower))
+        unreached, plans, least = list[str](), list[FineManipulation](), 0.0
+        while self._queue and len(plans) < MOST_PLANS and (not plans or -self._queue[0][0] > least):
+            node = heappop(self._queue)[2]
+            plan = self._plan_moves(node)
+            if plan.success and (reached := self._with_reached_grasp(plan, node, seed)) is not None:
                 return replace(reached, unreached=tuple(unreached))
-            if not plans and self._certified(self.picked.grasps[0], seed) is not None:
-                least = max(self._quality(self.grasp, goal), 0.0)  # of the fingers that stay
+            if not plans and self._certify(self.picked.grasps[0], seed) is not None:
+                least = max(self._quality(self.grasp, node.goal), 0.0)  # of the fingers that stay
             plans.append(plan)
-            if moved:
-                unreached.append(f"mu {-value:.4g} by {_format_fingers(sorted(moved))}: {_obstruction(plan)}")
-            blocked = next((move.finger for move in plan.moves if not move.feasible), None)
-            for fewer in (moved - {finger} for finger in (moved if blocked is None else [blocked])):
-                if fewer and (id(goal), fewer) not in seen:
-                    seen.add((id(goal), fewer))
-                    heappush(queue, (-self._quality(goal.grasp(fewer), goal), next(numbers), goal, fewer))
-        own = self._certified(self.in_hand.grasps[0], seed) if isinstance(self.goal.hand, URDFHand) else None
-        return replace(plans[0], goal=self.in_hand if own is None else own, unreached=tuple(unreached))
+            if node.moved:
+                fingers = _format_fingers(sorted(node.moved))
+                unreached.append(f"mu {node.quality:.4g} by {fingers}: {_describe_obstruction(plan)}")
+            self._push_children(node, plan)
+        answer = self._certify(self.in_hand.grasps[0], seed) if isinstance(self.goal.hand, URDFHand) else None
+        return replace(plans[0], goal=self.in_hand if answer is None else answer, unreached=tuple(unreached))
+
+    def _push(self, node: _Node) -> None:
+        heappush(self._queue, (-node.quality, next(self._numbers), node))
+
+    def _push_children(self, node: _Node, plan: FineManipulation) -> None:
+        """Add the nodes in which one finger stays: the one that the hand cannot move, else each in turn."""
+        blocked = next((move.finger for move in plan.moves if not move.feasible), None)
+        for finger in node.moved if blocked is None else [blocked]:
+            fewer = node.moved - {finger}
+            if fewer and (id(node.goal), fewer) not in self._seen:
+                self._seen.add((id(node.goal), fewer))
+                self._push(_Node(node.goal, fewer, self._quality(node.goal.grasp(fewer), node.goal)))
 
     @cached_property
     def _runner(self) -> StartRunner:
         return StartRunner(self.goal, self.options.narrow(), 1)
 
-    def _goal(self, found: FoundGrasp) -> _Goal:
+    def _make_goal(self, found: FoundGrasp) -> _Goal:
         """Return a goal with the matching of its contacts and the paths of the fingers."""
         order = match_contacts(self.pick, self.graph, self.grasp, found.grasp)
-        here, there = (
-            [PathStation(p, n, face) for p, n, face in zip(grasp.points, grasp.normals, faces, strict=True)]
-            for grasp, faces in ((self.grasp, self.picked.faces), (found.grasp, found.faces))
-        )
-        paths = [self.graph.stations(here[i], there[j]) for i, j in enumerate(order)]
+        initial, final = _contact_stations(self.grasp, self.picked.faces), _contact_stations(found.grasp, found.faces)
+        paths = [self.graph.stations(initial[i], final[j]) for i, j in enumerate(order)]
         distances = np.linalg.norm(found.grasp.points[list(order)] - self.grasp.points, axis=1)
-        moving = frozenset(np.flatnonzero(distances > STILL * self.pick.body.size).tolist())
+        moving = frozenset(np.flatnonzero(distances > LEAST_MOTION * self.pick.body.size).tolist())
         return _Goal(found, order, moving, HoldingQuality(self.pick, self.grasp, found.grasp, order, paths, self.hold))
 
     def _quality(self, grasp: Grasp, goal: _Goal) -> float:
         """Return the certified quality of a grasp for the goal's task."""
         return mu(grasp, self.goal.task, HELD_RTOL, force_budget=goal.holding.budget).lower
 
-    def _plan(self, goal: _Goal, moved: frozenset[int]) -> FineManipulation:
-        """Return the moves of some fingers to a goal, in the best order that the hand allows."""
-        hand, holding, paths = self.goal.hand, goal.holding, goal.holding.paths
+    def _plan_moves(self, node: _Node) -> FineManipulation:
+        """Return the moves that lead to a node, in the best order that the hand allows."""
+        hand, holding, paths = self.goal.hand, node.goal.holding, node.goal.holding.paths
         if isinstance(hand, URDFHand):
-            values = hand.values_of(self.picked.hand or {})
-            model = self._runner.compiled.collision_model
-            moves = ordered_moves(holding, LinkedMotions(self.goal, hand, values, paths, self.lift, model), moved)
+            values, model = hand.values_of(self.picked.hand or {}), self._runner.compiled.collision_model
+            linked = LinkedMotions(self.goal, hand, values, paths, self.lift, model)
+            moves = ordered_moves(holding, linked, node.moved)
         elif hand is not None and hand.follows_contacts:
             contacts = self.grasp.points, self.grasp.normals
-            moves = ordered_moves(holding, ContactMotions(self.goal, hand, contacts, paths, self.lift), moved)
+            moves = ordered_moves(holding, ContactMotions(self.goal, hand, contacts, paths, self.lift), node.moved)
         else:
-            moves = ordered_moves(holding, None, moved)
-        return FineManipulation(self.picked, self.in_hand, goal.order, moves)
+            moves = ordered_moves(holding, None, node.moved)
+        return FineManipulation(self.picked, self.in_hand, node.goal.order, moves)
 
-    def _reached(
-        self, plan: FineManipulation, goal: _Goal, moved: frozenset[int], seed: int
-    ) -> FineManipulation | None:
+    def _with_reached_grasp(self, plan: FineManipulation, node: _Node, seed: int) -> FineManipulation | None:
         """Return a plan with the grasp and posture that its moves lead to, certified; None where it is infeasible."""
-        hand, posture = self.goal.hand, None
+        goal, moved, hand, posture = node.goal, node.moved, self.goal.hand, None
         if isinstance(hand, URDFHand):
-            values = hand.values_of(self.picked.hand or {})
-            names = [joint.name for joint in hand.robot.free_joints]
-            for motion in (move.motion for move in plan.moves):
-                if motion is not None and motion.joints is not None:
-                    values["joints"][[names.index(name) for name in motion.joint_names]] = motion.joints[-1]
-            posture = hand.describe(values)
+            posture = _posture_after(hand, hand.values_of(self.picked.hand or {}), plan.moves)
         elif goal.found is self.in_hand.grasps[0] and moved == goal.moving:
             return plan
         faces = [goal.found.faces[j] if i in moved else self.picked.faces[i] for i, j in enumerate(goal.order)]
-        reached = self._certified(FoundGrasp(goal.grasp(moved), tuple(faces), goal.found.mu, hand=posture), seed)
+        reached = self._certify(FoundGrasp(goal.grasp(moved), tuple(faces), goal.found.mu, hand=posture), seed)
         return None if reached is None else replace(plan, goal=reached, order=tuple(range(len(faces))))
 
-    def _certified(self, found: FoundGrasp, seed: int) -> GraspSolution | None:
-        """Return a grasp certified for the goal's problem as it is; None where it is infeasible."""
+    def _certify(self, found: FoundGrasp, seed: int) -> GraspSolution | None:
+        """Return the solution of a grasp as it is, certified for the goal's problem; None where it is infeasible."""
         with single_thread():
             search = Multistart(self._runner, seed)
             search.add_warm_start(WarmStart.of(search.runner.compiled, found, found.grasp.normals), improve=False)
@@ -368,8 +378,22 @@ class _GoalSearch:
             return search.answer()
 
 
-def _obstruction(plan: FineManipulation) -> str:
-    """Return what keeps a plan from being made, as text."""
+def _contact_stations(grasp: Grasp, faces: Sequence[str]) -> list[PathStation]:
+    """Return the contacts of a grasp as ends of paths."""
+    return [PathStation(p, n, face) for p, n, face in zip(grasp.points, grasp.normals, faces, strict=True)]
+
+
+def _posture_after(hand: URDFHand, values: Values, moves: Sequence[FingerMove]) -> Json:
+    """Return the posture as JSON data after moves from values of a hand's variables, which are updated in place."""
+    names = [joint.name for joint in hand.robot.free_joints]
+    for motion in (move.motion for move in moves):
+        if motion is not None and motion.joints is not None:
+            values["joints"][[names.index(name) for name in motion.joint_names]] = motion.joints[-1]
+    return hand.describe(values)
+
+
+def _describe_obstruction(plan: FineManipulation) -> str:
+    """Return the obstruction of a plan, as text."""
     for move in plan.moves:
         if move.motion is not None and not move.feasible:
             return f"finger {move.finger}, {move.motion.reason}"
@@ -377,6 +401,6 @@ def _obstruction(plan: FineManipulation) -> str:
 
 
 def _format_fingers(fingers: Sequence[int]) -> str:
-    """Return fingers as text."""
+    """Return numbers of fingers as text."""
     *others, last = map(str, fingers)
     return f"fingers {', '.join(others)} and {last}" if others else f"finger {last}"

@@ -1,4 +1,4 @@
-"""Moves of single fingers between two grasps: their order, and what holds the body meanwhile, certified."""
+"""Moves of single fingers between two grasps: their order, and the certified quality while each finger moves."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ SLIDE_STATIONS = 6  # evenly spaced stations for estimating a slide
 HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
 MOST_TURN = np.radians(2.0)  # largest turn of the normal over a chord of a certified path
-S = TypeVar("S")
-LIFTED, SLIDES = False, True  # ways of a move: whether the finger slides
+Posture = TypeVar("Posture")
+LIFTED, SLIDES = False, True  # values of ``slides``: the two ways of a move
 
 _Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
 _WIDEST: _Width = (0, -np.inf)  # width of the empty path
@@ -117,13 +117,12 @@ def match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goal
         for j in range(k):
             if i == j or (not keeps_contacts and problem.models[i] == problem.models[j]):
                 cost[i, j] = lengths[j]
-    # a cost that the matching avoids wherever it can
-    largest = np.max(cost[np.isfinite(cost)])
+    largest = np.max(cost[np.isfinite(cost)])  # a multiple of it replaces infinity: the matching avoids that cost
     return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
 
 
 def ordered_moves(
-    holding: HoldingQuality, motions: Motions[S] | None = None, fingers: Iterable[int] | None = None
+    holding: HoldingQuality, motions: Motions[Posture] | None = None, fingers: Iterable[int] | None = None
 ) -> tuple[FingerMove, ...]:
     """Return the certified moves in the order, among those the hand allows, that maximises the least holding quality.
 
@@ -146,7 +145,7 @@ def ordered_moves(
     moving = frozenset(range(len(holding.paths)) if fingers is None else fingers)
     node = _widest_path(holding, motions, moving)
     if node is None:
-        strongest: _SearchNode[S] | None = _widest_path(holding, None, moving)
+        strongest: _SearchNode[Posture] | None = _widest_path(holding, None, moving)
         node = _execute_moves(() if strongest is None else strongest.sequence, motions)
     moves, moved = [], frozenset[int]()
     for finger, slides, motion in node.sequence:
@@ -155,10 +154,12 @@ def ordered_moves(
     return tuple(moves)
 
 
-def _widest_path(holding: HoldingQuality, motions: Motions[S] | None, fingers: frozenset[int]) -> _SearchNode[S] | None:
+def _widest_path(
+    holding: HoldingQuality, motions: Motions[Posture] | None, fingers: frozenset[int]
+) -> _SearchNode[Posture] | None:
     """Return the end of the widest path on which some fingers move, None where there is none."""
     numbers, visited = count(), set[frozenset[int]]()
-    start = _SearchNode[S](posture=None if motions is None else motions.start())
+    start = _SearchNode[Posture](posture=None if motions is None else motions.start())
     queue = [(_WIDEST, next(numbers), start)]
     while queue:
         width, _, node = heappop(queue)
@@ -186,8 +187,8 @@ def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> t
 
 
 def _node_after_move(
-    node: _SearchNode[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None
-) -> _SearchNode[S] | None:
+    node: _SearchNode[Posture], move: tuple[int, tuple[bool, ...]], motions: Motions[Posture] | None
+) -> _SearchNode[Posture] | None:
     """Return the search node after a move; None where the hand cannot do it."""
     finger, ways = move
     for slides in ways:
@@ -200,9 +201,9 @@ def _node_after_move(
 
 
 def _execute_moves(
-    sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None
-) -> _SearchNode[S]:
-    """Return the search node after all moves of a sequence; those after an obstruction are left unexamined."""
+    sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[Posture] | None
+) -> _SearchNode[Posture]:
+    """Return the search node after all moves of a sequence; moves after an obstructed one are not examined."""
     result, posture, blocked = [], None if motions is None else motions.start(), None
     for finger, slides, _ in sequence:
         motion: FingerPath | None = None
@@ -221,18 +222,18 @@ def unexamined_move(reason: str) -> FingerPath:
     return FingerPath(False, reason, np.zeros((0, 3)), np.zeros(0), (), np.zeros(0))
 
 
-class Motions(Protocol[S]):
-    """Interface of a hand's finger motions between postures."""
+class Motions(Protocol[Posture]):
+    """Interface of the finger motions of a hand, from posture to posture."""
 
-    def start(self) -> S:
+    def start(self) -> Posture:
         """Return the posture of the first grasp."""
 
-    def move(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
+    def move(self, posture: Posture, finger: int, slides: bool) -> tuple[FingerPath, Posture]:
         """Return the path of a finger to its new contact, and the final posture."""
 
 
 @dataclass(frozen=True)
-class _SearchNode(Generic[S]):
+class _SearchNode(Generic[Posture]):
     """Search node: moved fingers, their moves and the posture.
 
     ``pending`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
@@ -241,7 +242,7 @@ class _SearchNode(Generic[S]):
 
     moved: frozenset[int] = frozenset()
     sequence: tuple[tuple[int, bool, FingerPath | None], ...] = ()
-    posture: S | None = None
+    posture: Posture | None = None
     pending: tuple[int, tuple[bool, ...]] | None = field(default=None)
 
 
@@ -257,7 +258,7 @@ class HoldingQuality:
     paths : sequence of k sequences of PathStation
         Path of each finger from its contact to its new one.
     hold : Task
-        Task of the fingers meanwhile.
+        Task that the fingers exert while one of them moves.
     """
 
     def __init__(
@@ -283,7 +284,7 @@ class HoldingQuality:
     def _sliding(self, moved: frozenset[int], finger: int) -> float:
         """Return an estimate of the least quality while the finger slides, from a few stations."""
         path = self._curves[finger]
-        stations = first_stations(path.total, path.edges, SLIDE_STATIONS)
+        stations = corners_and_stations(path.total, path.edges, SLIDE_STATIONS)
         return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
@@ -317,6 +318,6 @@ class HoldingQuality:
         return Grasp(points, normals, models, self.problem.origin)
 
 
-def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int) -> FloatArray:
+def corners_and_stations(total: float, corners: Sequence[float] | FloatArray, count: int) -> FloatArray:
     """Return a path's corners and ``count`` evenly spaced stations, in order."""
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
