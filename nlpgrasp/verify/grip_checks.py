@@ -1,7 +1,7 @@
 """Checks of the grip force of parallel jaws.
 
-The certificate is repeated with other directions. Wrenches of the task are held one by one in addition: conic programs
-for the least sum of normal forces, whose half no stated force may be below, apart from the certificate's code.
+The certificate is recomputed with other directions. In addition, the least sum of normal forces for single wrenches of
+the task is computed by conic programs, apart from the certificate's code: no stated force may be below half of it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
 
 RTOL = 0.01  # relative width of the recomputed intervals
 WIDTH = 0.05  # allowed relative excess of a stated interval over the recomputed one
-DIRECTIONS = 24  # random directions in which the task's extreme wrenches are held
+DIRECTIONS = 24  # random directions whose extreme wrenches of the task are checked one by one
+SAFETY_FACTOR = 1.2  # safety factor of a problem that states none
 CONIC_TOLERANCE = 1e-5  # relative tolerance of a conic program's least force
 
 
@@ -44,7 +45,8 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
 
 def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
     """Yield the errors in the stated safety factor and friction loss."""
-    requested = number("problem.hand.safety_factor", (solution.problem.get("hand") or {}).get("safety_factor", 1.2))
+    hand = solution.problem.get("hand") or {}
+    requested = number("problem.hand.safety_factor", hand.get("safety_factor", SAFETY_FACTOR))
     if stated.safety_factor != requested:
         yield f"a safety factor of {stated.safety_factor:g} stated, {requested:g} requested"
     if not 0.0 <= stated.friction_loss < 1.0:
@@ -53,8 +55,8 @@ def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
 
 def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float) -> Iterator[str]:
     """Yield the errors of a stated interval, newtons, of a factor times the least grip force."""
-    own = least_grip(grasp, task, RTOL, seed=OTHER_SEED)
-    recomputed = Bounds(factor * own.lower, factor * own.upper)
+    grip = least_grip(grasp, task, RTOL, seed=OTHER_SEED)
+    recomputed = Bounds(factor * grip.lower, factor * grip.upper)
     if np.isfinite(stated.upper) != np.isfinite(recomputed.upper):
         yield f"{name} stated {stated}, recomputed {recomputed}"
         return

@@ -1,12 +1,14 @@
 """Checks of a gripper with stated sizes: its boxes against part, tables and obstacles, and its pads on their faces.
 
-The package clips triangles by boxes; here points of the boxes are put into signed distances of the solids, and rays
-from the pads are followed along the closing line, so that nothing is shared with the claim.
+The package computes distances of triangles from boxes and clips triangles to the pads. Here signed distances of the
+solids are evaluated at points of the boxes, and rays from the pads are followed along the closing line: no code is
+shared with the claim.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,17 +24,25 @@ from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement, requi
 SPACING = 3e-3  # metres: largest distance between sample points on a box
 THIN = 1e-3  # metres: width or thickness of a finger that states none
 PATH_SIZES = 2.0  # length of the approach path, in body sizes
-CAP = 0.02  # metres: largest stated clearance
-TOUCHING = 2e-4  # metres: allowed depth of the closing fingers, and of fingers along the part
-TOLERANCE = 2e-4  # metres: of clearances
+MOST_CLEARANCE = 0.02  # metres: largest stated clearance
+TOUCHING = 2e-4  # metres: allowed depth of fingers in the part
+TOLERANCE = 2e-4  # metres: tolerance of clearances and depths
 PAD_SPACING = 5e-4  # metres: between rays from a pad
 FACE_DEPTH = 3e-3  # metres: a surface farther behind a pad is not its face
 ON_SURFACE, LEAST_STEP = 2e-5, 5e-5  # metres: distance that counts as on the surface; least step along a ray
-SHARE_TOLERANCE = 0.04  # of the share of a pad on its face
-ALONG = 1e-4  # of the cosine between a rectangle's first side and the approach
+SHARE_TOLERANCE = 0.04  # tolerance of the share of a pad on its face
+COSINE_TOLERANCE = 1e-4  # tolerance of the cosine between a rectangle's first side and the approach
 DIRECTION = "hand.approach.direction"  # field of the solution file
 
 Box = tuple[Sequence[float], Sequence[float]]  # lower and upper corner: closing line, transverse, approach; metres
+
+
+class SweptBoxes(NamedTuple):
+    """Boxes that open fingers and palm sweep on the approach, fingers while they close, closed fingers retreating."""
+
+    approaching: list[Box]
+    closing: list[Box]
+    retreating: list[Box]
 
 
 def solid_checks(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
@@ -43,21 +53,16 @@ def solid_checks(solution: GraspSolution, placement: StatedPlacement, surface: N
     errors = [*_record_errors(problem_hand, hand), *_orientation_errors(solution, frame)]
     solids = [NumericSolid(BODY, vectorised_distance(body), rough=body.rough)]
     solids += solids_around(solution.problem["constraints"], placement)
-    moving, closing, closed = _boxes(problem_hand, hand, PATH_SIZES * _half_diagonal(body))
-    least = np.inf
+    boxes, least = _swept_boxes(problem_hand, hand, PATH_SIZES * _half_diagonal(body)), np.inf
     for solid in solids:
-        tolerance, is_body = TOLERANCE + solid.rough, solid.name == BODY
-        groups = [*moving] if is_body else [*moving, *closing, *closed]
-        distance = min(_least_distance(solid, box, frame, middle) for box in groups)
-        least = min(least, distance + tolerance)
-        depth = -min(_least_distance(solid, box, frame, middle) for box in closing) if is_body else 0.0
-        is_inside = max(-distance, depth) > (TOUCHING if is_body else 0.0) + tolerance
-        if is_inside and solid.name not in approach.get("blocked_by", {}):
-            inside = f"{1e3 * max(-distance, depth):.3g} mm inside {solid.name}"
-            errors.append(f"fingers or palm are {inside}, which is not stated")
-    errors += _vertex_errors(body, [*moving, *closing], frame, middle, approach)
+        tolerance, allowed = TOLERANCE + solid.rough, TOUCHING if solid.name == BODY else 0.0
+        clearance, depth = _clearance_and_depth(solid, boxes, frame, middle)
+        least = min(least, clearance + tolerance)
+        if depth > allowed + tolerance and solid.name not in approach.get("blocked_by", {}):
+            errors.append(f"fingers or palm are {1e3 * depth:.3g} mm inside {solid.name}, which is not stated")
+    errors += _vertex_errors(body, [*boxes.approaching, *boxes.closing], frame, middle, approach)
     stated = number("hand.approach.clearance", approach["clearance"])
-    if not stated <= min(least, CAP) + TOLERANCE:
+    if not stated <= min(least, MOST_CLEARANCE) + TOLERANCE:
         errors.append(f"a clearance of {1e3 * stated:.3g} mm stated, at most {1e3 * least:.3g} mm found")
     blocked = ", ".join(approach.get("blocked_by", {}))
     summary = f"stated to be blocked by {blocked}" if blocked else f"free, by points every {1e3 * SPACING:g} mm"
@@ -70,7 +75,7 @@ def _half_diagonal(body: NumericBody) -> float:
 
 
 def _frame(points: FloatArray, approach: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return axes along closing line, transverse direction and approach, (3, 3) columns, and the middle, (3,)."""
+    """Return the gripper's axes, columns (3, 3): closing line, transverse, approach; and the contacts' middle, (3,)."""
     closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
     return np.column_stack([closing, np.cross(approach, closing), approach]), 0.5 * (points[0] + points[1])
 
@@ -90,34 +95,51 @@ def _orientation_errors(solution: GraspSolution, frame: FloatArray) -> Iterator[
     """Yield the rectangular contacts that do not lie along the approach."""
     grasp = solution.require_grasp()
     for i, (model, tangents) in enumerate(zip(grasp.contacts, grasp.tangents, strict=True)):
-        if getattr(model, "extents", None) is not None and not abs(float(tangents[0] @ frame[:, 2])) >= 1.0 - ALONG:
+        cosine = abs(float(tangents[0] @ frame[:, 2]))
+        if getattr(model, "extents", None) is not None and not cosine >= 1.0 - COSINE_TOLERANCE:
             yield f"contact {i} is a rectangle that does not lie along the approach"
 
 
-def _boxes(problem_hand: Json, hand: Json, path: float) -> tuple[list[Box], list[Box], list[Box]]:
-    """Return the boxes of open fingers and palm on the approach, of closing fingers, and of closed ones going back."""
-    length, width, thickness = problem_hand.get("finger_length", 0.0), THIN, problem_hand.get("finger_thickness", 0.0)
+def _swept_boxes(problem_hand: Json, hand: Json, path: float) -> SweptBoxes:
+    """Return the boxes that the stated gripper sweeps on a straight approach of a length, metres."""
+    length, thickness = problem_hand.get("finger_length", 0.0), problem_hand.get("finger_thickness", 0.0)
     pad, finger, palm = (problem_hand.get(key) for key in ("pad", "finger", "palm_size"))
-    width, tip = (width, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
+    width, tip = (THIN, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
     if finger is not None:
         length, thickness, width = finger
     thickness, half = max(thickness, THIN), width / 2.0
     opening, opened = hand["opening"] / 2.0, hand["approach"]["opened"] / 2.0
     sides = (2.0 * (opened + thickness), width, 0.0) if palm is None else palm
-    rear = -length - sides[2] - path if palm is not None else -length - path
+    rear = -length - sides[2] - path
 
     def pair(inner: float, outer: float, back: float) -> list[Box]:
         return [((-outer, -half, back), (-inner, half, tip)), ((inner, -half, back), (outer, half, tip))]
 
-    moving = pair(opened, opened + thickness, rear)
+    approaching = pair(opened, opened + thickness, rear)
     if length > 0.0:
-        moving.append(((-sides[0] / 2.0, -sides[1] / 2.0, rear), (sides[0] / 2.0, sides[1] / 2.0, -length)))
+        approaching.append(((-sides[0] / 2.0, -sides[1] / 2.0, rear), (sides[0] / 2.0, sides[1] / 2.0, -length)))
     closing = pair(opening, opened + thickness, -length if length > 0.0 else rear)
-    return moving, closing, pair(opening, opening + thickness, rear)
+    return SweptBoxes(approaching, closing, pair(opening, opening + thickness, rear))
+
+
+def _clearance_and_depth(
+    solid: NumericSolid, boxes: SweptBoxes, frame: FloatArray, middle: FloatArray
+) -> tuple[float, float]:
+    """Return the least clearance of a gripper from a solid and its depth in it, metres.
+
+    The closing fingers, which touch the held body, count in its depth alone.
+    """
+    closing = min(_least_distance(solid, box, frame, middle) for box in boxes.closing)
+    if solid.name == BODY:
+        clearance = min(_least_distance(solid, box, frame, middle) for box in boxes.approaching)
+        return clearance, max(-clearance, -closing)
+    others = (*boxes.approaching, *boxes.retreating)
+    clearance = min(closing, *(_least_distance(solid, box, frame, middle) for box in others))
+    return clearance, max(-clearance, 0.0)
 
 
 def _least_distance(solid: NumericSolid, box: Box, frame: FloatArray, middle: FloatArray) -> float:
-    """Return the least clearance of points of a box's surface from a solid, metres, at most twice the cap."""
+    """Return the least clearance of sample points of a box's surface from a solid, metres."""
     lower, upper = (np.asarray(corner, dtype=float) for corner in box)
     axes = [np.linspace(a, b, 2 + int((b - a) / SPACING)) for a, b in zip(lower, upper, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -146,20 +168,23 @@ def _pad_checks(problem_hand: Json, hand: Json, placement: StatedPlacement, body
     stated = array("hand.pads", hand.get("pads", ()), (2,))
     frame, _ = _frame(placement.points, array(DIRECTION, hand["approach"]["direction"], (3,)))
     distance = vectorised_distance(body)
-    own = [_share(distance, p, s * frame[:, 0], frame, pad) for p, s in zip(placement.points, (1.0, -1.0), strict=True)]
-    agrees = bool(np.all(np.abs(stated - own) <= SHARE_TOLERANCE))
-    text = f"{stated[0]:.3g} and {stated[1]:.3g} of the pads on their faces stated, {own[0]:.3g} and {own[1]:.3g} found"
-    return [Check("pads", agrees, text)]
+    inward = frame[:, 0], -frame[:, 0]
+    shares = [_share_on_face(distance, p, n, frame, pad) for p, n in zip(placement.points, inward, strict=True)]
+    agrees = bool(np.all(np.abs(stated - shares) <= SHARE_TOLERANCE))
+    claim, result = (f"{first:.3g} and {second:.3g}" for first, second in (stated, shares))
+    return [Check("pads", agrees, f"{claim} of the pads on their faces stated, {result} found")]
 
 
-def _share(distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float]) -> float:
+def _share_on_face(
+    distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float]
+) -> float:
     """Return the share of a pad's rays that meet the surface within the depth of a face."""
     counts = [max(2, round(side / PAD_SPACING)) for side in pad]
     along, across = ((np.arange(n) + 0.5) / n * side - side / 2.0 for n, side in zip(counts, pad, strict=True))
     a, b = np.meshgrid(along, across, indexing="ij")
     starts = point + a.reshape(-1, 1) * frame[:, 2] + b.reshape(-1, 1) * frame[:, 1]
     travelled, is_on = np.full(len(starts), -TOUCHING), np.zeros(len(starts), dtype=bool)
-    travelled[np.asarray(distance(starts - TOUCHING * inward)) < -ON_SURFACE] = np.inf  # that part is inside the body
+    travelled[np.asarray(distance(starts - TOUCHING * inward)) < -ON_SURFACE] = np.inf  # begins inside the body
     while (active := np.flatnonzero(~is_on & (travelled <= FACE_DEPTH))).size:
         gap = np.asarray(distance(starts[active] + travelled[active, None] * inward))
         is_on[active] = gap <= ON_SURFACE
