@@ -313,6 +313,18 @@ def test_a_shared_bound_with_other_thresholds_fails(value, tmp_path):
     assert not verified(data, tmp_path).passed
 
 
+def test_thresholds_do_not_lower_a_bound_under_another_budget(tmp_path):
+    data = bound_data("square")
+    leaves, thresholds = data["certificate"]["leaves"], [0.0] * len(data["certificate"]["mixtures"])
+    data["upper"] *= 0.998
+    for leaf in leaves:
+        thresholds[leaf[1]] = -0.01 if leaf[2] > 0.0 else 0.0
+        leaf[2] *= 0.998
+    data["certificate"]["thresholds"] = thresholds
+    failed = [check.name for check in verified(data, tmp_path).checks if check.failed]
+    assert {"leaves", "upper"} <= set(failed)
+
+
 def test_a_shared_bound_without_its_thresholds_fails(tmp_path):
     data = bound_data("ellipsoid, shared")
     data["certificate"].pop("thresholds")

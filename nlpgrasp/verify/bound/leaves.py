@@ -59,7 +59,8 @@ class StatedLeaves:
         self, data: Json, groups: Sequence[StatedGroup], contacts: Sequence[Json], task: Task, budget: StatedBudget
     ) -> None:
         self.leaves, self.budget, self._dual_weights_data = data["leaves"], budget, data["mixtures"]
-        self._thresholds = array("thresholds", data.get("thresholds", np.zeros(len(data["mixtures"]))), (None,))
+        thresholds = data["thresholds"] if budget.has_thresholds else np.zeros(len(data["mixtures"]))
+        self._thresholds = array("thresholds", thresholds, (None,))
         self.twists = array("directions", data["directions"], (None, task.dimension))
         self.supports = task.support(self.twists)[0]
         self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
