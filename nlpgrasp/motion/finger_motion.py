@@ -47,7 +47,7 @@ SLIDE_CANDIDATES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, 
 BALL_TOLERANCE = 1e-12  # relative tolerance of a point in a ball
 WAYPOINT_STEP = 5e-3  # distance of waypoints of hands without links, over the body's size
 CONSTRAINT_TOLERANCE = 1e-6  # feasibility tolerance, relative to the constraint's scale
-AGAINST_BODY = f"against {BODY}"  # in the reason of a path on which a link's sphere is in the way of the body
+AGAINST_BODY = f"against {BODY}"  # part of the reason of a path that a link's sphere in the body obstructs
 PALM = "palm"  # name of the variable for the palm point
 Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
@@ -201,7 +201,7 @@ class FingerStepper:
     joints : FingerJoints
     transfer : FingerTransfer
     shapes : PenetrationModel, optional
-        The links' own shapes, which stand for their spheres against the body.
+        The links' own shapes, which replace their spheres against the body.
     """
 
     def __init__(self, joints: FingerJoints, transfer: FingerTransfer, shapes: PenetrationModel | None = None) -> None:
@@ -220,9 +220,9 @@ class FingerStepper:
         return np.array([point_motion_bounds(hand, *pair) for pair in farthest.items()])
 
     def clearance_limits(self, path_length: float) -> FloatArray:
-        """Return the lower limits of the clearances, (n,): a lifted fingertip stays off the body.
+        """Return the lower limits of the clearances, (n,), metres; a lifted fingertip has one from the body.
 
-        Those of links from the body are minus infinity where the links' own shapes stand for their spheres.
+        Limits of links from the body are minus infinity where the links' own shapes replace their spheres.
         """
         limits = self.model.least_clearances()
         if self.shapes is not None:

@@ -3,8 +3,8 @@
 A box that moves along one of its own axes sweeps a box. What open fingers and palm sweep on a straight approach, the
 fingers while they close, and the closed fingers on the retreat are therefore boxes (``GripperSolids``), in one frame
 with axes along closing line, transverse direction and approach. Their signed distances from triangles are exact to
-0.02 mm (``common/meshes/box_distance.py``). Curved bodies are triangulated; the distance of the triangles from the
-surface is subtracted.
+0.02 mm (``common/meshes/box_distance.py``). Curved bodies are triangulated; the largest distance of a triangle's
+centroid from the surface is subtracted.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Solid:
     height : float
         Height of a table along the last axis, metres; minus infinity for other solids.
     roughness : float
-        Largest distance of the triangles from the surface, metres.
+        Largest distance of the triangles' centroids from the surface, metres.
     contains : callable or None
         Function from points (m, 3) to the mask of those inside, (m,); finds boxes inside the solid altogether.
     """
@@ -123,7 +123,7 @@ def _contains(body: Body, rotation: FloatArray, position: FloatArray, points: Fl
 
 
 def surface_triangles(body: Body) -> tuple[FloatArray, float]:
-    """Return the triangles (n, 3, 3) of a body's surface, metres, and their largest distance from it, metres."""
+    """Return triangles (n, 3, 3) of a body's surface, metres, and the largest distance of centroids from it, metres."""
     if isinstance(body, Mesh):
         return np.asarray(body.mesh.triangles, dtype=float), 0.0
     vertices, faces = body.triangles() or display_triangles(body)

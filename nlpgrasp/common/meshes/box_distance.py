@@ -2,7 +2,7 @@
 
 The signed distance of a point from a box is convex, negative inside. Its least value over a triangle is therefore at
 least that of any supporting plane: of the box's six sides, and of the tangent at the triangle's centroid. Triangles
-that may still hold a lesser value are divided into four.
+that may contain a lesser value are divided into four.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def least_box_distance(
 ) -> float:
     """Return the least signed distance of triangles (n, 3, 3) from a box, metres; minus the depth of a penetration.
 
-    The result is at most ``accuracy``, or 5 % of a depth, above the least one; ``farthest`` where all triangles are
-    farther away.
+    The result is at most ``accuracy``, or 5 % of a depth, above the least distance, unless ``MOST_LEVELS`` divisions do
+    not suffice; ``farthest`` where all triangles are farther away.
     """
     best = farthest
     for _ in range(MOST_LEVELS):
@@ -53,8 +53,8 @@ def least_box_distance(
         centroids = triangles.mean(axis=1)
         values = box_distance(centroids, lower, upper)
         best = min(best, float(values.min()), float(box_distance(triangles, lower, upper).min()))
-        enough = max(accuracy, DEPTH_ACCURACY * -best)
-        is_open = _lower_bounds(triangles, centroids, values, lower, upper) < best - enough
+        tolerance = max(accuracy, DEPTH_ACCURACY * -best)
+        is_open = _lower_bounds(triangles, centroids, values, lower, upper) < best - tolerance
         triangles = np.einsum("pij,njk->npik", PARTS, triangles[is_open]).reshape(-1, 3, 3)
     return best
 
