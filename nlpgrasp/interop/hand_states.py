@@ -206,7 +206,7 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
 def _closing_force(solution: GraspSolution) -> tuple[float, str]:
     """Return the normal force of each jaw to set, newtons, and why there is none, as text; one of them is empty.
 
-    The grip force with its margin, within the limit; of files without one, that of the squeeze.
+    The least grip force, with as much of its margin as the limit allows; of files without one, that of the squeeze.
     """
     if solution.grip is not None:
         force = solution.grip.setting(solution.max_force)

@@ -40,7 +40,7 @@ MOST_LISTED = 5  # failed grasps listed in a verdict
 
 @dataclass(frozen=True)
 class SetVerification:
-    """Outcome of verifying all grasps of a set; true when no check that could be made failed.
+    """Outcome of verifying all grasps of a set; true when there are any and no check that could be made failed.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ class SetVerification:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed."""
-        return not self.failed
+        """Whether there are grasps and no check failed."""
+        return not self.failed and self.verified + self.partly_verified > 0
 
     @property
     def complete(self) -> bool:
@@ -75,7 +75,8 @@ class SetVerification:
 
     def __str__(self) -> str:
         verdict = "NOT verified" if self.failed else "verified" if self.complete else "partly verified"
-        lines = [f"{verdict}: {self.verified} grasps verified, {self.partly_verified} partly, {len(self.failed)} not"]
+        counts = f"{self.verified} grasps verified, {self.partly_verified} partly, {len(self.failed)} not"
+        lines = [f"{verdict}: {counts}" if self.passed or self.failed else "nothing verified: no grasp to read"]
         lines += [f"  grasp {i}: {reason}" for i, reason in list(self.failed.items())[:MOST_LISTED]]
         lines += [
             f"  {name} not found: give its folder with --folder, in Python with folders=" for name in self.missing

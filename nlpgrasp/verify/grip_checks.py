@@ -19,7 +19,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.grip_record import GripForce, read_grip
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
-from nlpgrasp.verify.check import Check
+from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
 
 RTOL = 0.01  # relative width of the recomputed intervals
@@ -36,9 +36,14 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
     stated = read_grip(solution.hand)
     if stated is None or len(grasp) != 2:
         return [Check("grip force", False, f"stated of {len(grasp)} contacts")]
-    errors = [*_factor_errors(solution, stated), *_interval_errors("the least force", stated.force, grasp, task, 1.0)]
-    weaker = _with_friction(grasp, 1.0 - stated.friction_loss)
-    errors += _interval_errors("the force with margin", stated.with_margin, weaker, task, stated.safety_factor)
+    weaker, factor = _with_friction(grasp, 1.0 - stated.friction_loss), stated.safety_factor
+    try:
+        errors = [*_factor_errors(solution, stated), *_interval_errors("the least force", stated.force, grasp, task)]
+        errors += _interval_errors("the force with margin", stated.with_margin, weaker, task, factor)
+    except NotCheckedError as reason:
+        return [Check.not_made("grip force", str(reason))]
+    if not stated.holds:
+        return [Check.of_errors("grip force", errors, "no force holds the task, as recomputed")]
     held = f"[{stated.force.lower:.5g}, {stated.force.upper:.5g}] N, with margin {stated.with_margin.upper:.5g} N"
     return [Check.of_errors("grip force", errors, f"{held}: least, and enough for wrenches of the task one by one")]
 
@@ -53,7 +58,7 @@ def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
         yield f"a friction loss of {stated.friction_loss:g}"
 
 
-def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float) -> Iterator[str]:
+def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float = 1.0) -> Iterator[str]:
     """Yield the errors of a stated interval, newtons, of a factor times the least grip force."""
     grip = least_grip(grasp, task, RTOL, seed=OTHER_SEED)
     recomputed = Bounds(factor * grip.lower, factor * grip.upper)
@@ -74,12 +79,19 @@ def _hardest_grip(grasp: Grasp, task: Task) -> float:
     """Return the largest grip force that extreme wrenches of a task need, by conic programs, newtons.
 
     Wrenches whose program the solver does not finish are left out.
+
+    Raises
+    ------
+    NotCheckedError
+        When it finishes none.
     """
     directions: FloatArray = np.random.default_rng(OTHER_SEED).normal(size=(DIRECTIONS, grasp.dimension))
     wrenches = np.concatenate([task.ends().reshape(-1, grasp.dimension), task.support(directions)[1]])
     wrench_set = WrenchSet.of(grasp, BUDGET)
     forces = solve_least_forces(wrench_set, wrenches)[0]
     solved = np.all(np.isfinite(forces), axis=1)
+    if not solved.any():
+        raise NotCheckedError("the solver finished no conic program of the task's wrenches")
     return 0.5 * float(np.max(wrench_set.force_set.gauge(forces[solved]), initial=0.0))
 
 

@@ -13,6 +13,7 @@ from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.sets import grasp_unit
 from nlpgrasp.sets import make_set as module
 from nlpgrasp.sets.grasp_rows import HAS, LABELS
+from nlpgrasp.sets.grasp_set import SetVerification
 from nlpgrasp.sets.set_folder import SetFolder
 from tests.sets.small import SETTINGS, crash_in, labels, run_backwards, run_here, run_starts_once, square, squares
 
@@ -313,6 +314,12 @@ def test_verify_finds_a_row_that_was_changed(copy):
     assert list(outcome.failed) == [0]
     assert "NOT verified" in str(outcome)
     assert outcome.verified == 2 * WANTED - 1
+
+
+def test_a_set_without_a_grasp_is_not_verified():
+    outcome = SetVerification(0, 0, {}, damaged=("squares.parquet cannot be read",))
+    assert not outcome
+    assert str(outcome) == "nothing verified: no grasp to read\n  squares.parquet cannot be read"
 
 
 def test_a_set_is_exported_as_arrays_and_tables(finished, tmp_path):

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.formatting import format_upper
 from nlpgrasp.report import write_report
+from nlpgrasp.verify import grip_checks
 from tests.verify.edits import put
 from tests.verify.stated import edited
 
@@ -105,3 +107,10 @@ def test_numbers_out_of_range_are_refused(solution, field, value):
 def test_grippers_with_impossible_forces_are_refused(field, value):
     with pytest.raises(ng.InputError, match=rf"ParallelJaw\.{field}"):
         ng.ParallelJaw(0.08, **{field: value})
+
+
+def test_a_force_that_no_conic_program_confirms_is_not_verified(solution, monkeypatch):
+    monkeypatch.setattr(grip_checks, "solve_least_forces", lambda _, wrenches: [np.full((len(wrenches), 6), np.nan)])
+    check = next(check for check in ng.verify(solution).checks if check.name == "grip force")
+    assert not check.made
+    assert check.detail == "not made: the solver finished no conic program of the task's wrenches"
