@@ -109,6 +109,11 @@ class ContactModel(ABC):
         del space
         return None
 
+    def has_domain_of(self, other: ContactModel, space: int) -> bool:
+        """Return whether the force domain, in components of the contact frame, is that of another contact."""
+        del space
+        return self == other
+
     @abstractmethod
     def project(self, z: FloatArray) -> FloatArray:
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""

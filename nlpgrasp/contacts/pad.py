@@ -12,6 +12,7 @@ from nlpgrasp.common.formatting import vector
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts.base import ContactModel
 from nlpgrasp.contacts.cone_sums import FrictionConeSum
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
@@ -73,6 +74,13 @@ class PadContact(RangeContact):
         if self.friction is None or self.model == "box" or components < 5:  # fewer: in the plane
             return None
         return friction_cone_sum(self.arms, self.friction, self.axes(3))
+
+    def has_domain_of(self, other: ContactModel, space: int) -> bool:
+        """Return whether the force domain is that of another contact, whose direction may differ."""
+        points = self.points(self.components(space))
+        if points is None or not isinstance(other, PadContact):
+            return self == other
+        return points == other.points(other.components(space))
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n_i) onto the force domain."""

@@ -18,6 +18,11 @@ def component_slices(contacts: Sequence[ContactModel], space: int) -> list[slice
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
+def have_one_domain(contacts: Sequence[ContactModel], space: int) -> bool:
+    """Return whether all contacts have the same force domain, so that one call evaluates it for all of them."""
+    return all(c.has_domain_of(contacts[0], space) for c in contacts)
+
+
 def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
     """Return A (n, m) and matrices M (r, m) with K = {A u : every M u in a second-order cone}."""
     parts = [c.generators(space) for c in contacts]
@@ -32,7 +37,7 @@ def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray
 
 def contact_supports(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
     """Return each contact's support for normal force at most 1, (m, k), and the maximisers (m, n)."""
-    if all(c == contacts[0] for c in contacts):
+    if have_one_domain(contacts, space):
         shape = (len(z), len(contacts), contacts[0].components(space))
         values, forces = contacts[0].extreme(z.reshape(shape))
         return values, forces.reshape(z.shape)
@@ -42,7 +47,7 @@ def contact_supports(z: FloatArray, contacts: Sequence[ContactModel], space: int
 
 def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
     """Return the projection of finger forces (m, n) onto K."""
-    if all(c == contacts[0] for c in contacts):
+    if have_one_domain(contacts, space):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return contacts[0].project(z.reshape(shape)).reshape(z.shape)
     parts = [c.project(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
@@ -51,7 +56,7 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
 
 def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
     """Return the blocks (m, n_i, n_i) of a generalised Jacobian of the projection at finger forces (m, n)."""
-    if all(c == contacts[0] for c in contacts):
+    if have_one_domain(contacts, space):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return list(contacts[0].derivative(z.reshape(shape)).transpose(1, 0, 2, 3))
     return [c.derivative(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]

@@ -18,6 +18,7 @@ import numpy as np
 from nlpgrasp.common.ldl import solve_columns
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import upper_triangle
+from nlpgrasp.contacts.product import have_one_domain
 from nlpgrasp.quality.wrench_set import WrenchSet
 
 CHUNK = 16384  # wrenches per batch
@@ -96,7 +97,7 @@ class _Solver:
         self.G = np.ascontiguousarray(wrench_set.G)
         self.contacts = wrench_set.contacts
         self.ranges = wrench_set.ranges
-        self.are_equal = all(c == self.contacts[0] for c in self.contacts)
+        self.is_one_domain = have_one_domain(self.contacts, wrench_set.space)
         self.size = float(np.sum(self.G**2))
         d = len(self.G)
         self.upper = upper_triangle(d)
@@ -185,7 +186,7 @@ class _Solver:
 
     def _project(self, z: FloatArray) -> FloatArray:
         """Return ``P_K(z)``, (n, m)."""
-        if self.are_equal:
+        if self.is_one_domain:
             block = z.reshape(len(self.contacts), self.ranges[0].stop, z.shape[1]).transpose(0, 2, 1)
             return np.ascontiguousarray(self.contacts[0].project(block).transpose(0, 2, 1)).reshape(z.shape)
         return np.concatenate([c.project(z[r].T).T for c, r in zip(self.contacts, self.ranges, strict=True)])
@@ -193,7 +194,7 @@ class _Solver:
     def _derivatives(self, z: FloatArray) -> FloatArray:
         """Return the upper triangles of every contact's ``P_Ki'`` as rows, (sum n_i (n_i + 1) / 2, m)."""
         m = z.shape[1]
-        if self.are_equal:
+        if self.is_one_domain:
             block = z.reshape(len(self.contacts), self.ranges[0].stop, m).transpose(0, 2, 1)
             return np.moveaxis(self.contacts[0].derivative_entries(block), 0, 1).reshape(self.assemble.shape[1], m)
         return np.concatenate([c.derivative_entries(z[r].T) for c, r in zip(self.contacts, self.ranges, strict=True)])

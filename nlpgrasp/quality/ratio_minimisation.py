@@ -173,8 +173,9 @@ def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArr
     """
     m, r = u.shape
     basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)
-    gradients = [problem.ratio((u[:, None, :] + h * basis).reshape(-1, r))[1] for h in (DIFFERENCE, -DIFFERENCE)]
-    change = ((gradients[0] - gradients[1]) / (2.0 * DIFFERENCE)).reshape(m, r - 1, r)
+    nearby = np.concatenate([(u[:, None, :] + h * basis).reshape(-1, r) for h in (DIFFERENCE, -DIFFERENCE)])
+    forward, backward = problem.ratio(nearby)[1].reshape(2, m, r - 1, r)
+    change = (forward - backward) / (2.0 * DIFFERENCE)
     curvature = np.einsum("mar,mbr->mab", change, basis)
     curvature = 0.5 * (curvature + curvature.transpose(0, 2, 1))
     curvature -= np.sum(gradient * u, axis=1)[:, None, None] * np.eye(r - 1)
