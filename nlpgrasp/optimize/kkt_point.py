@@ -29,7 +29,7 @@ from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
 NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
-PROGRAM_ROUNDS = 4  # solves by IPOPT, at most
+PROGRAM_ROUNDS, FORCE_ROUNDS = 4, 2  # solves by IPOPT, at most; with finger forces among its variables (seconds each)
 RADIUS, LEAST_RADIUS = 10.0, 1e-5  # trust-region radius over the last step's length; at least, solver units
 WIDE = 0.01  # solver units, trust-region radius after the first solve
 BINDING = 1e-9  # least weight of a binding direction
@@ -106,7 +106,7 @@ def _solve_program(
     """
     planes, refined = compiled.cutting_planes, point
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
-    for number in range(PROGRAM_ROUNDS):
+    for number in range(PROGRAM_ROUNDS if planes.holds_supports else FORCE_ROUNDS):
         if number == int(planes.holds_supports):
             newton_point = _newton_point(compiled, refined)
             if newton_point is not None:
