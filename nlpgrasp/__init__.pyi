@@ -65,6 +65,7 @@ from nlpgrasp.hands import (
     URDFHand,
 )
 from nlpgrasp.interop.grasp_tables import read_grasps
+from nlpgrasp.interop.robot_poses import RobotPoses, ToolPose, robot_poses
 from nlpgrasp.motion.jaw_clearance import JawPose
 from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
@@ -214,6 +215,7 @@ __all__ = [
     "Polygon",
     "Prism",
     "RigidMotion",
+    "RobotPoses",
     "Robustness",
     "Sensitivity",
     "SetProgress",
@@ -241,6 +243,7 @@ __all__ = [
     "TaskPolytope",
     "TaskSet",
     "TaskSum",
+    "ToolPose",
     "Torus",
     "Trajectory",
     "TypeChoice",
@@ -300,6 +303,7 @@ __all__ = [
     "press",
     "pyramid_volume",
     "read_grasps",
+    "robot_poses",
     "rotate_body_frame",
     "run_experiment",
     "screen",

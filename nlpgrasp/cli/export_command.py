@@ -28,7 +28,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     with_hand = _format_alternatives(form.name for form in formats if form.takes_hand)
     formats_by_option = {
         option: _format_alternatives(form.name for form in formats if option in form.takes)
-        for option in ("object", "gripper", "joints")
+        for option in ("object", "gripper", "joints", "frame")
     }
 
     def export(
@@ -44,8 +44,10 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         thing: str | None = None,
         gripper: str | None = None,
         joint: list[str] | None = None,
+        frame: str | None = None,
     ) -> None:
         """Write a solution for other tools."""
+        from nlpgrasp.common.spatial import pose_from_text
         from nlpgrasp.interop import ExportOptions
         from nlpgrasp.interop.registry import format_named
 
@@ -55,11 +57,12 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         if hand is not None and not export_format.takes_hand:
             raise InputError("--hand", str(hand), f"{with_hand} with it: other formats hold no hand's model")
         scene = hand_options(values, hand, f"of {with_hand}")
-        names = {"object": thing, "gripper": gripper, "joints": ", ".join(joint or ())}
+        names = {"object": thing, "gripper": gripper, "joints": ", ".join(joint or ()), "frame": frame}
         for option, value in names.items():
             if value and option not in export_format.takes:
                 raise InputError(f"--{option.removesuffix('s')}", value, f"{formats_by_option[option]} with it")
-        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _announce)
+        pose = None if frame is None else pose_from_text("--frame", frame)
+        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), pose, _announce)
         solution = ng.GraspSolution.load(file)
         target = file.with_suffix(export_format.ending) if out is None else out
         writable(target, file, ending=Path(f"F{export_format.ending}").suffix)
@@ -78,6 +81,8 @@ def _annotate_options(
     export: Callable[..., None], formats: Sequence[ExportFormat], with_hand: str, formats_by_option: Mapping[str, str]
 ) -> None:
     """Add to the command the options whose help names formats."""
+    from nlpgrasp.common.spatial import POSE_TEXT
+
     content = f"Format: {'; '.join(f'{form.name}, {form.content}' for form in formats)}."
     model = f"For {with_hand}: file of the hand, whose own model then takes the place of balls for fingertips."
     export.__annotations__["to"] = Annotated[str, typer.Option("--to", metavar="FORMAT", help=content)]
@@ -86,12 +91,14 @@ def _annotate_options(
         "thing": ("object", "the other tool's name for the body, a file or a frame."),
         "gripper": ("gripper", "the other tool's name for the hand, a file or a frame."),
         "joint": ("joints", "a joint of the hand; repeat the option in the order that the other tool has."),
+        "frame": ("frame", f"pose of the part in the cell, {POSE_TEXT}; poses are in the part's frame without it."),
     }
     for parameter, (option, description) in descriptions.items():
         kind = list[str] | None if parameter == "joint" else str | None
         text = f"For {formats_by_option[option]}: {description}"
         flag = f"--{option.removesuffix('s')}"
-        export.__annotations__[parameter] = Annotated[kind, typer.Option(flag, metavar="NAME", help=text)]
+        metavar = "POSE" if parameter == "frame" else "NAME"
+        export.__annotations__[parameter] = Annotated[kind, typer.Option(flag, metavar=metavar, help=text)]
 
 
 def _format_alternatives(names: Iterable[str]) -> str:

@@ -8,6 +8,7 @@ grasping by multifingered robot hands", 1988 (doi:10.1109/56.769).
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 
 import numpy as np
@@ -20,6 +21,7 @@ from nlpgrasp.errors import InputError
 UNIT_TOLERANCE = 1e-6  # tolerance of unit vectors and rotations
 ROUNDING = 8.0 * float(np.finfo(float).eps)  # of the coordinates: rounding error of their difference
 WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"  # fields of a pose given as a mapping
+POSE_TEXT = '"p[x, y, z, rx, ry, rz]" in metres and radians, a 4 x 4 matrix or position and quaternion_wxyz in JSON'
 SPELLINGS = f'{{"position": (x, y, z), "{WXYZ}" or "{XYZW}": ...}}'
 UNIT = 1e-3  # tolerance of the norm of a given quaternion, which is then normalised
 
@@ -224,6 +226,36 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
     except InputError:
         allowed = f"a rigid transform, {size}: a rotation and a translation in the last column"
         raise InputError(field, pose.tolist(), allowed) from None
+
+
+def pose_from_text(field: str, text: str) -> FloatArray:
+    """Return the matrix (4, 4) of a pose as text: ``p[x, y, z, rx, ry, rz]``, a matrix or a mapping, metres.
+
+    Parameters
+    ----------
+    field : str
+        Name shown in the message.
+    text : str
+        Position and rotation vector (axis times angle, radians), with ``p`` before the bracket or not, a JSON list of
+        the rows of ``[[A, b], [0, 1]]``, or a JSON mapping with ``position`` and ``quaternion_wxyz`` or
+        ``quaternion_xyzw``.
+
+    Raises
+    ------
+    InputError
+        On any other text, and on what is no rigid transform.
+    """
+    try:
+        value = json.loads(text.strip().removeprefix("p"))
+    except (ValueError, RecursionError):
+        raise InputError(field, text, POSE_TEXT) from None
+    if isinstance(value, list) and len(value) == 6:
+        numbers = array(field, value, (6,))
+        quaternion = Rotation.from_rotvec(numbers[3:]).as_quat(scalar_first=True)
+        return pose_matrix(field, {"position": numbers[:3], WXYZ: quaternion})
+    if not isinstance(value, list | dict) or not value:
+        raise InputError(field, text, POSE_TEXT)
+    return pose_matrix(field, value)
 
 
 def _pose_from_mapping(field: str, value: Mapping[str, ArrayLike]) -> tuple[FloatArray, FloatArray]:

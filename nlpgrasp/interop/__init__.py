@@ -9,6 +9,7 @@ from nlpgrasp.interop.hand_postures import grasp_of_posture
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.moveit import moveit
 from nlpgrasp.interop.registry import register, register_reader
+from nlpgrasp.interop.robot_poses import RobotPoses, ToolPose, robot_poses
 
 __all__ = [
     "ExportFormat",
@@ -18,6 +19,8 @@ __all__ = [
     "ReadFormat",
     "ReadGrasp",
     "ReadOptions",
+    "RobotPoses",
+    "ToolPose",
     "benchmark_arrays",
     "contacts_csv",
     "dexgraspbench",
@@ -31,4 +34,5 @@ __all__ = [
     "read_isaac_grasps",
     "register",
     "register_reader",
+    "robot_poses",
 ]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.user_warnings import warn
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
@@ -40,6 +41,8 @@ class ExportOptions:
         Names of the body and the palm in the other tool: frames or files.
     joints : tuple of str
         Joints to export, in the other tool's order; for parallel jaws those that share the opening.
+    frame : (4, 4) array, optional
+        Pose of the body in the frame of the exported poses; by default they are in the body's frame.
     progress : callable, optional
         Called with messages on slow steps.
     """
@@ -49,6 +52,7 @@ class ExportOptions:
     object: str | None = None
     gripper: str | None = None
     joints: tuple[str, ...] = ()
+    frame: FloatArray | None = None
     progress: Callable[[str], None] | None = None
 
 

@@ -185,7 +185,8 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
     gripper = ParallelJaw.from_dict(solution.problem["hand"])
     force, reason = _closing_force(solution)
     efforts = {} if reason else dict.fromkeys(joints, -force)
-    grasp_position, open_position = hand["opening"] / len(joints), gripper.opening / len(joints)
+    opened = (hand.get("approach") or {}).get("opened", gripper.opening)  # as far as the way in is free
+    grasp_position, open_position = hand["opening"] / len(joints), opened / len(joints)
     pose, closed_position = _pose_vector(hand["palm_pose"]), gripper.closed / len(joints)
     return HandStates(
         solution.palm,

@@ -16,6 +16,7 @@ from nlpgrasp.interop.grasp_arrays import ARRAYS
 from nlpgrasp.interop.hand_postures import POSTURES
 from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
 from nlpgrasp.interop.moveit import MOVEIT
+from nlpgrasp.interop.robot_poses import POSES, POSES_JSON
 from nlpgrasp.simulation.fingertip_scene import mjcf
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from nlpgrasp.solution.solution import GraspSolution
@@ -42,18 +43,21 @@ def _read_solution(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
 SOLUTION = ReadFormat((".json",), ("problem",), _read_solution)
 
 
-def _write_trajectory(solution: GraspSolution, _: ExportOptions) -> str:
-    return trajectory(solution).to_csv()
+def _write_trajectory(solution: GraspSolution, options: ExportOptions) -> str:
+    return trajectory(solution, frame=options.frame).to_csv()
 
 
-def _write_trajectory_json(solution: GraspSolution, _: ExportOptions) -> str:
-    return json.dumps(trajectory(solution).to_dict(), allow_nan=False) + "\n"
+def _write_trajectory_json(solution: GraspSolution, options: ExportOptions) -> str:
+    return json.dumps(trajectory(solution, frame=options.frame).to_dict(), allow_nan=False) + "\n"
 
 
 TRAJECTORY = ExportFormat(
-    "trajectory", ".trajectory.csv", "a hand's way through its phases as a table", _write_trajectory
+    *("trajectory", ".trajectory.csv", "a hand's way through its phases as a table", _write_trajectory),
+    takes=("frame",),
 )
-TRAJECTORY_JSON = ExportFormat("trajectory_json", ".trajectory.json", "the same as JSON", _write_trajectory_json)
+TRAJECTORY_JSON = ExportFormat(
+    "trajectory_json", ".trajectory.json", "the same as JSON", _write_trajectory_json, takes=("frame",)
+)
 
 
 _formats: dict[str, ExportFormat] = {}
@@ -114,7 +118,8 @@ def reader_of(path: str | Path) -> ReadFormat:
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 
-for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH, TRAJECTORY, TRAJECTORY_JSON):
+_robots = POSES, POSES_JSON, TRAJECTORY, TRAJECTORY_JSON
+for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH, *_robots):
     register(_format)
 for _reader in (SOLUTION, CONTACTS_TABLE, ARRAYS, POSTURES):
     register_reader(_reader)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,6 +14,8 @@ from nlpgrasp.errors import InputError
 
 APPROACH, PREGRASP, GRASP, SQUEEZE, LIFT = "approach", "pregrasp", "grasp", "squeeze", "lift"
 NAMES = (APPROACH, PREGRASP, GRASP, SQUEEZE, LIFT)  # in their order
+OPENING = "opening"  # the joint of parallel jaws in their phases: the distance between the pads, metres
+START_DISTANCE = LIFT_DISTANCE = 0.1  # metres: defaults of parallel jaws, from the grasp
 
 
 @dataclass(frozen=True)
@@ -56,12 +58,47 @@ class Phase:
         joints = {name: float(value) for name, value in self.joints.items()}
         return {"name": self.name, "palm_pose": pose, "joint_positions": joints, "clearance": self.clearance}
 
+    def in_frame(self, pose: FloatArray) -> Phase:
+        """Return the keyframe with its palm in the frame in which the body has a pose (4, 4)."""
+        frame = pose @ self.palm_frame
+        quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True, scalar_first=True)
+        return replace(self, palm_position=frame[:3, 3], palm_quaternion=np.asarray(quaternion))
+
     @classmethod
     def of(cls, name: str, posture: Json, clearance: float | None = None) -> Phase:
         """Return the keyframe for a posture with ``palm_pose`` and ``joint_positions``."""
         pose = posture["palm_pose"]
         position, quaternion = (np.asarray(pose[key], float) for key in ("position", "quaternion_wxyz"))
         return cls(name, position, quaternion, dict(posture["joint_positions"]), clearance)
+
+
+def jaw_phases(
+    hand: Json, stroke: float, distance: float = START_DISTANCE, lift: float = LIFT_DISTANCE
+) -> tuple[Phase, ...]:
+    """Return the phases of parallel jaws: approach, pregrasp, grasp and lift, with the opening as their joint.
+
+    The gripper comes in along its stated approach, as far open as is free there, closes, and rises along the last axis
+    of the body's frame, the table's normal.
+
+    Parameters
+    ----------
+    hand : mapping
+        The gripper's JSON data in a solution: ``palm_pose``, ``opening`` and ``approach``.
+    stroke : float
+        Opening on an approach that states none, metres.
+    distance, lift : float
+        Lengths of approach and lift, metres.
+    """
+    approach = hand["approach"]
+    opened = {OPENING: float(approach.get("opened", stroke))}
+    grasp = Phase.of(GRASP, {"palm_pose": hand["palm_pose"], "joint_positions": {OPENING: hand["opening"]}})
+    back, up = -distance * np.asarray(approach["direction"], dtype=float), np.array([0.0, 0.0, lift])
+    return (
+        replace(grasp, name=APPROACH, palm_position=grasp.palm_position + back, joints=opened),
+        replace(grasp, name=PREGRASP, joints=opened, clearance=approach.get("clearance")),
+        grasp,
+        replace(grasp, name=LIFT, palm_position=grasp.palm_position + up),
+    )
 
 
 def read_phases(data: Sequence[Json], name: str) -> tuple[Phase, ...]:

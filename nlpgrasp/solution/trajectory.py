@@ -11,12 +11,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.common.spatial import Pose, pose_matrix
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.solution.phase_record import jaw_phases
 from nlpgrasp.solution.record_fields import Matrix, Record, Vector
 from nlpgrasp.solution.solution import GraspSolution
 
 RATE, SPEED, JOINT_SPEED = 50.0, 0.1, 0.5  # defaults: samples per second, m/s of the palm, rad/s of joints
+JAW_SPEED = 0.05  # m/s: default speed of the opening of parallel jaws
 # columns of the palm's pose in a table of the trajectory
 PALM = ("palm_x", "palm_y", "palm_z", "palm_qw", "palm_qx", "palm_qy", "palm_qz")
 
@@ -32,11 +36,11 @@ class Trajectory(Record):
     phases : tuple of m str
         The current phase: that of the next keyframe.
     palm_positions : (m, 3) array
-        Metres, in the frame of the body as it stands in the grasp.
+        Metres, in the frame of the body as it stands in the grasp, or in the frame that was asked for.
     palm_quaternion : (4,) array
         w, x, y, z, constant.
     joint_names : tuple of n str
-        All moving joints, mimic joints included.
+        All moving joints, mimic joints included; ``opening`` of parallel jaws, the distance between the pads.
     joints : (m, n) array
         Radians or metres.
     """
@@ -63,35 +67,44 @@ def trajectory(
     solution: GraspSolution,
     rate: float = RATE,
     speed: float = SPEED,
-    joint_speed: float | Mapping[str, float] = JOINT_SPEED,
+    joint_speed: float | Mapping[str, float] | None = None,
+    frame: Pose | None = None,
 ) -> Trajectory:
     """Return the hand's trajectory through the phases of a grasp: approach, pregrasp, grasp, squeeze, lift.
 
     Palm and joints move on straight lines between keyframes, those that were checked for collisions, and arrive
     together: the slowest sets the pace. Every keyframe is a sample; samples are at most ``1 / rate`` seconds apart.
+    Parallel jaws come in from 0.1 m, close, and rise by 0.1 m.
 
     Parameters
     ----------
     solution : GraspSolution
-        With ``phases``.
+        With ``phases``, or with a grasp in space by an ``ng.ParallelJaw``.
     rate : float
         Samples a second, at least.
     speed : float
         Speed of the palm, metres per second.
-    joint_speed : float or mapping of str to float
-        Speed of the joints, radians per second (metres per second for sliding joints), for all or by joint.
+    joint_speed : float or mapping of str to float, optional
+        Speed of the joints, radians per second (metres per second for sliding joints), for all or by joint; by default
+        0.5, and 0.05 for the opening of parallel jaws.
+    frame : (4, 4) array or mapping, optional
+        Pose of the body in the frame of the trajectory, as ``GraspSolution.in_frame`` takes it; by default the body's.
 
     Raises
     ------
     InputError
-        On a solution without phases, or numbers that are not above zero.
+        On a solution without phases, numbers that are not above zero, and a frame that is no pose.
     """
-    frames = solution.phases
+    frames, default_speed = solution.phases, JOINT_SPEED
     if not frames:
-        raise InputError("solution", "no phases of a hand", "a solution with a URDF hand, made by this version")
+        gripper = require_jaws(solution, "a grasp with a URDF hand or, in space, an ng.ParallelJaw")
+        frames, default_speed = jaw_phases(solution.hand or {}, gripper.opening), JAW_SPEED
+    if frame is not None:
+        pose = pose_matrix("frame", frame)
+        frames = tuple(phase.in_frame(pose) for phase in frames)
     rate, speed = number("rate", rate, above=0.0), number("speed", speed, above=0.0)
     names = tuple(frames[0].joints)
-    fastest = _speeds(joint_speed, names)
+    fastest = _speeds(default_speed if joint_speed is None else joint_speed, names)
     joints = [np.array([frame.joints[name] for name in names]) for frame in frames]
     durations = [
         max(float(np.linalg.norm(b.palm_position - a.palm_position)) / speed, float(np.max(abs(r - q) / fastest)))
@@ -109,6 +122,20 @@ def trajectory(
         names,
         (1.0 - share) * postures[start_frames] + share * postures[end_frames],
     )
+
+
+def require_jaws(solution: GraspSolution, allowed: str) -> ParallelJaw:
+    """Return the parallel jaws of a solution with a grasp in space.
+
+    Raises
+    ------
+    InputError
+        Without such a grasp, with ``allowed`` as what was expected.
+    """
+    data, pose = solution.problem.get("hand") or {}, (solution.hand or {}).get("palm_pose")
+    if solution.grasp is None or data.get("type") != ParallelJaw.kind or pose is None:
+        raise InputError("solution", "no phases of a hand", allowed)
+    return ParallelJaw.from_dict(data)
 
 
 def _sample_legs(durations: Sequence[float], rate: float) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:

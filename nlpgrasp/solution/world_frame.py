@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.spatial import Pose, pose_matrix, rigid_transform, rotate_body_frame
 from nlpgrasp.common.types import Json
@@ -96,12 +95,5 @@ def transform_grasp(
         tuple((map_of_wrenches @ wrench, finger_forces @ A.T) for wrench, finger_forces in forces),
         None if palm_pose is None else matrix @ pose_matrix("hand.palm_pose", palm_pose),
         dict((hand or {}).get("joint_positions") or {}),
-        tuple(_phase(phase, matrix) for phase in phases),
+        tuple(phase.in_frame(matrix) for phase in phases),
     )
-
-
-def _phase(phase: Phase, pose: FloatArray) -> Phase:
-    """Return a keyframe with its palm in the world frame."""
-    frame = pose @ phase.palm_frame
-    quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True, scalar_first=True)
-    return replace(phase, palm_position=frame[:3, 3], palm_quaternion=np.asarray(quaternion))

@@ -1,0 +1,215 @@
+"""Poses of a gripper's tool centre point for a robot: approach, grasp and retreat of every kept grasp."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.spatial import Pose, pose_matrix
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.solution.obstructions import approach_obstructions
+from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, LIFT_DISTANCE, START_DISTANCE, jaw_phases
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.trajectory import require_jaws
+
+FREE = "free"
+PART_FRAME, CELL_FRAME = "part", "cell"  # names of the frames of the poses: without and with a stated pose of the part
+RETREAT = "retreat"
+# columns of a pose: position in metres, unit quaternion, rotation vector in radians
+COORDINATES = ("x", "y", "z", "qw", "qx", "qy", "qz", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class ToolPose:
+    """Pose of a gripper's tool centre point: the middle between the pads, with the axes of the gripper's own frame.
+
+    ``str`` is the pose as robot controllers write it, ``p[x, y, z, rx, ry, rz]``: metres, and the rotation vector.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array
+        ``[[R, t], [0, 1]]``, metres.
+    """
+
+    matrix: FloatArray
+
+    @property
+    def position(self) -> FloatArray:
+        """Position of the tool centre point, (3,), metres."""
+        return np.asarray(self.matrix[:3, 3])
+
+    @property
+    def quaternion_wxyz(self) -> FloatArray:
+        """Orientation as a unit quaternion, (4,), w first and at least zero."""
+        return np.asarray(Rotation.from_matrix(self.matrix[:3, :3]).as_quat(canonical=True, scalar_first=True))
+
+    @property
+    def rotation_vector(self) -> FloatArray:
+        """Orientation as axis times angle, (3,), radians, at most pi long."""
+        return np.asarray(Rotation.from_matrix(self.matrix[:3, :3]).as_rotvec())
+
+    def __str__(self) -> str:
+        numbers = [*self.position.tolist(), *self.rotation_vector.tolist()]
+        return "p[" + ", ".join(f"{value + 0.0:.7g}" for value in np.round(numbers, 9)) + "]"
+
+    @property
+    def row(self) -> list[float]:
+        """Position, quaternion and rotation vector, the columns of a table."""
+        return [*self.position.tolist(), *self.quaternion_wxyz.tolist(), *self.rotation_vector.tolist()]
+
+    def to_dict(self) -> Json:
+        """Return the pose as JSON data: matrix, position, quaternion, rotation vector and text."""
+        return {
+            "matrix": self.matrix.tolist(),
+            "position": self.position.tolist(),
+            "quaternion_wxyz": self.quaternion_wxyz.tolist(),
+            "rotation_vector": self.rotation_vector.tolist(),
+            "text": str(self),
+        }
+
+
+@dataclass(frozen=True)
+class RobotPoses:
+    """Poses with which a robot takes a part: approach, grasp and retreat, with opening and force.
+
+    Parameters
+    ----------
+    approach, grasp, retreat : ToolPose
+        Of the tool centre point before the straight approach, in the grasp, and with the part after it.
+    opened, opening : float
+        Between the pads on the approach and in the grasp, metres.
+    force : float or None
+        Normal force of each jaw to set, newtons, with its margin as far as the limit allows; None where none holds.
+    clearance : float or None
+        Least clearance of the gripper on its way in, metres; None for a gripper without stated sizes.
+    way_in : str
+        ``"free"``, or what is in the way.
+    mu : float
+        Certified lower bound of the grasp's quality.
+    """
+
+    approach: ToolPose
+    grasp: ToolPose
+    retreat: ToolPose
+    opened: float
+    opening: float
+    force: float | None
+    clearance: float | None
+    way_in: str
+    mu: float
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the way in is free."""
+        return self.way_in == FREE
+
+    def to_dict(self) -> Json:
+        """Return poses, opening, force and clearance as JSON data."""
+        poses = {name: pose.to_dict() for name, pose in self._poses.items()}
+        names = ("opened", "opening", "force", "clearance", "way_in", "mu")
+        return {**poses, **{name: getattr(self, name) for name in names}}
+
+    @property
+    def _poses(self) -> dict[str, ToolPose]:
+        return {APPROACH: self.approach, GRASP: self.grasp, RETREAT: self.retreat}
+
+
+def robot_poses(
+    solution: GraspSolution,
+    frame: Pose | None = None,
+    distance: float = START_DISTANCE,
+    retreat: float = LIFT_DISTANCE,
+) -> tuple[RobotPoses, ...]:
+    """Return the poses of the tool centre point for every kept grasp of a parallel gripper, best first.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a grasp in space by an ``ng.ParallelJaw``.
+    frame : (4, 4) array or mapping, optional
+        Pose of the part in the robot's cell, as ``GraspSolution.in_frame`` takes it; by default poses are in the
+        part's own frame.
+    distance : float
+        From the approach pose straight to the grasp, metres. The way in is checked over twice the part's size.
+    retreat : float
+        From the grasp along the last axis of the part's frame, the table's normal, metres. Where the gripper comes in
+        along this axis, its way back is checked; the part's own way is not.
+
+    Raises
+    ------
+    InputError
+        Without such a grasp, on a frame that is no pose, and on lengths below zero.
+    """
+    gripper = require_jaws(solution, "a grasp found with an ng.ParallelJaw in space")
+    body = np.eye(4) if frame is None else pose_matrix("frame", frame)
+    lengths = number("distance", distance, at_least=0.0), number("retreat", retreat, at_least=0.0)
+    to_tcp = np.eye(4)
+    to_tcp[:3, 3] = gripper.tool_centre_point
+
+    def poses_of(answer: GraspSolution) -> RobotPoses:
+        hand, grip = answer.hand or {}, answer.grip
+        tools = {
+            phase.name: ToolPose(body @ phase.palm_frame @ to_tcp)
+            for phase in jaw_phases(hand, gripper.opening, *lengths)
+        }
+        return RobotPoses(
+            tools[APPROACH],
+            tools[GRASP],
+            tools[LIFT],
+            opened=float(hand["approach"].get("opened", gripper.opening)),
+            opening=float(hand["opening"]),
+            force=grip.setting(answer.max_force) if grip is not None and grip.holds else None,
+            clearance=hand["approach"].get("clearance"),
+            way_in="; ".join(approach_obstructions(hand)) or FREE,
+            mu=answer.mu.lower,
+        )
+
+    return tuple(poses_of(solution.with_answer(found)) for found in solution.grasps)
+
+
+def _poses_table(solution: GraspSolution, options: ExportOptions) -> str:
+    """Return the poses of all kept grasps as CSV text; every row states its frame."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    heads = [f"{name}_{coordinate}" for name in (APPROACH, GRASP, RETREAT) for coordinate in COORDINATES]
+    numbers = ("opened", "opening", "force", "clearance")
+    writer.writerow([GRASP, "frame", "way_in", *numbers, "mu", *heads])
+    frame = PART_FRAME if options.frame is None else CELL_FRAME
+    for i, poses in enumerate(robot_poses(solution, options.frame)):
+        values = ["" if (value := getattr(poses, name)) is None else value for name in numbers]
+        rows = [*poses.approach.row, *poses.grasp.row, *poses.retreat.row]
+        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *rows])
+    return text.getvalue()
+
+
+def _poses_json(solution: GraspSolution, options: ExportOptions) -> str:
+    """Return the poses of all kept grasps as JSON text, with the frames they are in."""
+    gripper = require_jaws(solution, "a grasp found with an ng.ParallelJaw in space")
+    data = {
+        "frame": PART_FRAME if options.frame is None else CELL_FRAME,
+        "part_pose": (np.eye(4) if options.frame is None else options.frame).tolist(),
+        "closing_axis": gripper.axes[:, 0].tolist(),
+        "approach_axis": gripper.axes[:, 2].tolist(),
+        "tcp": gripper.tool_centre_point.tolist(),
+        "grasps": [poses.to_dict() for poses in robot_poses(solution, options.frame)],
+    }
+    return json.dumps(data, allow_nan=False, indent=1) + "\n"
+
+
+POSES = ExportFormat(
+    *("poses", ".poses.csv", "a table of a gripper's poses for a robot", _poses_table, Need.NOTHING),
+    takes=("frame",),
+    has_all_grasps=True,
+)
+POSES_JSON = ExportFormat(
+    *("poses_json", ".poses.json", "the same as JSON, with matrices", _poses_json, Need.NOTHING),
+    takes=("frame",),
+    has_all_grasps=True,
+)

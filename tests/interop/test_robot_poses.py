@@ -1,0 +1,138 @@
+"""Poses of a gripper's tool centre point for a robot, and the jaws' trajectory."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import nlpgrasp as ng
+from nlpgrasp.cli.main import command_line
+from nlpgrasp.common.spatial import pose_from_text
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop import ExportOptions, moveit
+from nlpgrasp.interop.registry import format_named
+from tests.once import GRASP, solve_once
+
+CELL = np.array([[0.0, -1.0, 0.0, 0.4], [1.0, 0.0, 0.0, -0.1], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def block():
+    """A block between pads of a gripper that closes along its y axis, with three grasps."""
+    part = ng.Box([0.08, 0.04, 0.06])
+    gripper = ng.ParallelJaw(
+        0.11, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.014), closing_axis="y", tcp=(0.0, 0.001, 0.15), max_force=120.0
+    )
+    task = ng.lift([0.0, 0.0, 0.0], 0.5) + ng.disturbance(2.0, 0.02)
+    table = ng.Table.under(part, 0.001)
+    problem = ng.GraspProblem(part, ng.SoftContact(0.6, 0.005), task, hand=gripper, constraints=[table], name="block")
+    return solve_once(problem, starts=1, options=GRASP, keep=3)
+
+
+def test_the_tool_centre_point_is_between_the_contacts_with_the_gripper_along_its_axes(block):
+    poses = ng.robot_poses(block)
+    assert len(poses) == len(block.grasps) == 3
+    for found, pose in zip(block.grasps, poses, strict=True):
+        first, second = found.grasp.points
+        np.testing.assert_allclose(pose.grasp.position, 0.5 * (first + second), atol=1e-12)
+        turn = Rotation.from_quat(pose.grasp.quaternion_wxyz, scalar_first=True)
+        np.testing.assert_allclose(turn.apply([0.0, 1.0, 0.0]), (second - first) / pose.opening, atol=1e-9)
+        direction = np.array(found.hand["approach"]["direction"])
+        np.testing.assert_allclose(turn.apply([0.0, 0.0, 1.0]), direction, atol=1e-9)
+        np.testing.assert_allclose(pose.approach.position, pose.grasp.position - 0.1 * direction, atol=1e-12)
+        np.testing.assert_allclose(pose.retreat.position - pose.grasp.position, [0.0, 0.0, 0.1], atol=1e-12)
+        rotation = Rotation.from_rotvec(pose.grasp.rotation_vector).as_matrix()
+        np.testing.assert_allclose(rotation, turn.as_matrix(), atol=1e-12)
+        assert pose.is_free
+        assert (pose.opening, pose.opened) == (found.hand["opening"], found.hand["approach"]["opened"])
+        assert pose.clearance == found.hand["approach"]["clearance"] > 0.0
+        assert pose.force == block.with_answer(found).grip.setting(120.0)
+
+
+def test_a_frame_is_the_pose_of_the_part_in_the_cell(block):
+    for near, far in zip(ng.robot_poses(block), ng.robot_poses(block, CELL, 0.05, 0.2), strict=True):
+        np.testing.assert_allclose(far.grasp.matrix, CELL @ near.grasp.matrix, atol=1e-12)
+        np.testing.assert_allclose(far.retreat.position - far.grasp.position, [0.0, 0.0, 0.2], atol=1e-12)
+        assert np.linalg.norm(far.approach.position - far.grasp.position) == pytest.approx(0.05)
+    text = str(far.grasp)
+    assert text.startswith("p[")
+    np.testing.assert_allclose(pose_from_text("frame", text), far.grasp.matrix, atol=1e-6)
+
+
+def test_the_table_has_every_grasp_with_approach_and_retreat(block, tmp_path):
+    file = block.save(tmp_path / "block.json")
+    place = "p[0.4, -0.1, 0.2, 0, 0, 1.5707963267948966]"
+    arguments = ["export", str(file), "--to", "poses", "--frame", place]
+    command_line(arguments)(arguments, standalone_mode=False)
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "block.poses.csv").read_text(encoding="utf-8"))))
+    assert [row["grasp"] for row in rows] == ["0", "1", "2"]
+    for row, pose in zip(rows, ng.robot_poses(block, CELL), strict=True):
+        assert (row["frame"], row["way_in"]) == ("cell", "free")
+        assert [float(row[name]) for name in ("force", "opening", "opened", "clearance")] == pytest.approx(
+            [pose.force, pose.opening, pose.opened, pose.clearance]
+        )
+        for name in ("approach", "grasp", "retreat"):
+            stated = [float(row[f"{name}_{c}"]) for c in ("x", "y", "z", "rx", "ry", "rz")]
+            np.testing.assert_allclose(pose_from_text("row", json.dumps(stated)), getattr(pose, name).matrix, atol=1e-9)
+
+
+def test_the_poses_as_json_state_their_frame_and_the_grippers_axes(block):
+    data = json.loads(format_named("poses_json").export(block))
+    assert (data["frame"], data["part_pose"]) == ("part", np.eye(4).tolist())
+    assert (data["closing_axis"], data["tcp"]) == ([0.0, 1.0, 0.0], [0.0, 0.001, 0.15])
+    first = ng.robot_poses(block)[0]
+    assert data["grasps"][0]["grasp"]["matrix"] == first.grasp.matrix.tolist()
+    assert data["grasps"][0]["approach"]["text"] == str(first.approach)
+
+
+def test_the_jaws_trajectory_opens_closes_and_lifts(block):
+    way = ng.trajectory(block, frame=CELL)
+    ends = {phase: max(i for i, name in enumerate(way.phases) if name == phase) for phase in way.phases}
+    assert list(ends) == ["approach", "pregrasp", "grasp", "lift"]
+    assert way.joint_names == ("opening",)
+    approach, hand = block.hand["approach"], block.hand
+    assert way.joints[[0, ends["pregrasp"], ends["grasp"], -1], 0] == pytest.approx(
+        [approach["opened"], approach["opened"], hand["opening"], hand["opening"]]
+    )
+    palms = way.palm_positions
+    np.testing.assert_allclose(palms[ends["pregrasp"]], block.in_frame(CELL).palm_pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(palms[-1] - palms[ends["grasp"]], [0.0, 0.0, 0.1], atol=1e-12)
+    closing = way.times[ends["grasp"]] - way.times[ends["pregrasp"]]
+    assert closing == pytest.approx((approach["opened"] - hand["opening"]) / 0.05)
+    assert format_named("trajectory").export(block).startswith(b"time,phase,palm_x")
+
+
+def test_exports_open_as_far_as_the_way_in_is_free(block):
+    narrow = {**block.hand, "approach": {**block.hand["approach"], "opened": 0.09}}
+    text = moveit(ng.GraspSolution.from_dict({**block.to_dict(), "hand": narrow, "grasps": []}), ExportOptions())
+    assert "positions: [0.09]" in text
+
+
+BAD_FRAMES = {
+    "words": ("on the table", r"--frame: got on the table, expected \"p\[x, y, z, rx, ry, rz\]\""),
+    "seven": ("[0, 0, 0, 1, 0, 0, 0]", "do not say where the scalar is"),
+    "no rotation": ("[[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "a rigid transform"),
+    "nothing": ("", "expected"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_FRAMES.values(), ids=BAD_FRAMES)
+def test_bad_frames_are_refused(text, message):
+    with pytest.raises(InputError, match=message):
+        pose_from_text("--frame", text)
+
+
+def test_a_frame_is_refused_by_formats_in_the_parts_frame(block, tmp_path):
+    file = block.save(tmp_path / "block.json")
+    arguments = ["export", str(file), "--to", "moveit", "--frame", "p[0,0,0,0,0,0]"]
+    with pytest.raises(InputError, match="poses, poses_json, trajectory or trajectory_json with it"):
+        command_line(arguments)(arguments, standalone_mode=False)
+
+
+def test_without_jaws_there_are_no_poses():
+    nothing = ng.GraspSolution(ng.Status.NO_GRASP, "none", {"task": {}, "force_budget": "l2"})
+    with pytest.raises(InputError, match="ParallelJaw in space"):
+        ng.robot_poses(nothing)
