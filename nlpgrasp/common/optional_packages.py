@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 
 LIGHT = np.array([0.4, 0.3, 0.85])  # direction to the light of pictures
+SEAM = 0.8  # points: width of lines over the seams between triangles
 ZOOM = 1.4  # matplotlib leaves wide margins
 
 
@@ -101,7 +103,26 @@ def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) ->
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     corners = shape.vertices[shape.faces]  # (m, 3, 3)
-    ax.add_collection3d(Poly3DCollection(corners, facecolors=_shade(corners, colour), alpha=opacity))
+    faces = Poly3DCollection(corners, facecolors=_shade(corners, colour), alpha=opacity, linewidths=0.0)
+    faces.set_antialiased(False)  # seams between triangles look like edges
+    ax.add_collection3d(faces)
+
+
+def draw_solids(ax: Axes3D, solids: Sequence[tuple[FloatArray, str]]) -> None:
+    """Draw opaque triangulated surfaces together, those in front before others, with directional shading.
+
+    Parameters
+    ----------
+    ax : Axes3D
+    solids : sequence of ((m, 3, 3) array, str)
+        Small triangles, which are sorted by their distance, and the colour as ``#rrggbb``.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners = np.concatenate([triangles for triangles, _ in solids])
+    colours = np.concatenate([_shade(triangles, colour) for triangles, colour in solids])
+    # edges of a face's own colour cover the seams between triangles
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=SEAM))
 
 
 def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:

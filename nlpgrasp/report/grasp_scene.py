@@ -98,7 +98,7 @@ def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> J
     radius = _tip_radius(solution)
     largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
     arrows = [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
-    shapes = _scene_shapes(solution, shape, surroundings)
+    shapes = scene_shapes(solution, shape, surroundings)
     palm = _palm_point(solution)
     ends = np.concatenate([contacts, *([] if palm is None else [palm[None]]), *(a.reshape(-1, 3) for a in arrows)])
     drawn_points = [body, *(s.vertices for _, _, s in shapes)]
@@ -168,7 +168,7 @@ def body_surface(solution: GraspSolution) -> Triangles | None:
         return None
 
 
-def _scene_shapes(
+def scene_shapes(
     solution: GraspSolution, body: Triangles | None, surroundings: DrawnSurroundings
 ) -> list[tuple[str, str, Triangles]]:
     """Return group, name and triangles of body, hand and obstacles."""

@@ -14,7 +14,7 @@ from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.drawing import FORCE, NORMAL, Triangles, drawing_size
 from nlpgrasp.common.formatting import axis_labels
-from nlpgrasp.common.optional_packages import draw_triangles, pyplot, show_at_one_scale, write_figure
+from nlpgrasp.common.optional_packages import draw_solids, pyplot, show_at_one_scale, write_figure
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray, array
@@ -26,7 +26,8 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu as certify_mu
-from nlpgrasp.report.scene_parts import first_view, subdivide, triangle_normals, view_directions
+from nlpgrasp.report.grasp_scene import body_surface, scene_shapes
+from nlpgrasp.report.scene_parts import drawn_surroundings, first_view, subdivide, triangle_normals, view_directions
 from nlpgrasp.report.start_charts import certified_bounds
 from nlpgrasp.report.task_wrenches import WrenchProjection, choose_wrenches, solution_projections, wrench_projections
 from nlpgrasp.solution.solution import GraspSolution
@@ -73,16 +74,15 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
 
 
 def draw_grasp(solution: GraspSolution) -> Figure:
-    """Draw body, hand, contacts, and the finger forces for the task's hardest wrench."""
+    """Draw body, hand or gripper, obstacles, contacts, and the finger forces for the task's hardest wrench."""
     figure: Figure = pyplot(PURPOSE).figure(figsize=(7.0, 6.0), layout="constrained")
-    ax = figure.add_subplot(projection="3d")
-    drawn_points = []
+    ax = figure.add_subplot(projection="3d", computed_zorder=False)  # contacts and arrows over the surfaces
     drawing = solution.drawn()
-    if drawing is not None:
-        shapes = [(drawing.body, "body", 0.35), *((s, "link", 0.6) for _, s in drawing.links)]
-        for shape, role, opacity in shapes:
-            draw_triangles(ax, shape, COLOURS[role], opacity)
-            drawn_points.append(shape.vertices)
+    body = body_surface(solution) if drawing is None else drawing.body
+    shapes = scene_shapes(solution, body, drawn_surroundings(solution))
+    drawn_points = [shape.vertices for _, _, shape in shapes]
+    if shapes:
+        draw_solids(ax, [(subdivide(shape, ENOUGH_TRIANGLES), COLOURS[group]) for group, _, shape in shapes])
     grasp = solution.grasp
     if grasp is not None:
         size = drawing_size(drawing, grasp.points)

@@ -14,7 +14,7 @@ from nlpgrasp.common.spatial import pose_from_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import ExportOptions, moveit
 from nlpgrasp.interop.registry import format_named
-from tests.once import GRASP, solve_once
+from tests.held_block import held_block
 
 CELL = np.array([[0.0, -1.0, 0.0, 0.4], [1.0, 0.0, 0.0, -0.1], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]])
 
@@ -22,14 +22,7 @@ CELL = np.array([[0.0, -1.0, 0.0, 0.4], [1.0, 0.0, 0.0, -0.1], [0.0, 0.0, 1.0, 0
 @pytest.fixture(scope="module")
 def block():
     """A block between pads of a gripper that closes along its y axis, with three grasps."""
-    part = ng.Box([0.08, 0.04, 0.06])
-    gripper = ng.ParallelJaw(
-        0.11, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.014), closing_axis="y", tcp=(0.0, 0.001, 0.15), max_force=120.0
-    )
-    task = ng.lift([0.0, 0.0, 0.0], 0.5) + ng.disturbance(2.0, 0.02)
-    table = ng.Table.under(part, 0.001)
-    problem = ng.GraspProblem(part, ng.SoftContact(0.6, 0.005), task, hand=gripper, constraints=[table], name="block")
-    return solve_once(problem, starts=1, options=GRASP, keep=3)
+    return held_block()
 
 
 def test_the_tool_centre_point_is_between_the_contacts_with_the_gripper_along_its_axes(block):

@@ -12,8 +12,13 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.formatting import format_interval
+from nlpgrasp.common.optional_packages import write_figure
+from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.errors import InputError
 from nlpgrasp.report import write_pictures, write_report
+from nlpgrasp.report.pictures import draw_grasp
+from tests.held_block import held_block
+from tests.images import colours
 from tests.once import WITHOUT_VOLUME, solve_once
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -326,6 +331,26 @@ def test_other_things_are_refused(given, tmp_path):
 def test_a_page_that_cannot_be_written_is_refused(planar):
     with pytest.raises(InputError, match="a folder that exists"):
         write_report({"a": planar}, Path("/none/x.html"))
+
+
+def test_a_picture_shows_the_gripper_and_no_edges_of_triangles(tmp_path):
+    """Fingers and palm are seen in the colour of links; the faces of a block have one colour each, without lines."""
+    held = held_block()
+    figure = draw_grasp(held)
+    picture = colours(write_figure(figure, tmp_path / "block.png"))
+    shades = picture[..., :2] / np.maximum(picture[..., 2:], 1e-9)
+    link, body = (np.array([int(COLOURS[name][i : i + 2], 16) for i in (1, 3, 5)]) for name in ("link", "body"))
+    seen = {
+        name: np.all(np.abs(shades - colour[:2] / colour[2]) < 0.03, axis=-1)
+        for name, colour in (("link", link), ("body", body))
+    }
+    assert seen["link"].mean() > 0.05
+    assert seen["body"].mean() > 0.05
+    pixels = 255.0 * picture[seen["body"] | seen["link"]]
+    shades, counts = np.unique(np.round(pixels).astype(int), axis=0, return_counts=True)
+    flat = shades[np.argsort(-counts)[:8]]  # three faces of the block and of the gripper's boxes, by rounding
+    distance = np.min(np.max(np.abs(pixels[:, None] - flat), axis=2), axis=1)
+    assert np.mean(distance < 5.0) > 0.97
 
 
 def test_pictures_need_no_browser(spatial, tmp_path):
