@@ -96,6 +96,7 @@ from nlpgrasp.quality import (
 )
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measure_table import Columns, measure
+from nlpgrasp.report.parts import PartResult, PartsSolved, solve_parts
 from nlpgrasp.report.pictures import draw_fit, draw_wrenches
 from nlpgrasp.sets.grasp_set import GraspSet, SetVerification, open_set
 from nlpgrasp.sets.make_set import SetProgress, make_set
@@ -208,6 +209,8 @@ __all__ = [
     "Obstacle",
     "PalmPath",
     "ParallelJaw",
+    "PartResult",
+    "PartsSolved",
     "Phase",
     "PlanarImplicit",
     "PlaneContact",
@@ -313,6 +316,7 @@ __all__ = [
     "smallest_singular_value",
     "solve",
     "solve_many",
+    "solve_parts",
     "squeeze",
     "support",
     "trajectory",

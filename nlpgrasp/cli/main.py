@@ -34,6 +34,7 @@ from nlpgrasp.cli.console import (
 from nlpgrasp.cli.experiment_command import experiment_command
 from nlpgrasp.cli.export_command import export_command
 from nlpgrasp.cli.hand_command import hand_command
+from nlpgrasp.cli.parts_command import parts_command
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.cli.quality_command import quality_command
 from nlpgrasp.cli.report_command import report_command
@@ -298,6 +299,7 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
     app.command("verify")(verify_command)
     app.command("quality")(quality_command)
     app.command("experiment")(experiment_command)
+    app.command("parts")(parts_command)
     app.command("report")(report_command)
     app.command("hand")(hand_command)
     if "export" in arguments:

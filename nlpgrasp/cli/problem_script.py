@@ -7,12 +7,16 @@ import runpy
 import sys
 import traceback
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import nlpgrasp as ng
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    from nlpgrasp.report.parts import PartTask
 
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
 T = TypeVar("T")
@@ -54,19 +58,49 @@ def load_experiment(path: str | Path) -> ng.Experiment:
     return _run_function(path, "experiment", ng.Experiment, "an ng.Experiment")
 
 
+def load_part_task(path: str | Path) -> tuple[PartTask, ng.ParallelJaw | None]:
+    """Run a script and return its function of part and gripper, and the gripper of its ``gripper()``, None without.
+
+    The function is its ``problem(part, gripper)``, or else its ``task(part)``.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or not Python, fails, or has neither function.
+    """
+    names = _run_script(path)
+    problem, task, gripper = (names.get(name) for name in ("problem", "task", "gripper"))
+    jaws = _call(gripper, "gripper", path, ng.ParallelJaw, "an ng.ParallelJaw") if callable(gripper) else None
+    if callable(problem):
+        return problem, jaws
+    if not callable(task):
+        allowed = "a script with a function task(part) or problem(part, gripper)"
+        raise InputError(str(path), "neither task() nor problem()", allowed)
+    return lambda part, _: task(part), jaws
+
+
 def _run_function(path: str | Path, name: str, kind: type[T], expected: str) -> T:
     """Run a script, call one of its functions and return what it returns."""
     file = Path(path)
-    if not file.is_file():
-        raise InputError("SCRIPT", str(path), "a Python file that exists")
-    if file_kind(file) == "a mesh":
+    if file_kind(file) == "a mesh" and file.is_file():
         body = f'a function {name}(), in which ng.Mesh.load("{file.name}", unit="mm") is the body'
         raise InputError("SCRIPT", f"{path}, a mesh", f"a Python script with {body}")
-    if (defect := _missing_function(file, name, kind.__name__)) is not None:
+    if file.is_file() and (defect := _missing_function(file, name, kind.__name__)) is not None:
         raise InputError(str(path), defect, f"a script with a function {name}() -> {kind.__name__}")
+    function = _run_script(path).get(name)
+    if not callable(function):
+        raise InputError(str(path), f"no function {name}()", f"a script with a function {name}() -> {kind.__name__}")
+    return _call(function, name, path, kind, expected)
+
+
+def _run_script(path: str | Path) -> dict[str, object]:
+    """Run a script and return what it defines, by name."""
+    file = Path(path)
+    if not file.is_file():
+        raise InputError("SCRIPT", str(path), "a Python file that exists")
     sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
     try:
-        names = runpy.run_path(str(file), run_name=RUN_NAME)
+        return runpy.run_path(str(file), run_name=RUN_NAME)
     except InputError:
         raise
     except SyntaxError as error:
@@ -76,9 +110,10 @@ def _run_function(path: str | Path, name: str, kind: type[T], expected: str) -> 
         raise
     except BaseException as error:  # also what is raised to end the script
         raise InputError(str(path), _error_place(error, file), "a script that runs") from None
-    function = names.get(name)
-    if not callable(function):
-        raise InputError(str(path), f"no function {name}()", f"a script with a function {name}() -> {kind.__name__}")
+
+
+def _call(function: Callable[[], object], name: str, path: str | Path, kind: type[T], expected: str) -> T:
+    """Return what a script's function returns, checked."""
     try:
         result = function()
     except InputError as error:
@@ -87,7 +122,7 @@ def _run_function(path: str | Path, name: str, kind: type[T], expected: str) -> 
         raise
     except BaseException as error:
         raise InputError(
-            f"{path}: {name}()", _error_place(error, file), f"a function that returns {expected}"
+            f"{path}: {name}()", _error_place(error, Path(path)), f"a function that returns {expected}"
         ) from None
     if not isinstance(result, kind):
         raise InputError(f"{path}: {name}()", type(result).__name__, expected)

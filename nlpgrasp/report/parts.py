@@ -1,0 +1,365 @@
+"""Batch of parts for one parallel gripper: a solution, a table of poses and a picture of each, and one page."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from pathlib import Path
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.files import file_kind, write_bytes, write_text
+from nlpgrasp.common.formatting import capitalise, error_line, format_number, single_line
+from nlpgrasp.common.optional_packages import write_figure
+from nlpgrasp.common.types import Json
+from nlpgrasp.constraints import Table
+from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
+from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.interop.base import ExportOptions
+from nlpgrasp.interop.robot_poses import POSES
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.pipeline.solve import solve
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.report.html_parts import Html, html_table
+from nlpgrasp.report.page_builder import page, style
+from nlpgrasp.report.pictures import draw_grasp
+from nlpgrasp.solution.obstructions import jaws_depth
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task
+from nlpgrasp.version import __version__
+
+STARTS, KEEP = 2, 20  # defaults: starts of a part, and its kept grasps
+TABLE_CLEARANCE = 1e-3  # metres between gripper and table, where a task alone is stated
+PAGE, MANIFEST = "index.html", ".parts.json"
+PICTURE = ".png"  # ending of a part's picture
+PICTURE_DPI = 80  # dots per inch of a part's picture
+NOT_SOLVED = "not solved yet"
+CAPTION = "In the order of their names. What a grasp is worth for one part says nothing of another: nothing is ranked."
+
+PartTask = Callable[[Mesh, ParallelJaw], GraspProblem | Task]
+PartProgress = Callable[["PartResult"], None]
+
+
+@dataclass(frozen=True)
+class PartResult:
+    """Result of one part.
+
+    Parameters
+    ----------
+    name : str
+        The part's file without its ending; names its files in the output folder.
+    file : Path or None
+        Its solution file; None without one.
+    failure : str
+        Why there is no grasp, in one line; empty where there is one.
+    notes : tuple of str
+        Warnings of the part's mesh and problem.
+    is_new : bool
+        Whether it was solved by this call.
+    """
+
+    name: str
+    file: Path | None = None
+    failure: str = ""
+    notes: tuple[str, ...] = ()
+    is_new: bool = False
+
+    def load(self) -> GraspSolution:
+        """Return the part's solution.
+
+        Raises
+        ------
+        InputError
+            Without a solution, and on a file that cannot be read.
+        """
+        if self.file is None:
+            raise InputError(self.name, self.failure, "a part with a solution")
+        return GraspSolution.load(self.file)
+
+    def __str__(self) -> str:
+        if self.failure:
+            return f"{self.name}: {self.failure}"
+        solution = self.load()
+        count = len(solution.grasps)
+        return f"{self.name}: {solution.grip_line() or solution.told}; {count} grasp{'' if count == 1 else 's'}"
+
+
+@dataclass(frozen=True)
+class PartsSolved:
+    """Result of a batch of parts.
+
+    Parameters
+    ----------
+    folder : Path
+        Output folder.
+    page : Path
+        The page with a row a part.
+    parts : tuple of PartResult
+        In the order of their names.
+    seconds : float
+        Wall time of this call.
+    """
+
+    folder: Path
+    page: Path
+    parts: tuple[PartResult, ...]
+    seconds: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether every part has a grasp."""
+        return not any(part.failure for part in self.parts)
+
+    def __str__(self) -> str:
+        done = sum(not part.failure for part in self.parts)
+        new = sum(part.is_new for part in self.parts)
+        head = f"{done} of {len(self.parts)} parts have a grasp, {new} solved now in {self.seconds:.0f} s"
+        return "\n".join([head, *(f"  {part}" for part in self.parts), f"  written to {self.page}"])
+
+
+def solve_parts(
+    folder: str | Path,
+    gripper: ParallelJaw,
+    task: PartTask,
+    out: str | Path,
+    unit: str = "mm",
+    starts: int = STARTS,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    keep: int = KEEP,
+    progress: PartProgress | None = None,
+) -> PartsSolved:
+    """Solve all parts of a folder for one gripper, and write a page with a row a part.
+
+    Each part gets ``NAME.json`` (the solution), ``NAME.poses.csv`` (every kept grasp for a robot) and ``NAME.png``, and
+    ``index.html`` shows all of them. A part that is finished is not solved again unless its file, its problem or the
+    settings changed; one that fails is a row with the reason.
+
+    Parameters
+    ----------
+    folder : str or Path
+        With a mesh file for each part; files of other kinds are ignored.
+    gripper : ParallelJaw
+        With ``pad``, unless ``task`` returns problems.
+    task : callable
+        Called with part and gripper; returns the problem, or the task alone: then the part stands on a table and the
+        gripper's pads are the contacts. It is called for finished parts, too, to compare their problems.
+    out : str or Path
+        Folder for the files; an existing one is resumed.
+    unit : str
+        Of the files' coordinates.
+    starts, seed, options, keep
+        For each part, as in ``ng.solve``.
+    progress : callable, optional
+        Called with the result of each part.
+
+    Returns
+    -------
+    PartsSolved
+        Also after Ctrl-C and with failures.
+
+    Raises
+    ------
+    InputError
+        On a folder without meshes, two parts of one name, a gripper that is none, and an output folder that is the
+        parts' own or cannot be written.
+    """
+    start_time = time.monotonic()
+    files = part_files(folder)
+    if not isinstance(gripper, ParallelJaw):
+        raise InputError("gripper", gripper, "an ng.ParallelJaw")
+    target = Path(out).absolute()
+    if target == Path(folder).absolute():
+        raise InputError("out", str(out), "another folder than that of the parts")
+    try:
+        target.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError("out", f"{out} ({error.strerror})", "a folder that can be written") from None
+    settings: Json = {"unit": unit, "starts": starts, "seed": seed, "keep": keep, "options": repr(options)}
+    batch = _Batch(target, gripper, task, unit, {**settings, "version": __version__})
+    solve_one = partial(solve, starts=starts, seed=seed, keep=keep, options=options)
+    results, stopped = [], False
+    for name, file in files.items():
+        result = PartResult(name, failure=NOT_SOLVED) if stopped else batch.result(name, file, solve_one)
+        stopped = stopped or result.failure == NOT_SOLVED
+        results.append(result)
+        if progress is not None and not stopped:
+            progress(result)
+    path = write_parts_page(results, target / PAGE, f"Parts in {Path(folder).absolute().name}")
+    return PartsSolved(target, path, tuple(results), time.monotonic() - start_time)
+
+
+def part_files(folder: str | Path) -> dict[str, Path]:
+    """Return the mesh files of a folder by the parts' names, sorted.
+
+    Raises
+    ------
+    InputError
+        On a folder without meshes, and on two files of one name.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        raise InputError("folder", str(folder), "a folder of mesh files that exists")
+    meshes = sorted(p for p in path.iterdir() if file_kind(p) == "a mesh" and not p.name.startswith("."))
+    if not meshes:
+        raise InputError("folder", f"{folder} without a mesh file", "STL, OBJ, PLY or other mesh files, one a part")
+    files = dict[str, Path]()
+    for file in meshes:
+        if (other := files.setdefault(file.stem, file)) is not file:
+            raise InputError("folder", f"{other.name} and {file.name}", "a name of its own for each part")
+    return files
+
+
+class _Batch:
+    """Results of parts in an output folder.
+
+    Parameters
+    ----------
+    out : Path
+    gripper : ParallelJaw
+    task : callable
+    unit : str
+    settings : mapping
+        What determines the results beside files and problems.
+    """
+
+    def __init__(self, out: Path, gripper: ParallelJaw, task: PartTask, unit: str, settings: Json) -> None:
+        self._out, self._gripper, self._task, self._unit, self._settings = out, gripper, task, unit, settings
+        try:
+            self._finished = json.loads((out / MANIFEST).read_text(encoding="utf-8"))
+            if not isinstance(self._finished, dict):
+                raise ValueError
+        except (OSError, ValueError):
+            self._finished = {}
+
+    def result(self, name: str, file: Path, solve_one: Callable[[GraspProblem], GraspSolution]) -> PartResult:
+        """Return the result of a part: the finished one where nothing changed, else that of a new solve."""
+        solution_file = self._out / f"{name}.json"
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                problem = self._problem(name, file)
+                digest = self._digest(problem)
+                entry = self._finished.get(name) or {}
+                if entry.get("digest") == digest and solution_file.is_file():
+                    solution = GraspSolution.load(solution_file)
+                    return PartResult(name, solution_file, _failure(solution), tuple(entry.get("notes", ())))
+                self._remove(name)
+                solution = solve_one(problem)
+                if solution.status is Status.INTERRUPTED:
+                    return PartResult(name, failure=NOT_SOLVED)
+                self._write(name, solution)
+            except KeyboardInterrupt:
+                return PartResult(name, failure=NOT_SOLVED)
+            except NlpgraspError as error:
+                self._remove(name)
+                return PartResult(name, failure=str(error))
+            except Exception as error:  # of the user's function or a broken mesh: the other parts go on
+                self._remove(name)
+                return PartResult(name, failure=error_line(error))
+        notes = tuple(dict.fromkeys(single_line(str(warning.message)) for warning in caught))
+        self._finished[name] = {"digest": digest, "notes": list(notes)}
+        write_text(self._out / MANIFEST, json.dumps(self._finished, indent=1) + "\n")
+        return PartResult(name, solution_file, _failure(solution), notes, True)
+
+    def _problem(self, name: str, file: Path) -> GraspProblem:
+        """Return the problem of a part."""
+        part = Mesh.load(file, unit=self._unit)
+        wanted = self._task(part, self._gripper)
+        if isinstance(wanted, GraspProblem):
+            return wanted
+        table = Table.under(part, TABLE_CLEARANCE)
+        return GraspProblem(
+            part, task=wanted, hand=self._gripper, constraints=[table], force_budget="shared", name=name
+        )
+
+    def _digest(self, problem: GraspProblem) -> str:
+        """Return a digest of all that determines a part's result; the problem's data hold the mesh's fingerprint."""
+        inputs = json.dumps([problem.to_dict(), self._settings], sort_keys=True, default=repr)
+        return hashlib.sha256(inputs.encode()).hexdigest()
+
+    def _write(self, name: str, solution: GraspSolution) -> None:
+        """Write solution, poses and picture of a part."""
+        solution.save(self._out / f"{name}.json")
+        if solution.success:
+            write_bytes(self._out / f"{name}{POSES.ending}", POSES.export(solution, ExportOptions()))
+        with suppress(MissingExtraError):  # without matplotlib the page has no pictures
+            write_figure(draw_grasp(solution), self._out / f"{name}{PICTURE}", PICTURE_DPI)
+
+    def _remove(self, name: str) -> None:
+        """Remove the files of an earlier result of a part that changed."""
+        self._finished.pop(name, None)
+        for ending in (".json", ".bound.json", POSES.ending, PICTURE):
+            with suppress(OSError):
+                (self._out / f"{name}{ending}").unlink()
+
+
+def _failure(solution: GraspSolution) -> str:
+    """Return why a solution is no grasp to use, in one line; empty where it is one."""
+    return "" if solution.success else single_line(solution.told)
+
+
+def write_parts_page(parts: Sequence[PartResult], path: str | Path, title: str) -> Path:
+    """Write the page of a batch, a row a part, and return its path.
+
+    Parameters
+    ----------
+    parts : sequence of PartResult
+        Whose files are in the page's folder.
+    path : str or Path
+    title : str
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    target = Path(path)
+    heads = ["Part", "", "Force to set", "Clearance of the way in", "What to know", "Grasps", "Files"]
+    table = html_table(CAPTION, heads, [_row(part, target.parent) for part in parts], focusable=False)
+    done = sum(not part.failure for part in parts)
+    body = [f"<h1>{escape(title)}</h1>", f"<p>{done} of {len(parts)} parts have a grasp.</p>", table]
+    return write_text(target, page(title, style("parts.css"), body))
+
+
+def _row(part: PartResult, folder: Path) -> list[str]:
+    """Return the cells of a part."""
+    notes = [capitalise(note) for note in part.notes]
+    if part.file is None:
+        return [part.name, "", "", "", _lines([capitalise(part.failure), *notes], "warning"), "", ""]
+    solution = part.load()
+    picture, caveats = folder / f"{part.name}{PICTURE}", [capitalise(text) for text in solution.caveats]
+    failure = [capitalise(part.failure)] if part.failure else []
+    clearance = ((solution.hand or {}).get("approach") or {}).get("clearance")
+    free = sum(not jaws_depth(found.hand) for found in solution.grasps)
+    endings = [ending for ending in (".json", POSES.ending) if (folder / f"{part.name}{ending}").is_file()]
+    links = [f'<a href="{escape(part.name + ending)}">{escape(part.name + ending)}</a>' for ending in endings]
+    return [
+        part.name,
+        Html(_image(picture, part.name)) if picture.is_file() else "",
+        capitalise(solution.grip_line()),
+        "" if clearance is None else f"{format_number(1e3 * float(clearance), 2)} mm",
+        _lines([*failure, *caveats, *notes], "warning"),
+        f"{len(solution.grasps)}, {free} with a free way in" if solution.grasp is not None else "",
+        Html("<br>".join(links)),
+    ]
+
+
+def _image(picture: Path, name: str) -> str:
+    """Return a picture inside the page as HTML."""
+    data = base64.b64encode(picture.read_bytes()).decode()
+    return f'<img alt="{escape(name)} with the gripper" src="data:image/png;base64,{data}">'
+
+
+def _lines(texts: Sequence[str], kind: str) -> Html:
+    """Return texts as paragraphs of a class."""
+    return Html("".join(f'<p class="{kind}">{escape(text)}</p>' for text in texts))

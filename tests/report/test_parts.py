@@ -1,0 +1,155 @@
+"""A batch of parts: files and a row each, finished parts stay, failures are rows."""
+
+import json
+import os
+import re
+
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError
+from tests.cli.test_cli import run_here
+from tests.held_block import GRIPPER
+
+QUICK = ng.SolveOptions(workers=1, rounds=2, global_bound=False)
+
+
+def problem(part, gripper):
+    task = ng.lift(part.centroid, 0.2) + ng.disturbance(1.0, 0.01, part.centroid)
+    table = ng.Table.under(part, 0.001)
+    return ng.GraspProblem(part, ng.SoftContact(0.6, 0.005), task, hand=gripper, constraints=[table], name="part")
+
+
+def solved(folder, task=problem, **more):
+    return ng.solve_parts(folder / "parts", GRIPPER, task, folder / "out", "mm", 1, 0, QUICK, **{"keep": 2, **more})
+
+
+def block(folder, name, *extents):
+    box = trimesh.creation.box(extents)
+    box.export(folder / "parts" / f"{name}.stl")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two blocks and a file that is no mesh, solved once."""
+    folder = tmp_path_factory.mktemp("batch")
+    (folder / "parts").mkdir()
+    block(folder, "long & thin", 90, 30, 40)
+    block(folder, "plate", 60, 40, 30)
+    (folder / "parts" / "broken.stl").write_text("nothing")
+    (folder / "parts" / "readme.txt").write_text("no part")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def batch(folder):
+    return solved(folder)
+
+
+def test_each_part_has_its_files_and_a_row(folder, batch):
+    assert [part.name for part in batch.parts] == ["broken", "long & thin", "plate"]
+    assert {p.name for p in (folder / "out").iterdir() if p.name[0] != "."} == {
+        "index.html",
+        *(f"{name}{end}" for name in ("long & thin", "plate") for end in (".json", ".poses.csv", ".png")),
+    }
+    page = batch.page.read_text(encoding="utf-8")
+    rows = re.findall("<tr><td>.*?</tr>", page, re.DOTALL)
+    assert [row.split("</td>")[0][8:] for row in rows] == ["broken", "long &amp; thin", "plate"]
+    assert "src=" not in rows[0]
+    for part, row in zip(batch.parts[1:], rows[1:], strict=True):
+        solution = part.load()
+        assert 'src="data:image/png;base64,' in row
+        assert solution.grip_line()[1:] in row
+        assert "mm</td>" in row
+        assert f"{len(solution.grasps)}, {len(solution.grasps)} with a free way in" in row
+    assert 'href="plate.poses.csv"' in page
+    assert "nothing is ranked" in page
+
+
+def test_a_part_that_fails_is_a_row_with_its_reason(batch):
+    broken = batch.parts[0]
+    assert (broken.file, broken.is_new, batch.complete) == (None, False, False)
+    assert "broken.stl" in broken.failure
+    assert "broken.stl" in batch.page.read_text(encoding="utf-8")
+    assert str(batch).startswith("2 of 3 parts have a grasp, 2 solved now")
+    with pytest.raises(InputError, match=r"broken\.stl"):
+        broken.load()
+
+
+def test_finished_parts_stay_and_a_changed_one_is_solved_again(folder, batch):
+    out = folder / "out"
+    before = {name: (out / f"{name}.json").read_bytes() for name in ("long & thin", "plate")}
+    again = solved(folder)
+    assert [part.is_new for part in again.parts] == [False, False, False]
+    assert [part.failure == "" for part in again.parts] == [False, True, True]
+    assert str(again).startswith("2 of 3 parts have a grasp, 0 solved now")
+    block(folder, "plate", 62, 40, 30)
+    seen = []
+    changed = solved(folder, progress=seen.append)
+    assert [part.is_new for part in changed.parts] == [False, False, True]
+    assert tuple(seen) == changed.parts
+    assert (out / "long & thin.json").read_bytes() == before["long & thin"]
+    assert (out / "plate.json").read_bytes() != before["plate"]
+    assert changed.parts[2].load().hand["opening"] != pytest.approx(batch.parts[1].load().hand["opening"])
+
+
+def test_an_error_of_a_function_leaves_the_other_parts(folder, batch, tmp_path):
+    def bad(part, gripper):
+        raise ZeroDivisionError(f"no mass of {part.source}")
+
+    os.symlink(folder / "parts", tmp_path / "parts")
+    failed = solved(tmp_path, bad)
+    assert [part.failure for part in failed.parts[1:]] == [
+        f"ZeroDivisionError: no mass of {name}.stl" for name in ("long & thin", "plate")
+    ]
+    assert json.loads((folder / "out" / ".parts.json").read_text())["plate"]["digest"]
+
+
+def test_a_task_alone_stands_the_part_on_a_table_between_the_grippers_pads(folder, tmp_path, monkeypatch):
+    asked = []
+
+    def keep_problem(problem, **_):
+        asked.append(problem)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", keep_problem)
+    os.symlink(folder / "parts", tmp_path / "parts")
+    stopped = solved(tmp_path, lambda part, gripper: ng.lift(part.centroid, 0.2))
+    (problem,) = asked
+    assert problem.models[0] == ng.PlaneContact(extents=(0.02, 0.012), friction=0.5, direction=(0, 0, -1))
+    assert problem.constraints[0].height == pytest.approx(-0.02)
+    assert (problem.hand, problem.name) == (GRIPPER, "long & thin")
+    assert [part.failure for part in stopped.parts[1:]] == ["not solved yet"] * 2
+
+
+def test_the_command_takes_the_grippers_dimensions_from_the_script(folder, batch, tmp_path):
+    script = tmp_path / "lift.py"
+    script.write_text(
+        "import nlpgrasp as ng\n"
+        "def gripper():\n    return ng.ParallelJaw(0.02, pad=(0.01, 0.01), finger=(0.06, 0.012, 0.012))\n"
+        "def problem(part, gripper):\n    raise ValueError(f'{part.source} in {gripper.opening} m')\n"
+    )
+    result = run_here("parts", folder / "parts", "--task", script, "--out", "out", "--starts", 1, cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stdout.startswith("0 of 3 parts have a grasp")
+    assert "plate: ValueError: plate.stl in 0.02 m" in result.stdout
+    script.write_text("def task(part):\n    return 1\n")
+    result = run_here("parts", folder / "parts", "--task", script, "--out", "out", cwd=tmp_path)
+    assert "--gripper: got nothing, expected the name of a preset, or a function gripper()" in result.stderr
+    script.write_text("tasks = 1\n")
+    result = run_here("parts", folder / "parts", "--task", script, "--out", "out", cwd=tmp_path)
+    assert "neither task() nor problem(), expected a script with a function task(part)" in result.stderr
+
+
+def test_bad_folders_are_refused(folder, tmp_path):
+    with pytest.raises(InputError, match="a folder of mesh files that exists"):
+        ng.solve_parts(tmp_path / "none", GRIPPER, problem, tmp_path / "out")
+    with pytest.raises(InputError, match="without a mesh file"):
+        ng.solve_parts(tmp_path, GRIPPER, problem, tmp_path / "out")
+    with pytest.raises(InputError, match="another folder than that of the parts"):
+        ng.solve_parts(folder / "parts", GRIPPER, problem, folder / "parts")
+    for ending in ("stl", "ply"):
+        trimesh.creation.box([10, 10, 10]).export(tmp_path / f"same.{ending}")
+    with pytest.raises(InputError, match=r"same\.ply and same\.stl, expected a name of its own"):
+        ng.solve_parts(tmp_path, GRIPPER, problem, tmp_path / "out")
