@@ -1,7 +1,7 @@
 """Presets of common hands: fingertips, approach and effort limits for their robot files.
 
 ``PRESETS`` is the table of their data, and ``load_preset`` reads a robot file with a row of it. Each hand has a
-function of its name, which documents its data.
+function of its name, which documents its data. ``JAWS`` are parallel grippers as boxes.
 """
 
 from __future__ import annotations
@@ -51,8 +51,6 @@ class Preset:
     marks : tuple of str
         Further links (with any prefix) without which a file is not of this hand, where those of the fingertips have
         names that other hands have too.
-    jaw : ParallelJaw or None
-        A parallel gripper's opening, palm, axes and tool centre point, in the frame of its first palm.
     """
 
     palms: tuple[str, ...]
@@ -61,7 +59,6 @@ class Preset:
     limits: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
     marks: tuple[str, ...] = ()
-    jaw: ParallelJaw | None = None
 
 
 PRESETS = {
@@ -118,8 +115,6 @@ PRESETS = {
         approach=(0.0, 0.0, 1.0),
         limits={"": 70.0},
         description="panda_description",
-        # joint axes and hand_tcp of franka_description's hand; the mesh of its palm ends 37.4 mm before
-        jaw=ParallelJaw(0.08, finger_length=0.0374, closing_axis="y", tcp=(0.0, 0.0, 0.1034)),
     ),
     "robotiq_2f85": Preset(
         palms=("robotiq_arg2f_base_link", "robotiq_85_base_link"),
@@ -130,8 +125,6 @@ PRESETS = {
         approach=(0.0, 0.0, 1.0),
         limits={"finger_joint": 25.0},
         description="robotiq_2f85_description",
-        # pads half open by the joints of ROS-Industrial's robotiq_2f_85_gripper_visualization, whose base ends at 90 mm
-        jaw=ParallelJaw(0.085, finger_length=0.052, closing_axis="y", tcp=(0.0, 0.0, 0.142)),
     ),
     "robotiq_3f": Preset(
         palms=("palm",),
@@ -146,6 +139,57 @@ PRESETS = {
             "thdistal": SphereTip(0.009, (0.0, 0.0, 0.026)),
         },
         approach=(0.0, -1.0, 0.0),
+    ),
+}
+
+
+# parallel grippers in the frame of their own model; the source of each number is in docs/hands.md
+JAWS = {
+    "panda": ParallelJaw(
+        stroke=0.08,
+        pad=(0.0185, 0.0175),
+        finger=(0.0374, 0.026, 0.022),
+        palm_size=(0.208, 0.0633, 0.0919),
+        closing_axis="y",
+        tcp=(0.0, 0.0, 0.1034),
+        max_force=70.0,
+    ),
+    "robotiq_2f85": ParallelJaw(
+        stroke=0.085,
+        pad=(0.0375, 0.022),
+        finger=(0.052, 0.0337, 0.0354),
+        palm_size=(0.085, 0.075, 0.0927),
+        closing_axis="y",
+        tcp=(0.0, 0.0, 0.142),
+        max_force=235.0,
+    ),
+    "robotiq_2f140": ParallelJaw(
+        stroke=0.14,
+        pad=(0.065, 0.027),
+        finger=(0.1043, 0.0371, 0.039),
+        palm_size=(0.085, 0.075, 0.0927),
+        closing_axis="y",
+        tcp=(0.0, 0.0, 0.1943),
+        max_force=125.0,
+    ),
+    "robotiq_hande": ParallelJaw(
+        stroke=0.05,
+        pad=(0.021, 0.0211),
+        finger=(0.0292, 0.011, 0.0212),
+        palm_size=(0.077, 0.077, 0.1069),
+        closing_axis="x",
+        tcp=(0.0, 0.0, 0.1361),
+        max_force=130.0,
+    ),
+    "schunk_wsg50": ParallelJaw(
+        stroke=0.11,
+        pad=(0.02, 0.02),  # its length is no maker's: the fingers' width
+        finger=(0.0654, 0.016, 0.02),
+        palm_size=(0.146, 0.0495, 0.0725),
+        closing_axis="x",
+        approach_axis="y",
+        tcp=(0.0, 0.1016, 0.0),
+        max_force=80.0,
     ),
 }
 
@@ -398,26 +442,27 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
 
 
 def jaws(name: str) -> ParallelJaw:
-    """Return a known parallel gripper as jaws in the frame of its own model.
+    """Return a known parallel gripper with its sizes and force, in the frame of its own model.
 
-    ``"panda"`` is in the frame of ``panda_hand`` (``fr3_hand``). ``"robotiq_2f85"`` is in that of
-    ``robotiq_arg2f_base_link``; its pads move along an arc, and its tool centre point is their middle half open, at
-    most 12 mm away from that of any other opening along the approach. ``dataclasses.replace`` changes single fields.
+    ``"panda"`` is in the frame of ``panda_hand`` (``fr3_hand``), ``"robotiq_2f85"`` and ``"robotiq_2f140"`` in that of
+    ``robotiq_arg2f_base_link``, ``"robotiq_hande"`` in that of ``robotiq_hande_link``, ``"schunk_wsg50"`` in that of
+    Drake's ``body_frame``. The pads of the 2F grippers move along an arc; the tool centre point is their middle half
+    open, at most 12 mm (2F-140: 18 mm) away along the approach from that of any other opening. Sizes and their sources
+    are in docs/hands.md; ``dataclasses.replace`` changes single ones.
 
     Parameters
     ----------
     name : str
-        Of a preset of a parallel gripper.
+        Of a parallel gripper.
 
     Raises
     ------
     InputError
         On any other name.
     """
-    known = {key: preset.jaw for key, preset in PRESETS.items() if preset.jaw is not None}
-    if name not in known:
-        raise InputError("hands.jaws.name", name, "a parallel gripper: " + ", ".join(known))
-    return known[name]
+    if name not in JAWS:
+        raise InputError("hands.jaws.name", name, "a parallel gripper: " + ", ".join(JAWS))
+    return JAWS[name]
 
 
 def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:

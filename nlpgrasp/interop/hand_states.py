@@ -31,6 +31,8 @@ KNOWN_GRIPPERS: dict[str, str | ParallelJaw] = {
     "franka": "panda",
     "fr3_hand": "panda",
     "robotiq_arg2f": ParallelJaw(0.085, closing_axis="y"),  # 2F-85 and 2F-140 of ROS-Industrial
+    "hande": "robotiq_hande",
+    "hand_e": "robotiq_hande",
     "robotiq_85_base_link": ParallelJaw(0.085),  # robotiq_description of ros2_robotiq_gripper closes along x
 }
 PARALLEL_TOLERANCE = 1e-3  # tolerance of parallel unit directions

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import nlpgrasp as ng
 from nlpgrasp.hands import hand_from_dict
 from nlpgrasp.hands.parallel_jaw import Jaws
+from nlpgrasp.hands.presets import JAWS
 from nlpgrasp.motion.distance_fields import build_distance_fields, distance_to_all
 from nlpgrasp.solution.obstructions import format_gripper_frame
 
@@ -314,11 +315,51 @@ def test_presets_of_parallel_grippers_state_axes_and_tool_centre_point():
     assert (panda.closing_axis, panda.approach_axis, panda.tcp) == ("y", "z", (0.0, 0.0, 0.1034))
     text = format_gripper_frame(posture(panda), panda.to_dict())
     assert text.endswith("closing axis y, approach axis z, tool centre point [0, 0, 103.4] mm")
-    assert ng.hands.jaws("robotiq_2f85").closing_axis == "y"
+    axes = {name: (jaw.closing_axis, jaw.approach_axis) for name, jaw in JAWS.items()}
+    assert axes == {
+        "panda": ("y", "z"),
+        "robotiq_2f85": ("y", "z"),
+        "robotiq_2f140": ("y", "z"),
+        "robotiq_hande": ("x", "z"),
+        "schunk_wsg50": ("x", "y"),
+    }
     with pytest.raises(
         ng.InputError, match=r"hands\.jaws\.name: got leap, expected a parallel gripper: panda, robotiq"
     ):
         ng.hands.jaws("leap")
+
+
+@pytest.mark.parametrize("name", JAWS)
+def test_a_preset_has_sizes_that_fit_together(name):
+    """The pad is on the finger, and the palm ends where the model's base begins: at the origin or behind it."""
+    jaws = JAWS[name]
+    (length, width), (back, _, finger_width) = jaws.pad, jaws.finger
+    assert width <= finger_width
+    assert 0.5 * length <= back
+    assert jaws.max_force > 0.0
+    along = float(jaws.axes[:, 2] @ jaws.tool_centre_point)
+    behind = jaws.palm_size[2] - (along - back)  # of the frame's origin
+    assert -1e-3 < behind < 0.04
+
+
+def test_the_pads_of_the_2f140_are_half_open_at_its_tool_centre_point():
+    """By the joints of ROS-Industrial's description: outer knuckle, outer finger, inner finger, pad."""
+
+    def pad(angle):
+        knuckle = Rotation.from_rotvec([0.5 * np.pi + 0.725 - angle, 0.0, 0.0])
+        finger = np.array([0.0, -0.030601, 0.054905]) + knuckle.apply([0.0, 0.01821998610742, 0.0260018192872234])
+        inner = finger + knuckle.apply([0.0, 0.0817554015893473, -0.0282203446692936])
+        return inner + Rotation.from_rotvec([0.5 * np.pi, 0.0, 0.0]).apply(
+            [0.0, 0.0457554015893473, -0.0272203446692936]
+        )
+
+    def opening(angle):
+        return 2.0 * (-pad(angle)[1] - 0.00375)  # half the pad's thickness
+
+    jaws = ng.hands.jaws("robotiq_2f140")
+    half = min(np.linspace(0.0, 0.7, 701), key=lambda angle: abs(opening(angle) - 0.5 * jaws.opening))
+    assert pad(half)[2] == pytest.approx(jaws.tcp[2], abs=5e-4)
+    assert abs(pad(0.0)[2] - jaws.tcp[2]) < 0.018
 
 
 BAD_AXES = {
