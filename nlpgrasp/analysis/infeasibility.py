@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlpgrasp.analysis.jaw_diagnosis import jaw_reasons
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.formatting import format_wrench_direction
 from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, quadratic_step, step_bounds
@@ -76,6 +77,8 @@ def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: in
         diagnosis = _contradiction(compiled, least_violated)
     else:
         diagnosis = _explain_unreachable(compiled, results)
+    if reasons := jaw_reasons(compiled.problem):
+        return replace(diagnosis, reasons=reasons, advice=())
     named = {conflict.name for conflict in diagnosis.conflicts}
     return replace(diagnosis, reasons=(*diagnosis.reasons, *surroundings_in_the_way(compiled, named, seed, deadline)))
 

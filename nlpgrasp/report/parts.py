@@ -305,7 +305,9 @@ class _Batch:
 
 def _failure(solution: GraspSolution) -> str:
     """Return why a solution is no grasp to use, in one line; empty where it is one."""
-    return "" if solution.success else single_line(solution.told)
+    if solution.success:
+        return ""
+    return single_line(solution.told if solution.why_not is None else str(solution.why_not))
 
 
 def write_parts_page(parts: Sequence[PartResult], path: str | Path, title: str) -> Path:

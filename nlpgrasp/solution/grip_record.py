@@ -74,7 +74,12 @@ class GripForce(Record):
             return ""
         force, most = format_upper(self.force.upper, DIGITS), f"{format_number(limit)} {FORCE_UNIT}"
         if self.force.upper > limit:
-            return f"each jaw needs {force} {FORCE_UNIT} for the task, above max_force = {most}"
+            excess = f"{format_upper(self.force.upper - limit, DIGITS)} {FORCE_UNIT}"
+            share = f"it holds {format_percent(limit / self.force.upper)} of the task"
+            helps = "more friction, a lighter part or a smaller task would help"
+            return (
+                f"each jaw needs {force} {FORCE_UNIT} for the task, {excess} above max_force = {most}: {share}; {helps}"
+            )
         if self.with_margin.upper > limit:
             return f"max_force = {most} leaves too little margin: {self._margin_text()}"
         return ""

@@ -61,7 +61,9 @@ def test_limits_of_gripper_and_problem_are_of_the_normal_force(solution):
     for limits in ({"max_force": 0.9 * force}, {"of_problem": 0.9 * force}):
         weak = limited(solution, **limits)
         assert weak.is_too_weak
-        assert any("each jaw needs" in words and "above max_force" in words for words in weak.caveats)
+        (words,) = (words for words in weak.caveats if "each jaw needs" in words)
+        assert "N above max_force = " in words
+        assert "it holds 90 % of the task; more friction" in words
     near = limited(solution, max_force=0.5 * (force + safe))
     assert not near.is_too_weak
     assert any("leaves too little margin" in words for words in near.caveats)

@@ -282,8 +282,26 @@ def wall_thickness(mesh: trimesh.Trimesh) -> float:
 
 def _measure_walls(mesh: trimesh.Trimesh) -> float:
     """Return the wall thickness, metres, by rays; see ``wall_thickness``."""
-    import igl
+    points, inward = inward_rays(mesh, RAYS)
+    return float(np.quantile(first_hits(mesh, points, inward)[0], THIN))
+
+
+def inward_rays(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return points of a mesh, uniform by area, and the unit directions inwards along their normals, (count, 3)."""
     import trimesh
+
+    points, triangles = trimesh.sample.sample_surface(mesh, count, seed=np.random.default_rng(0))
+    return np.asarray(points, dtype=float), -np.asarray(mesh.face_normals)[triangles]
+
+
+def first_hits(
+    mesh: trimesh.Trimesh, points: FloatArray, directions: FloatArray
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return the lengths (n,), metres, of rays up to the first triangle that they hit, and that triangle (n,).
+
+    A ray that hits nothing is as long as the mesh, and its triangle is -1.
+    """
+    import igl
 
     # libigl takes triangles with edges of about a thousandth for degenerate, so a scan in metres would let rays through
     scale = SCALED / float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
@@ -291,14 +309,13 @@ def _measure_walls(mesh: trimesh.Trimesh) -> float:
     origin = local_origin(coordinates)
     vertices = np.ascontiguousarray(relative_to(coordinates, origin) * scale)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
-    points, triangles = trimesh.sample.sample_surface(mesh, RAYS, seed=np.random.default_rng(0))
-    inwards = -np.asarray(mesh.face_normals)[triangles]
-    origins = np.ascontiguousarray(relative_to(np.asarray(points), origin) * scale + BEHIND * inwards)
+    origins = np.ascontiguousarray(relative_to(points, origin) * scale + BEHIND * directions)
     tree = igl.AABB()
     tree.init(vertices, faces)
-    hits, ray_lengths, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(inwards))
-    lengths: FloatArray = np.where(np.asarray(hits).ravel() >= 0, np.asarray(ray_lengths, dtype=float).ravel(), SCALED)
-    return float(np.quantile(lengths + BEHIND, THIN)) / scale
+    hits, ray_lengths, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(directions))
+    struck = np.asarray(hits, dtype=np.intp).ravel()
+    lengths: FloatArray = np.where(struck >= 0, np.asarray(ray_lengths, dtype=float).ravel(), SCALED)
+    return (lengths + BEHIND) / scale, struck
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,87 @@
+"""Why a gripper does not hold a part: one sentence each."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.analysis.jaw_diagnosis import jaw_reasons, sampled_antipodal_pairs
+
+BLOCK = ng.Box([0.06, 0.04, 0.03])
+TASK = ng.lift([0.0, 0.0, 0.0], 0.5) + ng.disturbance(1.0, 0.01)
+
+
+def problem(part=BLOCK, table=0.001, **sizes):
+    gripper = ng.ParallelJaw(
+        **{"stroke": 0.11, "pad": (0.02, 0.012), "finger": (0.06, 0.012, 0.014), "max_force": 120.0, **sizes}
+    )
+    tables = [ng.Table.under(part, table)]
+    return ng.GraspProblem(part, ng.SoftContact(0.6, 0.005), TASK, hand=gripper, constraints=tables)
+
+
+def test_pairs_are_straight_across_the_part():
+    pairs = sampled_antipodal_pairs(problem())
+    openings = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1)
+    assert len(pairs) > 1900
+    assert np.unique(openings.round(6)).tolist() == [0.03, 0.04, 0.06]
+
+
+def test_pairs_of_a_tube_are_across_its_wall_and_across_its_bore():
+    tube = ng.Mesh(trimesh.creation.annulus(0.012, 0.016, 0.08, sections=32))
+    pairs = sampled_antipodal_pairs(problem(tube))
+    openings = np.unique(np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1).round(3))
+    assert openings.tolist() == [0.004, 0.032, 0.08]
+
+
+@pytest.mark.parametrize("stroke", [0.045, 0.11])
+def test_a_part_that_fits_has_no_reason(stroke):
+    assert jaw_reasons(problem(stroke=stroke, finger=(0.06, 0.004, 0.014), pad=(0.012, 0.01), table=0.0)) == ()
+
+
+def test_a_stroke_smaller_than_the_part_names_the_least_opening():
+    assert jaw_reasons(problem(stroke=0.025)) == (
+        "The part needs an opening of at least 30 mm, and the jaws open to 25 mm.",
+    )
+    (reason,) = jaw_reasons(problem(ng.Sphere(0.06)))
+    assert reason.startswith("The part needs an opening of at least 119 mm")  # of its triangles
+
+
+def test_a_pad_larger_than_every_face_names_the_share_that_finds_room():
+    """On the largest face, 60 x 40 mm, 40 of the pad's 45 mm."""
+    assert jaw_reasons(problem(pad=(0.05, 0.045))) == (
+        "No face has room for a pad of 50 x 45 mm: at most 89 % of it is on one.",
+    )
+
+
+def test_a_part_that_fits_only_with_the_table_lowered():
+    """A plate of 8 mm: a finger below it is 12 mm thick, opens by 2 mm, and keeps a millimetre off the table."""
+    plate = ng.Box([0.06, 0.04, 0.008])
+    assert jaw_reasons(problem(plate)) == (
+        "The gripper fits only with the table 15 mm lower, or with the part raised by as much.",
+    )
+    lower = problem(plate)
+    lowered = ng.GraspProblem(
+        plate, lower.models, TASK, hand=lower.hand, constraints=[ng.Table(-0.004 - 0.0151, clearance=0.001)]
+    )
+    assert jaw_reasons(lowered) == ()
+
+
+def test_a_disc_that_palm_and_table_keep_from_short_fingers():
+    """The jaws fit only over its flat sides: the palm runs into the rim, and the finger below into the table."""
+    disc = ng.Cylinder(0.05, 0.03)
+    (reason,) = jaw_reasons(problem(disc, stroke=0.04, finger=(0.015, 0.012, 0.014), palm_size=(0.1, 0.1, 0.1)))
+    assert reason.startswith("In every sampled pose the gripper runs into the body and the table, by ")
+
+
+@pytest.mark.slow
+def test_the_answer_of_a_solve_says_it():
+    options = ng.SolveOptions(workers=1, rounds=3, global_bound=False)
+    solution = ng.solve(problem(stroke=0.025), starts=1, options=options)
+    assert solution.status is ng.Status.LOCALLY_INFEASIBLE
+    assert str(solution.why_not) == "The part needs an opening of at least 30 mm, and the jaws open to 25 mm."
+    assert str(solution.why_not) in str(solution)
+
+
+def test_no_reason_without_jaws():
+    free = ng.GraspProblem(BLOCK, [ng.FrictionContact(0.5)] * 3, TASK)
+    assert jaw_reasons(free) == ()
