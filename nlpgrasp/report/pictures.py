@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.mesh.display_triangles import triangles
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 PURPOSE = "a picture"  # for the message on missing matplotlib
 SIDE_VIEWS, TOP_VIEW = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
 BOUND_COLOUR, FINGER_COLOUR, GAP_COLOUR = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]  # colours
+SHARE_OF_SIZE, MOST_HALVINGS = 0.04, 20  # longest side of drawn triangles, of the scene; halvings of a side, at most
+LEAST_FACING = -0.3  # cosine between a drawn triangle's normal and the eye's direction: the view has a perspective
 ENOUGH_TRIANGLES = 1500  # triangles above which a surface is not subdivided
 COLOUR_MAP = "cividis"  # perceptually uniform, also for colour-blind readers and in grey
 MOST_POINTS = 5000  # most points of each kind
@@ -81,8 +84,11 @@ def draw_grasp(solution: GraspSolution) -> Figure:
     body = body_surface(solution) if drawing is None else drawing.body
     shapes = scene_shapes(solution, body, drawn_surroundings(solution))
     drawn_points = [shape.vertices for _, _, shape in shapes]
+    azimuth, elevation = first_view(solution, flat=solution.task.dimension == 3)
     if shapes:
-        draw_solids(ax, [(subdivide(shape, ENOUGH_TRIANGLES), COLOURS[group]) for group, _, shape in shapes])
+        longest = SHARE_OF_SIZE * float(np.max(np.ptp(np.vstack(drawn_points), axis=0)))
+        eye = view_directions(*np.radians([azimuth, elevation]))
+        draw_solids(ax, [(_small_triangles(shape, longest, eye), COLOURS[group]) for group, _, shape in shapes])
     grasp = solution.grasp
     if grasp is not None:
         size = drawing_size(drawing, grasp.points)
@@ -98,9 +104,17 @@ def draw_grasp(solution: GraspSolution) -> Figure:
             drawn_points.append(points - forces)
         drawn_points.append(points)
     show_at_one_scale(ax, np.vstack(drawn_points))
-    azimuth, elevation = first_view(solution, flat=solution.task.dimension == 3)
     ax.view_init(elev=elevation, azim=azimuth)
     return figure
+
+
+def _small_triangles(shape: Triangles, longest: float, eye: FloatArray) -> FloatArray:
+    """Return a surface's triangles that may face the eye, (m, 3, 3), their sides at most ``longest``, metres."""
+    vertices, faces = trimesh.remesh.subdivide_to_size(shape.vertices, shape.faces, longest, max_iter=MOST_HALVINGS)
+    corners = np.asarray(vertices, dtype=float)[faces]
+    area_vectors = triangle_normals(corners)
+    facing = area_vectors @ eye >= LEAST_FACING * np.linalg.norm(area_vectors, axis=1)
+    return np.asarray(corners[facing])
 
 
 def draw_wrenches(grasp: Grasp, task: Task, *, force_budget: str | ForceBudget = "l2", rtol: float = 0.01) -> Figure:
