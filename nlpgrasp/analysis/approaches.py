@@ -171,7 +171,7 @@ class _PoseArranger:
 
     def __init__(self, problem: GraspProblem, hand: ParallelJaw) -> None:
         self._functions = HandFunctions(problem)
-        self._clearance = JawClearance(hand, problem.body, problem.constraints)
+        self._clearance = JawClearance(hand, problem.body, problem.constraints, problem.models)
         self._can_flip = problem.models[0] == problem.models[1]
         self._free_poses = dict[int, list[JawPose]]()
 

@@ -64,7 +64,7 @@ def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
 
 def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) -> tuple[str, ...]:
     """Return why pads, fingers and palm do not fit at pairs within the opening."""
-    clearance, best_share, best = JawClearance(hand, problem.body, problem.constraints), 0.0, None
+    clearance, best_share, best = JawClearance(hand, problem.body, problem.constraints, problem.models), 0.0, None
     for share, pose in _poses(clearance, pairs):
         best_share = max(best_share, share)
         if share < LEAST_PAD_SHARE:

@@ -29,6 +29,7 @@ FARTHEST = 0.02  # metres: largest clearance that is computed
 TOUCHING = 2e-4  # metres: allowed depth of a finger in the part, by compression of its pad
 UNSTATED_TOUCHING = TOLERANCE  # metres: the same for grippers without stated pads or fingers
 FACE_DEPTH = 3e-3  # metres behind a pad within which the surface counts as its face
+FLAT_DEPTH = 5e-4  # metres: the same where a contact is the whole pad, which touches as far as it yields
 FLAT_AREA = 1e-14  # square metres: projected triangles with less are edge-on
 PARALLEL = 1e-3  # least sine of the angle between closing line and a pad's direction, for a defined orientation
 PATH_SIZES = 2.0  # length of an approach, in body sizes
@@ -197,9 +198,18 @@ class JawClearance:
         In space.
     constraints : sequence of PlacementConstraint
         Tables, obstacles and cones of the approach among them count.
+    models : sequence of ContactModel
+        Of the contacts; where they are rectangles, the pads have to lie flat on their faces.
     """
 
-    def __init__(self, gripper: ParallelJaw, body: Body, constraints: Sequence[PlacementConstraint]) -> None:
+    def __init__(
+        self,
+        gripper: ParallelJaw,
+        body: Body,
+        constraints: Sequence[PlacementConstraint],
+        models: Sequence[ContactModel] = (),
+    ) -> None:
+        self.face_depth = FLAT_DEPTH if _rectangles(models) else FACE_DEPTH
         self.gripper, self.path = gripper, PATH_SIZES * body.size
         self.touching = UNSTATED_TOUCHING if gripper.pad is None and gripper.finger is None else TOUCHING
         self.solids = build_solids(body, constraints)
@@ -270,8 +280,8 @@ class JawClearance:
     def pad_shares(self, points: FloatArray, direction: FloatArray, slide: float = 0.0) -> list[float]:
         """Return the share of each pad that is on its face, for an approach; empty without pads.
 
-        Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm. They are
-        clipped from the triangles that face the pad.
+        Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm, and
+        within 0.5 mm where the contacts are rectangles. They are clipped from the triangles that face the pad.
         """
         if self.gripper.pad is None:
             return []
@@ -282,16 +292,16 @@ class JawClearance:
         for point, inward in zip(points, (closing, -closing), strict=True):
             frame = np.stack([inward, np.cross(direction, inward), direction], axis=1)
             local = (self.solids[0].triangles - point - slide * direction) @ frame
-            shares.append(min(_covered_area(local, half) / (width * length), 1.0))
+            shares.append(min(_covered_area(local, half, self.face_depth) / (width * length), 1.0))
         return shares
 
     def directions(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray | None:
         """Return the approaches (m, 3) along which rectangular contacts are oriented; None where any may be taken."""
-        stated = [model.direction for model in models if isinstance(model, PlaneContact) and model.extents is not None]
-        if not self.gripper.is_solid or not stated or stated[0] is None:
+        stated = next((model.direction for model in _rectangles(models)), None)
+        if not self.gripper.is_solid or stated is None:
             return None
         _, closing = _opening_and_closing(points)
-        along = np.asarray(stated[0]) - (closing @ np.asarray(stated[0])) * closing
+        along = np.asarray(stated) - (closing @ np.asarray(stated)) * closing
         if np.linalg.norm(along) < PARALLEL:
             return None
         both_ways = np.outer([1.0, -1.0], along / np.linalg.norm(along))
@@ -301,13 +311,18 @@ class JawClearance:
         return np.asarray(both_ways[is_allowed] if any(is_allowed) else both_ways[:1])
 
 
+def _rectangles(models: Sequence[ContactModel]) -> list[PlaneContact]:
+    """Return the contacts that are rectangles, such as the whole pads of a gripper."""
+    return [model for model in models if isinstance(model, PlaneContact) and model.extents is not None]
+
+
 def _opening_and_closing(points: FloatArray) -> tuple[float, FloatArray]:
     """Return the distance between two contacts, metres, and the unit direction from the first to the second."""
     opening = float(np.linalg.norm(points[1] - points[0]))
     return opening, (points[1] - points[0]) / opening
 
 
-def _covered_area(triangles: FloatArray, half: FloatArray) -> float:
+def _covered_area(triangles: FloatArray, half: FloatArray, face_depth: float) -> float:
     """Return the area of a rectangle that triangles cover, projected along x, square metres.
 
     Parameters
@@ -316,17 +331,19 @@ def _covered_area(triangles: FloatArray, half: FloatArray) -> float:
         In a frame whose x axis points from the pad into the part; those behind the pad or too far away do not count.
     half : (2,) array
         Half sides of the rectangle in y and z, about the origin.
+    face_depth : float
+        Largest distance in x that counts, metres.
     """
     corners = triangles[:, :, 1:]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     facing = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < -FLAT_AREA
     depth = triangles[:, :, 0]
-    near = (depth.max(axis=1) >= -TOUCHING) & (depth.min(axis=1) <= FACE_DEPTH)
+    near = (depth.max(axis=1) >= -TOUCHING) & (depth.min(axis=1) <= face_depth)
     over = np.all((corners.min(axis=1) < half) & (corners.max(axis=1) > -half), axis=1)
-    return sum(_clipped_area(triangle, half) for triangle in triangles[facing & near & over])
+    return sum(_clipped_area(triangle, half, face_depth) for triangle in triangles[facing & near & over])
 
 
-def _clipped_area(triangle: FloatArray, half: FloatArray) -> float:
+def _clipped_area(triangle: FloatArray, half: FloatArray, face_depth: float) -> float:
     """Return the area in y and z of a triangle inside a rectangle and a range of depth, square metres."""
     polygon = triangle
     for axis, sign, limit in (
@@ -334,7 +351,7 @@ def _clipped_area(triangle: FloatArray, half: FloatArray) -> float:
         (1, -1.0, half[0]),
         (2, 1.0, half[1]),
         (2, -1.0, half[1]),
-        (0, 1.0, FACE_DEPTH),
+        (0, 1.0, face_depth),
         (0, -1.0, TOUCHING),
     ):
         excess = sign * polygon[:, axis] - limit

@@ -271,7 +271,7 @@ class HandFunctions:
         problem, hand = self._problem, self._problem.hand
         if not isinstance(hand, ParallelJaw) or not hand.is_solid or problem.body.space != 3:
             return None
-        return JawClearance(hand, problem.body, problem.constraints)
+        return JawClearance(hand, problem.body, problem.constraints, problem.models)
 
     def is_blocked(self, points: FloatArray) -> bool:
         """Return whether no straight approach of parallel jaws to contacts (2, 3) is free, of a few or by samples.

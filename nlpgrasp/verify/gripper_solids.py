@@ -14,6 +14,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.solution.obstructions import BODY
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check
@@ -28,7 +29,7 @@ MOST_CLEARANCE = 0.02  # metres: largest stated clearance
 TOUCHING = 2e-4  # metres: allowed depth of fingers in the part
 TOLERANCE = 2e-4  # metres: tolerance of clearances and depths
 PAD_SPACING = 5e-4  # metres: between rays from a pad
-FACE_DEPTH = 3e-3  # metres: a surface farther behind a pad is not its face
+FACE_DEPTH, FLAT_DEPTH = 3e-3, 5e-4  # metres: a surface farther behind a pad, or a rectangular contact, is not its face
 ON_SURFACE, LEAST_STEP = 2e-5, 5e-5  # metres: distance that counts as on the surface; least step along a ray
 SHARE_TOLERANCE = 0.04  # tolerance of the share of a pad on its face
 COSINE_TOLERANCE = 1e-4  # tolerance of the cosine between a rectangle's first side and the approach
@@ -66,7 +67,7 @@ def solid_checks(solution: GraspSolution, placement: StatedPlacement, surface: N
         errors.append(f"a clearance of {1e3 * stated:.3g} mm stated, at most {1e3 * least:.3g} mm found")
     blocked = ", ".join(approach.get("blocked_by", {}))
     summary = f"stated to be blocked by {blocked}" if blocked else f"free, by points every {1e3 * SPACING:g} mm"
-    return [Check.of_errors("way in", errors, summary), *_pad_checks(problem_hand, hand, placement, body)]
+    return [Check.of_errors("way in", errors, summary), *_pad_checks(solution, placement, body)]
 
 
 def _half_diagonal(body: NumericBody) -> float:
@@ -96,8 +97,13 @@ def _orientation_errors(solution: GraspSolution, frame: FloatArray) -> Iterator[
     grasp = solution.require_grasp()
     for i, (model, tangents) in enumerate(zip(grasp.contacts, grasp.tangents, strict=True)):
         cosine = abs(float(tangents[0] @ frame[:, 2]))
-        if getattr(model, "extents", None) is not None and not cosine >= 1.0 - COSINE_TOLERANCE:
+        if _is_rectangle(model) and not cosine >= 1.0 - COSINE_TOLERANCE:
             yield f"contact {i} is a rectangle that does not lie along the approach"
+
+
+def _is_rectangle(model: ContactModel) -> bool:
+    """Return whether a contact is a rectangle."""
+    return getattr(model, "extents", None) is not None
 
 
 def _swept_boxes(problem_hand: Json, hand: Json, path: float) -> SweptBoxes:
@@ -160,32 +166,34 @@ def _vertex_errors(
             yield f"a vertex of the mesh is {1e3 * depth:.3g} mm inside a finger or the palm"
 
 
-def _pad_checks(problem_hand: Json, hand: Json, placement: StatedPlacement, body: NumericBody) -> list[Check]:
+def _pad_checks(solution: GraspSolution, placement: StatedPlacement, body: NumericBody) -> list[Check]:
     """Return the check of the pads' shares on their faces."""
-    pad = problem_hand.get("pad")
+    hand, pad = solution.hand or {}, solution.problem["hand"].get("pad")
     if pad is None:
         return []
+    are_rectangles = any(_is_rectangle(model) for model in solution.require_grasp().contacts)
+    depth = FLAT_DEPTH if are_rectangles else FACE_DEPTH
     stated = array("hand.pads", hand.get("pads", ()), (2,))
     frame, _ = _frame(placement.points, array(DIRECTION, hand["approach"]["direction"], (3,)))
     distance = vectorised_distance(body)
     inward = frame[:, 0], -frame[:, 0]
-    shares = [_share_on_face(distance, p, n, frame, pad) for p, n in zip(placement.points, inward, strict=True)]
+    shares = [_share_on_face(distance, p, n, frame, pad, depth) for p, n in zip(placement.points, inward, strict=True)]
     agrees = bool(np.all(np.abs(stated - shares) <= SHARE_TOLERANCE))
     claim, result = (f"{first:.3g} and {second:.3g}" for first, second in (stated, shares))
     return [Check("pads", agrees, f"{claim} of the pads on their faces stated, {result} found")]
 
 
 def _share_on_face(
-    distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float]
+    distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float], depth: float
 ) -> float:
-    """Return the share of a pad's rays that meet the surface within the depth of a face."""
+    """Return the share of a pad's rays that meet the surface within a depth, metres."""
     counts = [max(2, round(side / PAD_SPACING)) for side in pad]
     along, across = ((np.arange(n) + 0.5) / n * side - side / 2.0 for n, side in zip(counts, pad, strict=True))
     a, b = np.meshgrid(along, across, indexing="ij")
     starts = point + a.reshape(-1, 1) * frame[:, 2] + b.reshape(-1, 1) * frame[:, 1]
     travelled, is_on = np.full(len(starts), -TOUCHING), np.zeros(len(starts), dtype=bool)
     travelled[np.asarray(distance(starts - TOUCHING * inward)) < -ON_SURFACE] = np.inf  # begins inside the body
-    while (active := np.flatnonzero(~is_on & (travelled <= FACE_DEPTH))).size:
+    while (active := np.flatnonzero(~is_on & (travelled <= depth))).size:
         gap = np.asarray(distance(starts[active] + travelled[active, None] * inward))
         is_on[active] = gap <= ON_SURFACE
         travelled[active] += np.maximum(gap, LEAST_STEP)

@@ -121,9 +121,13 @@ def test_the_share_of_a_pad_by_rays(seed):
     assert shares == pytest.approx([is_on.mean()] * 2, abs=0.01)
 
 
-def test_a_curved_face_counts_as_far_as_it_is_near_the_pad():
-    """On a cylinder of radius r the surface is 3 mm behind the pad at sqrt(2 r d - d^2) beside its middle."""
-    cylinder, radius, depth = ng.Cylinder(0.006, 0.08), 0.006, 0.003
+@pytest.mark.parametrize(
+    ("contact", "depth"),
+    [(ng.SoftContact(0.5, 0.004), 3e-3), (ng.PlaneContact(extents=(0.02, 0.012), friction=0.5, direction=DOWN), 5e-4)],
+)
+def test_a_curved_face_counts_as_far_as_it_is_near_the_pad(contact, depth):
+    """On a cylinder of radius r the surface is d behind the pad at sqrt(2 r d - d^2) beside its middle."""
+    cylinder, radius = ng.Cylinder(0.006, 0.08), 0.006
     points = np.array([[-radius, 0.0, 0.0], [radius, 0.0, 0.0]])
-    (share, _) = cleared(body=cylinder).pad_shares(points, np.array([0.0, 0.0, -1.0]))
+    (share, _) = JawClearance(GRIPPER, cylinder, (), [contact] * 2).pad_shares(points, DOWN)
     assert share == pytest.approx(np.sqrt(2 * radius * depth - depth**2) / 0.006, rel=0.01)
