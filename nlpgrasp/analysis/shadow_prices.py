@@ -230,7 +230,7 @@ def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> 
 
 @dataclass(frozen=True)
 class Number(Generic[Item]):
-    """Number of a constraint or a hand that can be changed, with its setter.
+    """Numeric parameter of a constraint or a hand, with the function that changes it.
 
     Parameters
     ----------

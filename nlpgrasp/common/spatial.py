@@ -89,7 +89,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def coordinate_size(points: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the largest coordinate, (...), of contacts (..., k, space) and torque origin, the scale of rounding."""
+    """Return the largest absolute coordinate, (...), of contacts (..., k, space) and torque origin."""
     return np.asarray(np.maximum(np.max(np.abs(points), axis=(-2, -1)), float(np.max(np.abs(origin)))))
 
 

@@ -64,7 +64,7 @@ class LineContact(PadContact):
 
     @property
     def arms(self) -> Arms:
-        """Positions of both ends along the line, relative to the contact point, metres."""
+        """Positions of the ends of a line contact along its line, relative to the contact point, metres."""
         half = 0.5 * self.length
         return (half, 0.0), (-half, 0.0)
 
@@ -75,7 +75,7 @@ class LineContact(PadContact):
         return (0, 5) if self.friction is None else (0, 1, 2, 3, 5)
 
     def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the disc around the line in space; the contact itself in the plane."""
+        """Return the disc around the line contact in three dimensions; the contact itself in two."""
         return self if space == 2 else enclosing_disc(self)
 
     def blocks(self, components: int) -> Blocks:

@@ -181,7 +181,7 @@ class SolveRecord:
 
     @property
     def origin(self) -> str:
-        """Variation and seed of a grasp from another solve, ``"smooth, seed 2"``; empty for a grasp of its own."""
+        """Variation and seed of a grasp of another solve, ``"smooth, seed 2"``; else empty."""
         message = "" if self.best_start is None else self.best_start.message
         return message.removeprefix(WARM_START_PREFIX) if message.startswith(WARM_START_PREFIX) else ""
 

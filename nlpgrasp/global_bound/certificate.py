@@ -65,7 +65,7 @@ def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights]
 
 
 def _split_cells(tree: NodeTree, group_slots: slice) -> IntArray:
-    """Return the numbers of the split cells of a group, parents before children."""
+    """Return the indices of the split cells of a group, parents before children."""
     numbers = [np.zeros(0, dtype=np.int64)]
     for nodes, slots in tree.splits:
         selected = np.flatnonzero((slots >= group_slots.start) & (slots < group_slots.stop))

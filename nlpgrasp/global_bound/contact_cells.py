@@ -193,7 +193,7 @@ class CellUnion(SurfaceCell):
         return tuple(part[0] if len(part) == 1 else CellUnion(part, self.size) for part in parts)
 
     def cut(self) -> list[list[int]]:
-        """Return the numbers of the members of both parts, split where points and normals are most spread."""
+        """Return the indices of the members of both parts, split where points and normals are most spread."""
         centres = np.stack([member.ball()[0] for member in self.members])
         normals = np.stack([np.mean(member.representative_contacts().normals, axis=0) for member in self.members])
         features = np.concatenate([centres / self.size, 0.5 * normals], axis=1)

@@ -370,7 +370,7 @@ class CornerContacts:
     def weighted_powers(
         self, twists: FloatArray, weights: FloatArray, rows: slice = EVERY, threshold: float = 0.0
     ) -> FloatArray:
-        """Return ``sum over j of w_j s^p``, or the same sum of excesses over a threshold, at rows, (m,).
+        """Return ``sum_j w_j s_j^p`` for each row of supports s, or the same of their excesses over a threshold, (m,).
 
         Parameters
         ----------

@@ -66,7 +66,7 @@ class NumberedDirections:
         self._recent = self.lattice[:0]
 
     def add(self, twists: FloatArray) -> IntArray:
-        """Add directions (m, d), rounded to few digits, and return their numbers, (m,).
+        """Add directions (m, d), rounded to few digits, and return their indices, (m,).
 
         A zero direction, along which the task does no work, is replaced by one of the lattice.
         """

@@ -101,7 +101,7 @@ def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
 
 
 def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
-    """Yield the question about limits of a URDF most of which look like degrees."""
+    """Yield the question whether a URDF's joint limits are in degrees, where most of them look so."""
     limits = {j.name: max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.kind == "revolute"}
     beyond = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
     if len(beyond) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):

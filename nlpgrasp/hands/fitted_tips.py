@@ -197,7 +197,7 @@ def _flat_parts(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _merits(angles: FloatArray, cosines: FloatArray, pad_cosines: FloatArray, slides: bool) -> FloatArray:
-    """Return the merits of patches: angle less half of that to the wanted middle; of sliding jaws with the pad.
+    """Return the merit of each patch: its opening angle less half the angle of its middle to the wanted direction.
 
     A jaw that slides presses along its motion alone, a finger that turns with its end as well.
     """

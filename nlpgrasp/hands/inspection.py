@@ -412,7 +412,7 @@ def _is_revolute(robot: Robot, name: str) -> bool:
 
 
 def _format_some(names: Sequence[str], noun: str, count: int = 0) -> str:
-    """Return names as text, or ``all n`` where they are all of a count."""
+    """Return names as text, or ``all n`` where all of a count n are named."""
     if len(names) == count > 1:
         return f"all {count} {noun}s"
     return f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names)}"

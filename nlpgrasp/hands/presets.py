@@ -666,7 +666,7 @@ def _has_name(link: str, name: str) -> bool:
 
 
 def effort_limits(robot: Robot, limits: Mapping[str, float]) -> dict[str, float]:
-    """Return effort limits of the free joints by the endings of their names; the file's efforts for the others.
+    """Return effort limits of the free joints, matched by the endings of their names; the file's limits for the others.
 
     The limit of a sliding joint counts once for each finger that the joint drives.
     """

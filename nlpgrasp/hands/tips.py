@@ -250,7 +250,7 @@ class CylinderTip(Tip):
         return float(np.clip((point - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0))
 
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
-        """Return the point of the axis behind the contact, body frame."""
+        """Return the centre of the fingertip's ball, on its axis behind the contact, body frame."""
         a, b = self.ends
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(a) + slide * ca.DM(b - a))
 

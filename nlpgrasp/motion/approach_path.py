@@ -266,7 +266,7 @@ def _refined_directions(directions: Sequence[FloatArray], blocked: Sequence[Bloc
 def _free_retreat(
     model: CollisionModel, start: Values, direction: FloatArray, distance: float, locate: bool
 ) -> StraightPath:
-    """Return the collision-free part of the open hand's straight retreat from the grasp, against a direction."""
+    """Return the collision-free length of the open hand's straight retreat from the grasp, opposite to a direction."""
 
     def posture(share: float) -> Values:
         return {**start, "palm_position": start["palm_position"] - share * distance * direction}
@@ -325,7 +325,7 @@ def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPost
 
 
 def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
-    """Return the straight path of joints that may move to their goal; the palm moves only while all may."""
+    """Return the straight path to the goal of all joints that are free to move; the palm moves only while all are."""
     targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
     targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]
 

@@ -40,7 +40,7 @@ class DistanceField:
     distance: Distance
 
     def with_room(self, room: float) -> DistanceField:
-        """Return the field with more room about its solid, metres."""
+        """Return the distance field with its grid padded by a margin around the solid, metres."""
         return DistanceField(self.name, self.solid, lambda points: self.distance(points) + room)
 
 

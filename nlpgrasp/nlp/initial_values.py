@@ -102,7 +102,7 @@ def random_contacts(problem: GraspProblem, rng: np.random.Generator) -> list[Sta
 
 
 def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
-    """Return the nearest point of a cloud (m, space)."""
+    """Return the point of a cloud (m, space) nearest to a given one."""
     return np.asarray(cloud[np.argmin(np.linalg.norm(cloud - point, axis=1))])
 
 

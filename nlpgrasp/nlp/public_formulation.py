@@ -518,7 +518,7 @@ def _recomputed_kkt(
 def _containment_parameters(
     problem: GraspProblem, transcription: str, directions: ArrayLike | None
 ) -> dict[str, FloatArray]:
-    """Return the parameter values of containment, SI units, (m, d) and (m,)."""
+    """Return the program's parameters: task wrenches, or directions and the task's support there, SI units."""
     if directions is None:
         samples = TaskSamples(problem.task, Scaling.of(problem).wrench, 1)
         if transcription == "vertex":

@@ -176,7 +176,7 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
 
 
 def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
-    """Project a conic solver's forces for wrenches w into the cones, and correct the change of wrench.
+    """Project a conic solver's forces for wrenches w into the cones, and compensate the change of their wrench.
 
     The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
     """

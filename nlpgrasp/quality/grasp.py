@@ -313,7 +313,7 @@ def _grasp_ids(ids: Sequence[str] | None, count: int) -> tuple[str, ...]:
 
 
 def check_distinct_names(field: str, names: Sequence[str]) -> None:
-    """Raise an InputError of a field where two grasps have one name."""
+    """Raise an InputError that names the field if two grasps have the same name."""
     if len(set(names)) < len(names):
         repeated = next(name for i, name in enumerate(names) if name in names[:i])
         raise InputError(field, f"{repeated!r} twice", "a name of its own for each grasp")

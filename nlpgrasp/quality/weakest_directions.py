@@ -126,7 +126,7 @@ def _weakest(problem: Containment, task: Task, directions: FloatArray, values: F
 
 
 def to_coordinates(problem: Containment, directions: FloatArray | None) -> FloatArray:
-    """Return known directions (m, d) in a containment's coordinates, without those that vanish there, (m', r)."""
+    """Return directions (m, d) in the coordinates of a containment problem, those that are not zero there, (m', r)."""
     if directions is None or not len(directions):
         return np.zeros((0, problem.rank))
     u = np.linalg.lstsq(problem.matrix.T, directions.T, rcond=None)[0].T

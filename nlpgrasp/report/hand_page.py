@@ -96,7 +96,7 @@ def opposition_table(opposition: Opposition | None) -> str:
 
 
 def _separate_tips(opposition: Opposition) -> str:
-    """Return the sets of fingertips that do not meet, with buttons."""
+    """Return groups of fingertips that cannot meet each other, each with the page's button for it."""
     if not opposition.separated:
         return ""
     buttons = "".join(

@@ -160,7 +160,7 @@ def _quality_figure(solution: GraspSolution) -> KeyFigure:
 
 
 def _effort_figure(solution: GraspSolution) -> KeyFigure:
-    """Return the effort for the task at full size."""
+    """Return the key figure of the finger forces that the unscaled task takes."""
     title, budget = "What the task takes", solution.budget
     if solution.grip is not None:
         return _grip_figure(solution, solution.grip)

@@ -175,7 +175,7 @@ def _outlines(plane: FloatArray, wrench_set: WrenchSet, task: Task, scale: float
 
 
 def _weakest_projection(direction: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> WrenchProjection:
-    """Return the projection along the weakest direction, in shares of the producible wrench: the sets nearly touch."""
+    """Return the projection along the weakest direction, where task and wrench set nearly touch."""
     limit = float(wrench_set.support(direction[None, :])[0][0])
     along = direction / limit if limit > 0.0 else direction / np.linalg.norm(direction)
     sizes = np.maximum(wrench_set.support(np.eye(len(direction)))[0], 1e-300)

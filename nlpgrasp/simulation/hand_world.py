@@ -181,7 +181,7 @@ class HandWorld:
     def run_recorded(
         self, seconds: float, target: FloatArray | None, gravity: float = 0.0
     ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Run as in ``run`` after gravity (m / s^2, along -z) has risen; return the largest motion, and the run."""
+        """Raise gravity (m / s^2, along -z), then run as ``run``; return the largest motion, and the run."""
         before, motions, snapshots = self.pose(), [STILL], [self.snapshot()]
 
         def record(_: float) -> None:

@@ -43,7 +43,7 @@ class ProblemConversion(Protocol):
         """Return a grasp of the smaller problem as a warm start of the larger; None where it is infeasible."""
 
     def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
-        """Return a warm start for the smaller problem from a grasp of the larger; None without one."""
+        """Return a warm start for the smaller problem from a grasp of the larger; None if it has none."""
 
 
 def solve_family(

@@ -420,5 +420,5 @@ def _command_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
 
 
 def _agrees(stated: float, recomputed: float | None, least_scale: float = 0.0) -> bool:
-    """Return whether a stated number agrees with the recomputed one, relative to it."""
+    """Return whether a stated number agrees with the recomputed one, within a relative tolerance."""
     return recomputed is not None and abs(stated - recomputed) <= JACOBIAN_TOLERANCE * max(abs(recomputed), least_scale)

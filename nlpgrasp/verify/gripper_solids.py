@@ -167,7 +167,7 @@ def _vertex_errors(
 
 
 def _pad_checks(solution: GraspSolution, placement: StatedPlacement, body: NumericBody) -> list[Check]:
-    """Return the check of the pads' shares on their faces."""
+    """Return the check of what fraction of each pad is on its face."""
     hand, pad = solution.hand or {}, solution.problem["hand"].get("pad")
     if pad is None:
         return []

@@ -267,7 +267,7 @@ class NumericLinkedHand:
             yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not is_command)
 
     def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[ConstraintValue]:
-        """Yield the joint limits and mimic relations in a posture."""
+        """Yield the constraints of joint limits and mimic relations in a posture."""
         for link in self.links:
             if link.moves:
                 value = number(f"joint_positions.{link.joint}", positions[link.joint])

@@ -302,7 +302,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return a test whether a stated scalar constraint can stem from a constraint; true for other packages' types."""
+    """Return a predicate: whether a scalar constraint can belong to a constraint; true for other packages'."""
     kind = str(data["type"])
     if kind == "obstacle":
         return _named_with_prefix((f"{data['name']}, ",), contacts)

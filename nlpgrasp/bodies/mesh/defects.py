@@ -173,7 +173,7 @@ def _edge_intersections(vertices: FloatArray, faces: IntArray, rays: _RayCaster,
 
 
 def _inverted_samples(vertices: FloatArray, faces: IntArray, rays: _RayCaster, size: float) -> FloatArray:
-    """Return the sampled surface points (p, 3) with a wrong side inside; none where these are few."""
+    """Return sampled surface points (p, 3) whose inner side is outside the body; none if they are few."""
     points, normals = _surface_samples(vertices, faces)
     inverted = np.zeros(len(points), dtype=bool)
     for side in (1.0, -1.0):

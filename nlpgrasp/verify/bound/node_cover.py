@@ -108,7 +108,7 @@ class StatedNodes:
         return [tuple(chain.from_iterable(choice)) for choice in choices]
 
     def uncovered(self) -> str:
-        """Return a node that is neither split, nor a symmetric copy, nor a leaf, or that depends on itself; else empty.
+        """Return a node that is no leaf, neither split nor a symmetric copy, or that depends on itself; else empty.
 
         Dependencies are followed down to leaves. A placement in a node is in one of its parts, or has an image in its
         symmetric copy; so it has an image in a leaf, unless the dependencies are cyclic.

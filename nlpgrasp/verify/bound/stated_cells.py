@@ -438,7 +438,7 @@ class StatedEllipsoidCell:
         return VertexContacts(*StatedEllipsoidFace(self.corners, self.axes).contacts(self.corners))
 
     def curved_faces(self) -> list[StatedCurvedFace]:
-        """Return the triangle or arc as a curved part."""
+        """Return the triangle or arc as a part of a curved surface."""
         return [StatedEllipsoidFace(self.corners, self.axes)] if len(self.corners) > 1 else []
 
     def parts(self, cut: Cut) -> tuple[StatedEllipsoidCell, StatedEllipsoidCell]:
