@@ -46,6 +46,7 @@ def test_a_stroke_smaller_than_the_part_names_the_least_opening():
     assert reason.startswith("The part needs an opening of at least 119 mm")  # of its triangles
 
 
+@pytest.mark.slow
 def test_a_pad_larger_than_every_face_names_the_share_that_finds_room():
     """On the largest face, 60 x 40 mm, 40 of the pad's 45 mm."""
     assert jaw_reasons(problem(pad=(0.05, 0.045))) == (
@@ -53,6 +54,7 @@ def test_a_pad_larger_than_every_face_names_the_share_that_finds_room():
     )
 
 
+@pytest.mark.slow
 def test_a_part_that_fits_only_with_the_table_lowered():
     """A plate of 8 mm: a finger below it is 12 mm thick, opens by 2 mm, and keeps a millimetre off the table."""
     plate = ng.Box([0.06, 0.04, 0.008])
@@ -66,6 +68,7 @@ def test_a_part_that_fits_only_with_the_table_lowered():
     assert jaw_reasons(lowered) == ()
 
 
+@pytest.mark.slow
 def test_a_disc_that_palm_and_table_keep_from_short_fingers():
     """The jaws fit only over its flat sides: the palm runs into the rim, and the finger below into the table."""
     disc = ng.Cylinder(0.05, 0.03)

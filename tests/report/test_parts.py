@@ -47,6 +47,7 @@ def batch(folder):
     return solved(folder)
 
 
+@pytest.mark.slow
 def test_each_part_has_its_files_and_a_row(folder, batch):
     assert [part.name for part in batch.parts] == ["broken", "long & thin", "plate"]
     assert {p.name for p in (folder / "out").iterdir() if p.name[0] != "."} == {
@@ -67,6 +68,7 @@ def test_each_part_has_its_files_and_a_row(folder, batch):
     assert "nothing is ranked" in page
 
 
+@pytest.mark.slow
 def test_a_part_that_fails_is_a_row_with_its_reason(batch):
     broken = batch.parts[0]
     assert (broken.file, broken.is_new, batch.complete) == (None, False, False)
@@ -77,6 +79,7 @@ def test_a_part_that_fails_is_a_row_with_its_reason(batch):
         broken.load()
 
 
+@pytest.mark.slow
 def test_finished_parts_stay_and_a_changed_one_is_solved_again(folder, batch):
     out = folder / "out"
     before = {name: (out / f"{name}.json").read_bytes() for name in ("long & thin", "plate")}
@@ -94,6 +97,7 @@ def test_finished_parts_stay_and_a_changed_one_is_solved_again(folder, batch):
     assert changed.parts[2].load().hand["opening"] != pytest.approx(batch.parts[1].load().hand["opening"])
 
 
+@pytest.mark.slow
 def test_an_error_of_a_function_leaves_the_other_parts(folder, batch, tmp_path):
     def bad(part, gripper):
         raise ZeroDivisionError(f"no mass of {part.source}")
@@ -123,6 +127,7 @@ def test_a_task_alone_stands_the_part_on_a_table_between_the_grippers_pads(folde
     assert [part.failure for part in stopped.parts[1:]] == ["not solved yet"] * 2
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_grippers_dimensions_from_the_script(folder, batch, tmp_path):
     script = tmp_path / "lift.py"
     script.write_text(
