@@ -273,6 +273,16 @@ def pose_matrix(field: str, value: Pose) -> FloatArray:
     return result
 
 
+def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
+    """Return a rotation (3, 3) as a unit quaternion (4,), w first and at least zero."""
+    return np.asarray(Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True))
+
+
+def pose_data(rotation: FloatArray, position: FloatArray) -> dict[str, list[float]]:
+    """Return a pose as JSON data: position, metres, and quaternion, w first."""
+    return {"position": position.tolist(), WXYZ: quaternion_wxyz(rotation).tolist()}
+
+
 def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = True) -> FloatArray:
     """Return validated rotation matrices (m, 3, 3) from matrices or quaternions (m, 4).
 

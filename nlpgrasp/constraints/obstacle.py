@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.registry import SolidBody, solid_from_dict
 from nlpgrasp.common.scalar_constraints import Clearance, ScalarConstraint, SymbolicCandidate
-from nlpgrasp.common.spatial import Pose, rigid_transform
+from nlpgrasp.common.spatial import Pose, quaternion_wxyz, rigid_transform
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, replace_unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
@@ -73,8 +73,7 @@ class Obstacle(PlacementConstraint):
             raise InputError("Obstacle.pose", "a pose beside position or quaternion", "one of them")
         rotation, translation = rigid_transform("Obstacle.pose", pose, self.body.space)
         if self.body.space == 3:
-            quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
-            object.__setattr__(self, "quaternion", quaternion.tolist())
+            object.__setattr__(self, "quaternion", quaternion_wxyz(rotation).tolist())
         elif not np.array_equal(rotation, np.eye(2)):
             raise InputError("Obstacle.pose", "a planar body that is turned", "a translation alone: turn its polygon")
         object.__setattr__(self, "position", translation.tolist())

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
+from nlpgrasp.common.spatial import pose_data
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, angle, array, hand_length, number, prefix_errors
 from nlpgrasp.errors import InputError
@@ -272,9 +273,7 @@ class ParallelJaw(Hand):
         pose, direction = data["palm_pose"], np.asarray(data["approach"]["direction"], dtype=float)
         turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True)
         rotation, position = self.flip(turn.as_matrix(), np.asarray(pose["position"], dtype=float), direction)
-        quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
-        flipped_pose = {"position": position.tolist(), "quaternion_wxyz": quaternion}
-        return {**data, "palm_pose": flipped_pose, "approach": {**data["approach"], "flip": True}}
+        return {**data, "palm_pose": pose_data(rotation, position), "approach": {**data["approach"], "flip": True}}
 
     def flip(self, rotation: FloatArray, position: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotation (3, 3) and position (3,), metres, after half a turn about the approach through the TCP."""
@@ -540,8 +539,7 @@ class Jaws:
         if len(approach) == 2:
             return data
         rotation, position = self.pose(approach, axes, tcp)
-        quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
-        return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **data}
+        return {"palm_pose": pose_data(rotation, position), **data}
 
     def pose(self, approach: FloatArray, axes: FloatArray, tcp: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotation (3, 3) and position (3,), metres, of the gripper's own frame in the body's."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.spatial import Pose, pose_matrix
+from nlpgrasp.common.spatial import Pose, pose_matrix, quaternion_wxyz
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
@@ -48,7 +48,7 @@ class ToolPose:
     @property
     def quaternion_wxyz(self) -> FloatArray:
         """Orientation as a unit quaternion, (4,), w first and at least zero."""
-        return np.asarray(Rotation.from_matrix(self.matrix[:3, :3]).as_quat(canonical=True, scalar_first=True))
+        return quaternion_wxyz(self.matrix[:3, :3])
 
     @property
     def rotation_vector(self) -> FloatArray:

@@ -9,11 +9,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import CLEARANCE, SELF_COLLISION, ScalarConstraint
+from nlpgrasp.common.spatial import pose_data
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Approach
@@ -343,7 +343,6 @@ class HandFunctions:
 
 def _jaw_record(clearance: JawClearance, points: FloatArray, pose: JawPose) -> Json:
     """Return the JSON data of a gripper's pose, with its exact clearance and its pads' shares on their faces."""
-    quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True, scalar_first=True).tolist()
     approach = {
         "direction": pose.direction.tolist(),
         "depth": max(pose.blocked_by.values(), default=0.0),
@@ -353,7 +352,7 @@ def _jaw_record(clearance: JawClearance, points: FloatArray, pose: JawPose) -> J
     }
     shares = clearance.pad_shares(points, pose.direction)
     return {
-        "palm_pose": {"position": pose.position.tolist(), "quaternion_wxyz": quaternion},
+        "palm_pose": pose_data(pose.rotation, pose.position),
         "opening": pose.opening,
         "approach": approach,
         **({"pads": shares} if shares else {}),

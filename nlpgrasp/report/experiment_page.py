@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import warnings
 from collections.abc import Callable, Sequence
 from html import escape
@@ -17,7 +16,7 @@ from nlpgrasp.common.optional_packages import pyplot, write_figure
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE, TABLE_NOTE, ExperimentResult, VariationResult
 from nlpgrasp.experiments.output_folder import PLAN
-from nlpgrasp.report.html_parts import Html, html_table
+from nlpgrasp.report.html_parts import Html, embedded_picture, html_table
 from nlpgrasp.report.page_builder import page, style
 
 if TYPE_CHECKING:
@@ -108,10 +107,7 @@ def _variation_row(variation: VariationResult, rank: int, ties: Sequence[str], a
 def _figure(picture: Path) -> str:
     """Return a picture with its caption as HTML."""
     caption = CAPTIONS.get(picture.stem, picture.stem)
-    data = base64.b64encode(picture.read_bytes()).decode()
-    return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
-    )
+    return f"<figure>{embedded_picture(picture, caption)}<figcaption>{caption}</figcaption></figure>"
 
 
 def _price_table(result: ExperimentResult) -> str:

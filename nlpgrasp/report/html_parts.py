@@ -1,10 +1,12 @@
-"""Tables and line charts as HTML."""
+"""Tables, pictures and line charts as HTML."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +20,12 @@ class Html(str):
     """Text that is already HTML, shown without escaping."""
 
     __slots__ = ()
+
+
+def embedded_picture(picture: Path, text: str) -> str:
+    """Return a PNG file as an image inside the page, with text in its place where it is not seen."""
+    data = base64.b64encode(picture.read_bytes()).decode()
+    return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'
 
 
 def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
 import time
@@ -10,7 +9,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from html import escape
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from nlpgrasp.interop.robot_poses import POSES
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.report.html_parts import Html, html_table
+from nlpgrasp.report.html_parts import Html, embedded_picture, html_table
 from nlpgrasp.report.page_builder import page, style
 from nlpgrasp.report.pictures import draw_grasp
 from nlpgrasp.solution.obstructions import jaws_depth
@@ -80,6 +79,10 @@ class PartResult:
         InputError
             Without a solution, and on a file that cannot be read.
         """
+        return self._solution
+
+    @cached_property
+    def _solution(self) -> GraspSolution:
         if self.file is None:
             raise InputError(self.name, self.failure, "a part with a solution")
         return GraspSolution.load(self.file)
@@ -347,19 +350,13 @@ def _row(part: PartResult, folder: Path) -> list[str]:
     links = [f'<a href="{escape(part.name + ending)}">{escape(part.name + ending)}</a>' for ending in endings]
     return [
         part.name,
-        Html(_image(picture, part.name)) if picture.is_file() else "",
+        Html(embedded_picture(picture, f"{part.name} with the gripper")) if picture.is_file() else "",
         capitalise(solution.grip_line()),
         "" if clearance is None else f"{format_number(1e3 * float(clearance), 2)} mm",
         _lines([*failure, *caveats, *notes], "warning"),
         f"{len(solution.grasps)}, {free} with a free way in" if solution.grasp is not None else "",
         Html("<br>".join(links)),
     ]
-
-
-def _image(picture: Path, name: str) -> str:
-    """Return a picture inside the page as HTML."""
-    data = base64.b64encode(picture.read_bytes()).decode()
-    return f'<img alt="{escape(name)} with the gripper" src="data:image/png;base64,{data}">'
 
 
 def _lines(texts: Sequence[str], kind: str) -> Html:

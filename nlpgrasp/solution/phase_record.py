@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.spatial import quaternion_wxyz
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
@@ -61,8 +62,7 @@ class Phase:
     def in_frame(self, pose: FloatArray) -> Phase:
         """Return the keyframe with its palm in the frame in which the body has a pose (4, 4)."""
         frame = pose @ self.palm_frame
-        quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True, scalar_first=True)
-        return replace(self, palm_position=frame[:3, 3], palm_quaternion=np.asarray(quaternion))
+        return replace(self, palm_position=frame[:3, 3], palm_quaternion=quaternion_wxyz(frame[:3, :3]))
 
     @classmethod
     def of(cls, name: str, posture: Json, clearance: float | None = None) -> Phase:
