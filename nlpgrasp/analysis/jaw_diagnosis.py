@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies.mesh.signed_distance import first_hits, inward_rays
@@ -47,6 +46,8 @@ def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
 
     The second is where a line inwards first leaves the body, or where it leaves it last: across a wall, or a bore.
     """
+    import trimesh  # slow to import
+
     corners, _ = surface_triangles(problem.body)
     mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
     points, inward = inward_rays(mesh, SAMPLES)

@@ -24,7 +24,7 @@ from nlpgrasp.optimize.cutting_planes import (
     nearest_to_binding,
     weakest_directions_of,
 )
-from nlpgrasp.optimize.local_search import RefinementPoint, refine
+from nlpgrasp.optimize.local_search import RefinementPoint, advance
 from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
@@ -68,8 +68,13 @@ class LocalOptimum:
     effort: SolverEffort
 
 
-def find_local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> LocalOptimum | None:
+def find_local_optimum(
+    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, known: FloatArray | None = None
+) -> LocalOptimum | None:
     """Return the local optimum next to a candidate; its residuals are large where the solve did not converge.
+
+    Descents, also from known directions (m, d), give the weakest directions; only a certificate of the optimum can show
+    that they missed one.
 
     None for a candidate that does not exert the task, and under a hand's torque limits, which the program does not
     hold. Under other joint-torque limits there are no Newton steps: the support has kinks at most local optima.
@@ -78,7 +83,7 @@ def find_local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, dea
     if budget.follows_hand:
         return None
     rounds = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
-    refined = refine(compiled, candidate, deadline, 0 if budget.depends_on_frames else rounds, 0.0)
+    refined = advance(compiled, candidate, deadline, 0 if budget.depends_on_frames else rounds, 0.0, known)
     if refined.point.value <= 0.0:
         return None
     radius = LEAST_RADIUS if budget.depends_on_frames else max(LEAST_RADIUS, RADIUS * refined.length)

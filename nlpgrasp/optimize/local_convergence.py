@@ -10,7 +10,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.kkt_point import LocalOptimum, find_local_optimum, residuals_at
+from nlpgrasp.optimize.kkt_point import EXCESS, LocalOptimum, find_local_optimum, residuals_at
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
 from nlpgrasp.optimize.refine_on_body import PASSES, JointLimitMargins, missing_clearance
@@ -62,20 +62,24 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     """Return the answer moved to the nearest local optimum, or unchanged with the reason.
 
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
-    again: with the edge margin required there, too, or with the missing link clearance added.
+    again: with the edge margin required there, too, or with the missing link clearance added. Where its certificate
+    shows a direction that descents missed, it is computed again with that direction.
     """
     on_faces, candidate = _with_start_faces(compiled, best)
     initial = candidate
     reason, history = _reason_against_step(compiled), [candidate.points]
-    increase = np.zeros(len(compiled.rows.named))
+    increase, missed = np.zeros(len(compiled.rows.named)), None
     if compiled.hand_functions.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
         cleared = on_faces.with_clearance(increase) if increase.any() else on_faces
-        optimum = find_local_optimum(cleared, initial, deadline)
+        optimum = find_local_optimum(cleared, initial, deadline, missed)
         if optimum is None:
             break
         result = _result_at_optimum(compiled, best, on_faces, optimum, deadline)
+        if missed is None and result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
+            missed = np.array([result.record.mu.worst_direction])
+            continue
         reason = _rejection_reason(compiled, best, result)
         if not reason:
             return result

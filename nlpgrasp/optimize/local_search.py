@@ -142,19 +142,23 @@ def advance(
     deadline: Deadline,
     rounds: int | None = None,
     least: float = LEAST_GAIN,
+    known: FloatArray | None = None,
 ) -> RefinementResult:
     """Return the result of at most ``rounds`` rounds of refinement, as ``refine`` without certificates.
 
     Its value is good enough to compare candidates, though descents may have missed directions in which they are weaker.
+    Descents begin from known directions (m, d) as well.
     """
-    most = compiled.options.rounds if rounds is None else min(rounds, compiled.options.rounds)
-    rng = np.random.default_rng(0)
-    return _iterate_steps(compiled, _initial_result(compiled, candidate, rng), rng, deadline, most, least)
+    rng, rounds = np.random.default_rng(0), compiled.options.rounds if rounds is None else rounds
+    return _iterate_steps(compiled, _initial_result(compiled, candidate, rng, known), rng, deadline, rounds, least)
 
 
-def _initial_result(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
+def _initial_result(
+    compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator, known: FloatArray | None = None
+) -> RefinementResult:
     """Return a candidate as the result of a refinement without steps."""
-    point = evaluate_candidate(compiled, candidate, weakest_directions_of(compiled, candidate, rng).directions, rng)
+    weakest = weakest_directions_of(compiled, candidate, rng, known)
+    point = evaluate_candidate(compiled, candidate, weakest.directions, rng)
     return RefinementResult(point, RADIUS, np.zeros(len(compiled.rows.named)), (point.value,))
 
 

@@ -115,17 +115,17 @@ def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatA
 
 def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
     """Return a candidate after a few rounds of refinement; with a hand on a mesh, on its smoothed surface."""
-    body = compiled.problem.body
+    body, rounds = compiled.problem.body, min(ROUNDS, compiled.options.rounds)
     if not isinstance(body, Mesh):
-        return advance(compiled, compiled.projected_onto_faces(candidate), deadline, ROUNDS)
+        return advance(compiled, compiled.projected_onto_faces(candidate), deadline, rounds)
     if not compiled.follows_contacts:
         moved, violation = project_onto_constraints(
             compiled, compiled.projected_onto_faces(replace(candidate, faces=body.face_names * len(candidate.faces)))
         )
         if violation <= TOUCHING:
-            return advance(compiled, compiled.projected_onto_faces(moved), deadline, ROUNDS)
+            return advance(compiled, compiled.projected_onto_faces(moved), deadline, rounds)
     return advance(
-        *fix_to_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0])), deadline, ROUNDS
+        *fix_to_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0])), deadline, rounds
     )
 
 

@@ -1,10 +1,14 @@
 """Signed distance of clearances: a lower bound, exact near the surface."""
 
+import casadi as ca
 import numpy as np
 import pytest
+import trimesh
+from scipy.interpolate import NdBSpline
 from scipy.spatial import cKDTree
 
 import nlpgrasp as ng
+from nlpgrasp.bodies.mesh.signed_distance import distance_spline
 from tests.samples import BODIES
 
 EXACT = ("sphere", "cylinder", "box", "prism", "torus", "polygon")
@@ -56,3 +60,20 @@ def test_distance_of_a_slender_mesh_far_outside_its_grid():
     body = ng.Mesh(trimesh.creation.box([0.2, 0.02, 0.02]))
     point = np.array([[0.0, 0.0, 0.5]])
     assert 0.43 < distances(body, point)[0] <= 0.49 + 1e-6
+
+
+def test_derivatives_of_a_distance_spline_are_those_of_scipy(rng):
+    mesh = trimesh.creation.box([0.08, 0.05, 0.04]).subdivide()
+    spline = distance_spline(np.asarray(mesh.vertices), np.asarray(mesh.faces), 20, 1.0)
+    reference = NdBSpline(tuple(np.asarray(knots) for knots in spline.knots), spline.coefficients, 3)
+    p = ca.MX.sym("p", 3)
+    distance = spline.expression(p)
+    hessian, gradient = ca.hessian(distance, p)
+    function = ca.Function("derivatives", [p], [distance, gradient, hessian])
+    orders = np.eye(3, dtype=int)
+    for point in rng.uniform(*spline.box, (20, 3)):
+        value, slope, bend = (np.asarray(part) for part in function(point + spline.origin))
+        assert value.item() == pytest.approx(reference(point).item(), abs=1e-12)
+        assert slope.ravel() == pytest.approx([reference(point, nu=n).item() for n in orders], abs=1e-10)
+        expected = [[reference(point, nu=a + b).item() for b in orders] for a in orders]
+        assert bend == pytest.approx(np.array(expected), abs=1e-7)

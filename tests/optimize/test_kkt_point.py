@@ -10,6 +10,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.facets import Facets
 from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize import local_convergence
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
@@ -83,6 +84,24 @@ def test_no_grasp_beside_it_is_better(name, rng):
             gains.append(weakest_directions_of(compiled, moved, rng, optimum.cuts).value / optimum.value - 1.0)
     assert len(gains) > 5
     assert max(gains) < 1e-4
+
+
+def test_a_direction_that_descents_missed_enters_another_computation(monkeypatch):
+    compiled, start = started("polygon")
+    expected, known = converge_to_optimum(compiled, start, Deadline()), []
+
+    def overestimating(compiled, candidate, deadline, directions):
+        optimum = find_local_optimum(compiled, candidate, deadline, directions)
+        known.append(directions)
+        return optimum if len(known) > 1 else replace(optimum, value=1.05 * optimum.value)
+
+    monkeypatch.setattr(local_convergence, "find_local_optimum", overestimating)
+    result = converge_to_optimum(compiled, start, Deadline())
+    worst = np.array(expected.record.mu.worst_direction)
+    assert known[0] is None
+    assert known[1] == pytest.approx(worst[None], rel=1e-6)
+    assert result.kkt.is_small
+    assert result.record.mu.upper == pytest.approx(expected.record.mu.upper, rel=1e-9)
 
 
 @pytest.mark.slow
