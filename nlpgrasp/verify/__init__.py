@@ -1,4 +1,6 @@
-"""Verification of a solution from its file and the mesh and hand files it names, without the solver's code.
+"""Verification of solution files, independent of the solver's code.
+
+The mesh and hand files that a solution names are read as well.
 
 Bodies, hands and constraints are recomputed by other formulas than the search's, measures by ``quality``.
 """
@@ -37,7 +39,7 @@ from nlpgrasp.verify.verify import verify
 
 
 def register_all() -> None:
-    """Register the numeric counterparts of the package's own kinds."""
+    """Register the numeric models of this package's bodies, constraints and hands."""
     for body in (box, cylinder, ellipsoid, implicit, mesh, polygon, prism, sphere, superquadric, torus):
         register_body(body.__name__, body)
     register_body("planar_implicit", implicit)

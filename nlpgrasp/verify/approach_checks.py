@@ -1,4 +1,4 @@
-"""Checks of a hand's phases, and recomputation of its straight paths: approach and lift.
+"""Checks of a hand's motion: its phases, its straight approach and its straight lift.
 
 Links are represented by their collision spheres, with this package's own kinematics and distances. The approach is
 sampled every two millimetres; a lift in steps of the distance from the surroundings, at least two millimetres.
@@ -29,7 +29,7 @@ GRID_POINTS = 24  # sample points in the body along each side of its box
 
 
 def phase_checks(solution: GraspSolution) -> list[Check]:
-    """Return the checks that each of ``hand.phases`` follows from the others, and that ``hand.approach`` is stated."""
+    """Return the checks that the phases of the hand's motion are consistent and that the file has an approach."""
     phases, posture = {phase.name: phase for phase in solution.phases}, solution.hand or {}
     checks = []
     if phases:
@@ -42,7 +42,7 @@ def phase_checks(solution: GraspSolution) -> list[Check]:
 
 
 def _approach_error(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
-    """Return the error in the stated approach, empty without one, and a summary."""
+    """Return an error text about the stored approach, empty if the approach is valid, and a summary."""
     approach = posture.get("approach")
     if approach is None:
         return "the file does not state hand.approach", ""
@@ -53,7 +53,7 @@ def _approach_error(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
 
 
 def _phase_errors(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
-    """Yield the errors in palm pose and joints of the phases."""
+    """Yield the errors in the palm poses and joint positions of the phases."""
     if GRASP not in phases:
         yield "no grasp among the phases"
         return
@@ -78,7 +78,7 @@ def _phase_errors(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
 
 
 def _squeeze_and_lift_errors(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str]:
-    """Yield the errors in the phases of squeeze and lift."""
+    """Yield the errors in the squeeze phase and the lift phase."""
     grasp, squeezed, lift = phases.get(GRASP), phases.get(SQUEEZE), phases.get(LIFT)
     if grasp is None or (squeezed is None and lift is None):
         return
@@ -104,12 +104,12 @@ def _squeeze_and_lift_errors(solution: GraspSolution, phases: dict[str, Phase]) 
 
 
 def _is_close(a: FloatArray, b: FloatArray) -> bool:
-    """Return whether two arrays agree to rounding."""
+    """Return whether two arrays are equal up to rounding."""
     return bool(np.max(np.abs(a - b)) <= POSITION_TOLERANCE)
 
 
 def _has_equal_joints(a: Phase, b: Phase) -> bool:
-    """Return whether the joint positions of two phases are equal."""
+    """Return whether two phases have the same joint positions, up to rounding."""
     return a.joints.keys() == b.joints.keys() and all(
         abs(a.joints[j] - b.joints[j]) <= POSITION_TOLERANCE for j in a.joints
     )
@@ -118,7 +118,7 @@ def _has_equal_joints(a: Phase, b: Phase) -> bool:
 def path_checks(
     solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
-    """Return the checks of the approach's clearance and of the lift's distance, if stated.
+    """Return the checks of the stored clearance on the approach and of the stored lift distance.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def path_checks(
 
 @dataclass(frozen=True)
 class _StraightPaths:
-    """Straight paths of a hand: the approach, and the lift with the held body.
+    """Straight approach of a hand, and straight lift of the hand with the held body.
 
     Parameters
     ----------
@@ -171,18 +171,18 @@ class _StraightPaths:
     def of(
         cls, solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
     ) -> _StraightPaths:
-        """Return the paths; raise ``NotCheckedError`` where data are missing."""
+        """Return the paths of a solution; raise ``NotCheckedError`` if data are missing."""
         linked_hand = require_links(hand, "links")
         held, around = held_and_around(solution, surface, placement)
         return cls(linked_hand, held, require_body(surface).bounds, around)
 
     @property
     def allowed_depth(self) -> float:
-        """Allowed penetration of a sphere on the path, metres."""
+        """Allowed penetration of a collision sphere on a path, metres."""
         return PENETRATION_SHARE * self.hand.span + self.hand.error
 
     def approach(self, start: Phase, pregrasp: Phase) -> Iterator[str]:
-        """Yield the errors in the stated clearance of the straight path to the pregrasp."""
+        """Yield errors of the approach: a link in a solid, or a stored clearance above the recomputed one."""
         centres, radii, links = _link_spheres(self.hand.with_posture(pregrasp.to_dict()))
         if not len(radii):  # flat fingertips of links without shapes: no spheres
             return
@@ -200,7 +200,9 @@ class _StraightPaths:
             yield f"clearance {pregrasp.clearance} m stated, {least:.6f} m found"
 
     def lift(self, stated: Json) -> Iterator[str]:
-        """Yield the obstructions of hand and body along a lift; solids may stay as near as they are.
+        """Yield the solids that hand or body run into on the stored lift.
+
+        A solid that is too near in the grasp may stay as near.
 
         Parameters
         ----------
@@ -223,7 +225,7 @@ class _StraightPaths:
                 yield f"a lift by {1e3 * distance:.4g} mm is stated, {obstruction}"
 
     def _points_in_body(self) -> FloatArray:
-        """Return points (m, 3) in the body, with its corners if it is convex, metres."""
+        """Return points (m, 3) inside the body, and the corners of a convex body, metres."""
         sides = [np.linspace(low, high, GRID_POINTS) for low, high in self.bounds.T]
         grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
         inside = grid[self.body.distance(grid) <= 0.0]
@@ -231,7 +233,7 @@ class _StraightPaths:
 
 
 def _link_spheres(hand: NumericLinkedHand) -> tuple[FloatArray, FloatArray, int]:
-    """Return centres (m, 3) and radii (m,) of a hand's spheres in its posture, and the number of links' spheres.
+    """Return centres (m, 3) and radii (m,) of the hand's spheres, and how many of the spheres belong to links.
 
     The remaining ones are round fingertips.
     """

@@ -1,4 +1,4 @@
-"""Forward kinematics in numpy of a URDF's or MJCF's links, from the file's text.
+"""Forward kinematics of a hand's links in numpy, read from a URDF or an MJCF.
 
 Both formats become the same chain of ``Link``: one link per joint, parents first. A URDF is read here; an MJCF is
 compiled by MuJoCo, whose model gives the joints.
@@ -30,7 +30,7 @@ HALF_TURN = np.pi  # radians: range of a continuous joint to either side
 
 @dataclass(frozen=True)
 class MimicRelation:
-    """Mimic relation of a joint to another: ``value = multiplier * other + offset``."""
+    """Linear relation of a mimic joint to another joint: ``value = multiplier * other + offset``."""
 
     joint: str
     multiplier: float
@@ -39,7 +39,7 @@ class MimicRelation:
 
 @dataclass(frozen=True)
 class Link:
-    """A link with its parent joint.
+    """Link of a hand, with the joint to its parent link.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ class Link:
 
     @property
     def moves(self) -> bool:
-        """Whether the joint is not fixed."""
+        """Whether the link's joint is not fixed."""
         return self.kind != "fixed"
 
     def step(self, position: float) -> FloatArray:
-        """Return the link's frame in its parent's for a joint position, (4, 4)."""
+        """Return the link's frame in its parent's frame at a joint position, (4, 4)."""
         move = np.eye(4)
         if self.kind == "prismatic":
             move[:3, 3] = position * self.axis
@@ -83,7 +83,7 @@ class Link:
 
 
 def links_in(path: Path, palm: str, units: UrdfUnits = SI) -> tuple[Link, ...]:
-    """Return the links below the palm, parents first; raise ``NotCheckedError`` where a needed tool is missing.
+    """Return the links below the palm in a hand's file, parents before children.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def read_root_element(path: Path, units: UrdfUnits = SI) -> ET.Element:
 
 
 def compile_mjcf(path: Path) -> MjModel:
-    """Return MuJoCo's model of an MJCF, in which every body stays a separate link.
+    """Return MuJoCo's model of an MJCF, with each body as a separate link.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def compile_mjcf(path: Path) -> MjModel:
 
 
 def links_in_urdf(root: ET.Element, palm: str) -> tuple[Link, ...]:
-    """Return the links below the palm, parents first.
+    """Return the links below the palm in a URDF, parents before children.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def links_in_urdf(root: ET.Element, palm: str) -> tuple[Link, ...]:
 
 
 def _read_link(element: ET.Element) -> Link:
-    """Return the link below a URDF's joint element, with this joint."""
+    """Return the child link of a URDF's joint element, with the joint."""
     kind = element.get("type", "")
     rotation = Rotation.from_euler("xyz", _read_vector(element, "origin", "rpy", "0 0 0"))
     origin = pose_matrix(_read_vector(element, "origin", "xyz", "0 0 0"), rotation)
@@ -182,7 +182,7 @@ def _read_link(element: ET.Element) -> Link:
 
 
 def _with_signed_limits(link: Link, links: Sequence[Link]) -> Link:
-    """Return the link with the limits of a mimic joint negated where they lack its multiplier's sign.
+    """Return the link with negated limits of its mimic joint if they lack the sign of the multiplier.
 
     That is the case if no two positions of the followed joint satisfy the stated limits, and some satisfy the negated.
     """
@@ -199,7 +199,7 @@ def _with_signed_limits(link: Link, links: Sequence[Link]) -> Link:
 
 
 def _read_range(element: ET.Element, kind: str) -> tuple[float, float]:
-    """Return the limits of a URDF's joint, infinite if not stated."""
+    """Return the limits of a URDF's joint; infinite if the file has none."""
     if kind == "continuous":
         return -HALF_TURN, HALF_TURN
     if not (_attribute(element, "limit", "lower", "") or _attribute(element, "limit", "upper", "")):
@@ -214,12 +214,14 @@ def _attribute(element: ET.Element, tag: str, key: str, default: str) -> str:
 
 
 def _read_vector(element: ET.Element, tag: str, key: str, default: str) -> FloatArray:
-    """Return the numbers in an attribute of a child element, (n,)."""
+    """Return the vector in an attribute of a child element, (n,)."""
     return np.array([float(v) for v in _attribute(element, tag, key, default).split()])
 
 
 def links_in_mjcf(path: Path, palm: str) -> tuple[Link, ...]:
-    """Return the links below the palm, parents first; each of several joints at one body has a link of its own.
+    """Return the links below the palm in an MJCF, parents before children.
+
+    Each of several joints of one body has a link of its own.
 
     Torque limits are those of the solution file: the forces of an MJCF's actuators are not recomputed here.
 
@@ -242,7 +244,7 @@ def links_in_mjcf(path: Path, palm: str) -> tuple[Link, ...]:
 
 
 def _links_of_body(model: MjModel, body: int, parent: str, name: str) -> list[Link]:
-    """Return a link for each joint of a body, at its anchor, and the body itself, fixed to the last of them."""
+    """Return the links of an MJCF's body: one for each joint, and the body itself, fixed to the last of them."""
     origin = pose_matrix(model.body_pos[body], Rotation.from_quat(model.body_quat[body], scalar_first=True))
     result: list[Link] = []
     for index in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
@@ -263,7 +265,10 @@ def _links_of_body(model: MjModel, body: int, parent: str, name: str) -> list[Li
 
 
 def _with_couplings(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
-    """Return the links with mimic joints from equalities of joints, then of tendons of two joints."""
+    """Return the links with an MJCF's equality constraints as mimic joints.
+
+    First equalities of joints, then of tendons over two joints.
+    """
     by_joint = {link.joint: link for link in links}
     active = [e for e in range(model.neq) if model.eq_active0[e]]
     for e in (e for e in active if model.eq_type[e] == 2):
@@ -301,9 +306,9 @@ def _with_couplings(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
 
 
 def _with_half_turns(link: Link) -> Link:
-    """Return the link with half a turn either way for a free hinge without a range."""
-    free = link.kind == "revolute" and link.follow is None and not np.isfinite(link.upper)
-    return replace(link, kind="continuous", lower=-np.pi, upper=np.pi) if free else link
+    """Return the link with a range of half a turn either way if its hinge is free and has no range."""
+    is_free = link.kind == "revolute" and link.follow is None and not np.isfinite(link.upper)
+    return replace(link, kind="continuous", lower=-np.pi, upper=np.pi) if is_free else link
 
 
 def pose_matrix(position: FloatArray, rotation: Rotation | None = None) -> FloatArray:
@@ -318,7 +323,7 @@ def pose_matrix(position: FloatArray, rotation: Rotation | None = None) -> Float
 def poses(
     links: tuple[Link, ...], palm: str, base: FloatArray, positions: Mapping[str, float]
 ) -> dict[str, FloatArray]:
-    """Return the frames of all links, (4, 4), with the palm's at ``base``."""
+    """Return the frames of the palm and of all links, (4, 4), given the palm's frame ``base``."""
     frames = {palm: base}
     for link in links:
         frames[link.name] = frames[link.parent] @ link.step(positions[link.joint] if link.moves else 0.0)
@@ -326,7 +331,7 @@ def poses(
 
 
 def reach_bound(links: tuple[Link, ...]) -> float:
-    """Return an upper bound on the links' frames' distance from the palm's, metres: sums of offsets and slides."""
+    """Return an upper bound on the distance of any link's frame from the palm's frame, metres."""
     distances = {link.parent: 0.0 for link in links}
     for link in links:
         slide = max(abs(link.lower), abs(link.upper)) if link.kind == "prismatic" else 0.0
@@ -335,7 +340,7 @@ def reach_bound(links: tuple[Link, ...]) -> float:
 
 
 def free_joint_limits(links: Iterable[Link]) -> dict[str, tuple[float, float]]:
-    """Return the limits of the free joints, narrowed by those of their mimic joints."""
+    """Return the limits of the free joints, narrowed by the limits of their mimic joints."""
     by_joint = {link.joint: link for link in links}
     limits = {joint: (link.lower, link.upper) for joint, link in by_joint.items() if link.moves and link.follow is None}
     for link in by_joint.values():
@@ -348,7 +353,7 @@ def free_joint_limits(links: Iterable[Link]) -> dict[str, tuple[float, float]]:
 
 
 def all_positions(links: Iterable[Link], free: Mapping[str, float]) -> dict[str, float]:
-    """Return the positions of all moving joints from those of the free ones."""
+    """Return the positions of all moving joints, given those of the free joints."""
     by_joint, result = {link.joint: link for link in links}, dict(free)
     for joint, link in by_joint.items():
         if link.moves and link.follow is not None:
@@ -358,7 +363,7 @@ def all_positions(links: Iterable[Link], free: Mapping[str, float]) -> dict[str,
 
 
 def loaded_joints(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
-    """Return the free joints that move some of the links ``ends``, in the order of their links."""
+    """Return the free joints that move any of the links ``ends``, in the order of their links."""
     by_joint = {link.joint: link for link in links}
     drivers = {_driving_joint(by_joint, link.joint)[0] for end in ends for link in _chain(links, end) if link.moves}
     return tuple(link.joint for link in links if link.joint in drivers)
@@ -367,7 +372,7 @@ def loaded_joints(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ..
 def jacobian(
     links: tuple[Link, ...], frames: Mapping[str, FloatArray], end: str, point: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return velocity and angular velocity (6,) of a point fixed to a link, per rate of each joint that moves it.
+    """Return velocity and angular velocity (6,) of a point fixed to a link per unit rate of a joint, by free joint.
 
     Parameters
     ----------
@@ -393,7 +398,7 @@ def jacobian(
 
 
 def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
-    """Yield the links from one up to the palm, without the palm."""
+    """Yield a link and its ancestors up to the palm, without the palm."""
     by_name = {link.name: link for link in links}
     while end in by_name:
         yield by_name[end]
@@ -401,7 +406,7 @@ def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
 
 
 def _driving_joint(by_joint: Mapping[str, Link], joint: str) -> tuple[str, float, float]:
-    """Return the free joint that drives a joint, or itself, with multiplier and offset."""
+    """Return the free joint that drives a joint (possibly itself), with multiplier and offset."""
     rate, offset = 1.0, 0.0
     while (follow := by_joint[joint].follow) is not None:
         rate, offset, joint = rate * follow.multiplier, rate * follow.offset + offset, follow.joint

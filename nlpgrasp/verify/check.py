@@ -1,4 +1,4 @@
-"""Verification results: single checks that passed, failed or could not be made, and the verdict."""
+"""Verification results: single checks, and their verdict on a file."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Check:
 
     @classmethod
     def of_errors(cls, name: str, errors: Iterable[str], summary: str) -> Check:
-        """Return a check that fails where there is an error, and states a summary otherwise."""
+        """Return a check that fails with the given error texts, or passes with a summary if there are none."""
         text = "; ".join(errors)
         return cls(name, not text, text or summary)
 
     @classmethod
     def not_made(cls, name: str, why: str) -> Check:
-        """Return a check that could not be made."""
+        """Return a check that could not be made, with the reason."""
         return cls(name, False, f"not made: {why}", made=False)
 
     @property
@@ -84,12 +84,12 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed; ``not_made`` says which could not be made."""
+        """Whether no check failed, among those that could be made."""
         return not any(check.failed for check in self.checks)
 
     @property
     def not_made(self) -> tuple[Check, ...]:
-        """The checks that could not be made, each with its reason."""
+        """The checks that could not be made."""
         return tuple(check for check in self.checks if not check.made)
 
     @property
@@ -102,7 +102,7 @@ class Verification:
 
     @property
     def verdict(self) -> str:
-        """The outcome in a sentence, with the number of checks and why some could not be made.
+        """The outcome as one sentence, with the number of checks and the reasons for those that could not be made.
 
         It begins with ``"verified: "``, ``"partly verified: "`` where a check could not be made, or
         ``"NOT verified: "``.
@@ -120,7 +120,7 @@ class Verification:
         return f"{prefix}: {made_count} check{'' if made_count == 1 else 's'} passed{unmade_text}{caveats_text}"
 
     def _reasons(self) -> str:
-        """Return the reasons for checks that could not be made: missing files first, then others, each once."""
+        """Return the reasons for the checks that could not be made as text, each once, missing files first."""
         files = list(dict.fromkeys(self.missing))
         folder_text = "its folder" if len(files) == 1 else "their folders"
         missing_text = f"{' and '.join(files)} not found; give {folder_text} with --folder, in Python with folders="
@@ -134,7 +134,7 @@ class Verification:
 
 
 class NotCheckedError(NlpgraspError):
-    """Error for a part of a file that cannot be recomputed.
+    """Error raised if a part of a file cannot be recomputed.
 
     Parameters
     ----------
@@ -150,12 +150,12 @@ class NotCheckedError(NlpgraspError):
 
 
 def broken_data_message(error: Exception) -> str:
-    """Return the message for an error in ``BROKEN``."""
+    """Return the message about an exception of ``BROKEN`` that invalid data raised."""
     return f"the file makes no sense here: {type(error).__name__}: {error}"
 
 
 def guard(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
-    """Return the checks, or one failed check if the data they use are invalid."""
+    """Return the checks of a function, or one failed check if invalid data make it raise an exception."""
     try:
         return checks()
     except BROKEN as error:
@@ -163,7 +163,7 @@ def guard(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
 
 
 def states_all_hand_fields(solution: GraspSolution) -> bool:
-    """Return whether this version's solve wrote the file, which then states all hand and approach fields.
+    """Return whether a file must have all hand and approach fields, as this version's solve writes them.
 
     Options in files of earlier versions lack ``link_tolerance``.
     """

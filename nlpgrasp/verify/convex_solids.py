@@ -1,4 +1,4 @@
-"""Solids around a hand: signed distances of many points from them, and penetration depths of convex ones.
+"""Signed distances from the solids around a hand, and penetration depths of convex solids.
 
 Two convex solids A and B overlap if their Minkowski difference, the hull of all ``a - b``, contains the origin; the
 origin's distance from its nearest face is the length of the shortest translation that separates them (Cameron and
@@ -38,7 +38,7 @@ Distance = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class NumericSolid:
-    """A solid that a hand may collide with.
+    """Solid that a hand may collide with.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class NumericSolid:
 
 
 def solids_around(constraints: Sequence[Json], placement: StatedPlacement) -> Iterator[NumericSolid]:
-    """Yield the tables and obstacles among constraints, as solids."""
+    """Yield the tables and obstacles among the constraints as solids."""
     for data in constraints:
         if data["type"] == "table":
             clearance = number("clearance", data["clearance"], at_least=0.0)
@@ -79,7 +79,7 @@ def solids_around(constraints: Sequence[Json], placement: StatedPlacement) -> It
 def held_and_around(
     solution: GraspSolution, surface: NumericBody | None, placement: StatedPlacement
 ) -> tuple[NumericSolid, list[NumericSolid]]:
-    """Return the held body and the tables and obstacles around it; raise ``NotCheckedError`` where a body is missing.
+    """Return the held body, and the tables and obstacles around it, as solids.
 
     Parameters
     ----------
@@ -108,19 +108,25 @@ def solid_body(name: str, data: Json, surface: NumericBody) -> NumericSolid:
 
 
 def vectorised_distance(surface: NumericBody) -> Distance:
-    """Return the signed distance function of a body, points (m, space) to metres; of a mesh by a search tree."""
+    """Return the function from points (m, space) to their signed distances from a body, metres.
+
+    For a mesh, the function uses a search tree.
+    """
     if isinstance(surface, MeshSurface):
         return SearchTree(surface.triangles.vertices, surface.triangles.faces).exact_signed_distance
     return surface.distance
 
 
 def _height_above_level(height: float, points: FloatArray) -> FloatArray:
-    """Return the height of points (m, space) above a level along the last axis, metres."""
+    """Return the heights of points (m, space) above a horizontal plane, metres."""
     return np.asarray(points[:, -1] - height)
 
 
 def _obstacle_distance(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, space) from an obstacle, metres; ``distance`` is in its frame."""
+    """Return the signed distances of points (m, space) in the body's frame from an obstacle, metres.
+
+    ``distance`` takes points in the obstacle's frame.
+    """
     return distance(to_obstacle_frame(data, points))
 
 
@@ -154,14 +160,14 @@ def convex_corners(data: Json, surface: NumericBody) -> FloatArray | None:
 
 
 def _on_superquadric(directions: FloatArray, e1: float, e2: float) -> FloatArray:
-    """Return the points (m, 3), in given directions, of a superquadric with semi-axes 1."""
+    """Return the points (m, 3) in which rays from the origin meet a superquadric of semi-axes 1."""
     x, y, z = np.abs(directions).T
     flat = (x ** (2.0 / e2) + y ** (2.0 / e2)) ** (e2 / e1)
     return np.asarray(directions / (flat + z ** (2.0 / e1))[:, None] ** (e1 / 2.0))
 
 
 def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | None:
-    """Return the corners (n, 3) of a closed convex surface; None if it is not convex.
+    """Return the corners (n, 3) of a closed triangle surface if it is convex, else None.
 
     Parameters
     ----------
@@ -177,7 +183,7 @@ def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | No
 
 
 def penetration_depth(first: FloatArray, second: FloatArray) -> float:
-    """Return the length of the shortest translation that separates two convex solids, metres; 0 where they are apart.
+    """Return the length of the shortest translation that separates two convex solids, metres; 0 if they are apart.
 
     Parameters
     ----------
@@ -211,7 +217,7 @@ def penetration_depth(first: FloatArray, second: FloatArray) -> float:
 
 
 def _hull_corners(corners: FloatArray) -> FloatArray:
-    """Return at most ``MOST_CORNERS`` corners (n, 3) of a convex solid, the extreme ones of more."""
+    """Return corners (n, 3) of a convex solid, at most ``MOST_CORNERS``: extreme ones if it has more."""
     if len(corners) <= MOST_CORNERS:
         return corners
     return np.asarray(corners[np.unique(np.argmax(directions_around(np.eye(3)[2], MOST_CORNERS) @ corners.T, axis=1))])

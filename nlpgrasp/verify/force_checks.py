@@ -1,4 +1,4 @@
-"""Checks of stated finger forces: for the scaled task, for the task at its full size, and of the squeeze.
+"""Checks of the finger forces in a file: for the scaled task, for the task at full size, and of the squeeze.
 
 Forces are inserted into the equilibrium equations and the contacts' cones (``force_residuals``).
 
@@ -46,7 +46,7 @@ LEAST_FRICTION_SHARE = 1e-5  # smaller shares of friction count as none
 
 
 def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> list[Check]:
-    """Return the checks that stated forces are in the cones and the budget and add up to the stated wrench."""
+    """Return the check that stored finger forces produce their wrenches within the friction cones and the budget."""
     if not solution.forces:
         return []
     k, space, d = len(grasp), grasp.space, grasp.dimension
@@ -71,7 +71,9 @@ def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> 
 def force_residuals(
     grasp: Grasp, force_set: ForceSet, wrench: FloatArray, forces: FloatArray, moments: FloatArray
 ) -> tuple[float, float, float]:
-    """Return equilibrium residual, cone distance and budget of forces (k, space), moments (k, d - space), wrench (d,).
+    """Return equilibrium residual, distance from the friction cones and used budget of finger forces.
+
+    The forces (k, space) and moments (k, d - space) are to produce the wrench (d,).
 
     Returns
     -------
@@ -104,14 +106,14 @@ def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
 
 
 def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Return the checks that forces are for wrenches on the task's boundary times the stated lower bound.
+    """Return the check that stored forces are for extreme wrenches of the task scaled by the lower bound on mu.
 
     Some wrenches may be missing, but not all in the file of a solve. Ends of semi-axes and vertices are compared
     number by number; for other tasks, a wrench must be within the task and not zero.
     """
-    share, name = solution.mu.lower, "wrenches"
+    factor, name = solution.mu.lower, "wrenches"
     if not solution.forces:
-        if share <= 0.0 or not len(task.ends()):
+        if factor <= 0.0 or not len(task.ends()):
             return []
         if not solution.starts:  # a continuation step: its file claims no forces
             return [Check.not_made(name, "the file states no finger forces")]
@@ -119,37 +121,40 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
     wrenches = np.array([wrench for wrench, _ in solution.forces])
     if wrenches.shape[1:] != (grasp.dimension,):
         return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
-    outside = _wrenches_outside_task(task, wrenches, share)
+    outside = _wrenches_outside_task(task, wrenches, factor)
     if outside:
         detail = f"wrench {outside[0]} is not the stated lower bound times one that the task asks for"
         return [Check(name, False, detail)]
-    return [Check(name, True, f"{len(wrenches)} of the task's, times {share:.6g}")]
+    return [Check(name, True, f"{len(wrenches)} of the task's, times {factor:.6g}")]
 
 
-def _wrenches_outside_task(task: Task, wrenches: FloatArray, share: float) -> list[int]:
-    """Return indices of wrenches (m, d) that are no end or vertex of ``share`` times the task (others: not in it)."""
+def _wrenches_outside_task(task: Task, wrenches: FloatArray, factor: float) -> list[int]:
+    """Return the indices of wrenches (m, d) that are no end or vertex of the task scaled by ``factor``.
+
+    For tasks other than ellipsoids and polytopes: of wrenches outside the scaled task.
+    """
     tolerance = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
     if isinstance(task, TaskEllipsoid | TaskPolytope):
-        ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
+        ends = factor * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
         distances = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
         return np.flatnonzero(~(np.array(distances) <= tolerance)).tolist()
     directions = _unit_rows(_random_directions(wrenches.shape[1]))
-    excess = np.max(wrenches @ directions.T - share * task.support(directions)[0], axis=1)
+    excess = np.max(wrenches @ directions.T - factor * task.support(directions)[0], axis=1)
     return np.flatnonzero(~(excess <= tolerance) | ~(tolerance > 0.0)).tolist()
 
 
 def _random_directions(dimension: int) -> FloatArray:
-    """Return normally distributed directions of wrench space, (n, d), from a fixed seed."""
+    """Return random directions of wrench space, (n, d), normally distributed, from a fixed seed."""
     return np.random.default_rng(0).normal(size=(DIRECTIONS, dimension))
 
 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
-    """Return vectors (n, d) normalised to length 1."""
+    """Return vectors (n, d) scaled to length 1."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Return the checks of the forces needed for the task at full size: wrench, least forces, derived numbers."""
+    """Return the check of the stored finger forces for the task at full size."""
     stated = solution.needed
     if stated is None:
         return []
@@ -178,7 +183,7 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
 def _wrench_errors(
     solution: GraspSolution, wrench: FloatArray, task: Task, budget_bounds: _BudgetBounds, used: float
 ) -> Iterator[str]:
-    """Yield the errors in the stated wrench: not in the task, or easier than others."""
+    """Yield an error if the stored hardest wrench is outside the task, or another one needs a larger budget."""
     y = solution.mu.worst_direction
     if not _is_in_task(task, wrench):
         yield "a wrench that the task does not ask for"
@@ -189,7 +194,10 @@ def _wrench_errors(
 
 
 def _is_in_task(task: Task, wrench: FloatArray) -> bool:
-    """Return whether a wrench (d,) is in the task: by coordinates for an ellipsoid, else along directions."""
+    """Return whether a wrench (d,) is in the task.
+
+    By coordinates for an ellipsoid, by sampled directions for other tasks.
+    """
     tolerance = FORCE_TOLERANCE * max(float(np.linalg.norm(wrench)), 1e-300)
     if isinstance(task, TaskEllipsoid):
         coordinates = np.linalg.lstsq(task.axes.T, wrench - task.center, rcond=None)[0]
@@ -200,7 +208,7 @@ def _is_in_task(task: Task, wrench: FloatArray) -> bool:
 
 
 def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNeeded) -> Iterator[str]:
-    """Yield the numbers that do not follow from the stated forces, mu and the problem's limit.
+    """Yield errors in numbers that have to follow from the stored forces, mu and the force limit.
 
     If the file omits forces of some extreme wrenches, the largest ones may belong to those.
     """
@@ -238,7 +246,7 @@ def _force_excesses(
     budget_bounds: _BudgetBounds,
     used: float,
 ) -> Iterator[str]:
-    """Yield the stated forces that are not least."""
+    """Yield an error if stored forces use a larger budget than the least forces for their wrench."""
     least = float(budget_bounds(wrench[None])[0])
     if not used <= least * (1.0 + LEAST_FORCE_TOLERANCE):
         yield f"{used:.6g} of the budget, where {least:.6g} is enough"
@@ -255,7 +263,7 @@ def _force_excesses(
 
 
 class _BudgetBounds:
-    """Lower bounds on the budget that wrenches need, each proved by a direction."""
+    """Lower bounds on the force budget that wrenches need, each proved by a direction of wrench space."""
 
     def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
         arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
@@ -264,7 +272,7 @@ class _BudgetBounds:
         self._units, self._set = scale, WrenchSet(grasp.G / scale[:, None], force_set)
 
     def __call__(self, wrenches: FloatArray) -> FloatArray:
-        """Return lower bounds on the budget of wrenches (m, d), (m,); 0 where no direction proves more."""
+        """Return lower bounds on the budget that wrenches (m, d) need, (m,); 0 if no direction proves more."""
         scaled = wrenches / self._units
         size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
         scaled /= size[:, None]
@@ -276,7 +284,7 @@ class _BudgetBounds:
 
 
 def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> list[Check]:
-    """Return the checks of ``hand.squeeze``: balance, cones, normal forces, friction, torques and positions."""
+    """Return the checks of the stored squeeze: its forces, friction, joint torques and position commands."""
     posture = solution.hand or {}
     stated = posture.get("squeeze")
     if "no_squeeze" in posture:
@@ -303,7 +311,7 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | No
 
 
 def _no_squeeze_error(grasp: Grasp) -> str:
-    """Return the error in the claim that the contacts cannot press against each other; empty without one.
+    """Return an error text if balanced forces that press at every contact exist although the file denies it.
 
     Balanced forces on the edges of friction pyramids inside the cones, with a normal force at every contact, would
     refute it: a linear program, by HiGHS.
@@ -335,7 +343,7 @@ def _no_squeeze_error(grasp: Grasp) -> str:
 
 
 def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
-    """Yield the errors in the forces of a squeeze."""
+    """Yield errors in the finger forces of a squeeze."""
     k, space, d = len(grasp), grasp.space, grasp.dimension
     fingers, wrench = stated["fingers"], array("wrench", stated["wrench"], (d,))
     forces = array("force", [f["force"] for f in fingers], (k, space))
@@ -354,29 +362,29 @@ def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
             yield f"finger {i} states another normal force or friction than its force has"
     if not _agrees(stated["friction_needed"], float(np.max(friction)), 1.0):
         yield f"friction {stated['friction_needed']:.4g} stated as needed, {np.max(friction):.4g} found"
-    yield from _share_errors(stated["share"], grasp, wrench, forces, moments)
+    yield from _friction_use_errors(stated["share"], grasp, wrench, forces, moments)
 
 
-def _share_errors(
-    share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, moments: FloatArray
+def _friction_use_errors(
+    friction_fraction: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, moments: FloatArray
 ) -> Iterator[str]:
-    """Yield an error if forces need another share of friction than stated."""
+    """Yield an error if the forces use a fraction of the friction other than the stored one."""
 
     def cone_distance(friction_share: float) -> float:
         models = [model.with_friction(friction_share) for model in grasp.contacts]
         scaled_grasp = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
         return force_residuals(scaled_grasp, L2Set(scaled_grasp.contacts, grasp.space), wrench, forces, moments)[1]
 
-    sufficient = max(share, 0.0) + LEAST_FRICTION_SHARE
+    sufficient = max(friction_fraction, 0.0) + LEAST_FRICTION_SHARE
     if not cone_distance(sufficient) <= FORCE_TOLERANCE:
-        yield f"the forces need more than a share of {share:.4g} of the friction"
-    insufficient = (1.0 - FRICTION_TOLERANCE) * share - 2.0 * LEAST_FRICTION_SHARE
+        yield f"the forces need more than a share of {friction_fraction:.4g} of the friction"
+    insufficient = (1.0 - FRICTION_TOLERANCE) * friction_fraction - 2.0 * LEAST_FRICTION_SHARE
     if insufficient > 0.0 and not cone_distance(insufficient) > 0.0:
-        yield f"the forces need less than a share of {share:.4g} of the friction"
+        yield f"the forces need less than a share of {friction_fraction:.4g} of the friction"
 
 
 def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> Iterator[str]:
-    """Yield errors in stated torques, Jacobians, the worst share of a torque limit and commanded positions."""
+    """Yield errors in a squeeze's joint torques, Jacobians, most loaded joint and position commands."""
     linked_hand = require_links(hand, "Jacobians")
     hand_jacobians, torques = linked_hand.contact_jacobians(grasp.points), stated["torques"]
     if list(torques) != list(hand_jacobians):
@@ -394,19 +402,19 @@ def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: Num
         if not abs(torques[joint] - torque) <= tolerance * size * arm:
             yield f"joint {joint} needs {torque:.4g}, stated {torques[joint]:.4g}"
     limits = linked_hand.data.get("torque_limits") or {}
-    shares = {joint: abs(torques[joint]) / limits[joint] for joint in hand_jacobians if joint in limits}
-    worst_joint, largest_share = stated.get("worst_joint"), max(shares.values(), default=None)
-    if (largest_share is None) != (worst_joint is None) or (
-        largest_share is not None and not _agrees(stated["worst_share"], largest_share)
+    ratios = {joint: abs(torques[joint]) / limits[joint] for joint in hand_jacobians if joint in limits}
+    worst_joint, largest_ratio = stated.get("worst_joint"), max(ratios.values(), default=None)
+    if (largest_ratio is None) != (worst_joint is None) or (
+        largest_ratio is not None and not _agrees(stated["worst_share"], largest_ratio)
     ):
-        yield f"the worst joint's share of its torque limit is {largest_share}, stated {stated.get('worst_share')}"
-    elif worst_joint is not None and not (worst_joint in shares and _agrees(shares[worst_joint], largest_share)):
+        yield f"the worst joint's share of its torque limit is {largest_ratio}, stated {stated.get('worst_share')}"
+    elif worst_joint is not None and not (worst_joint in ratios and _agrees(ratios[worst_joint], largest_ratio)):
         yield f"joint {worst_joint} is not the worst"
     yield from _command_errors(stated, solution)
 
 
 def _command_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
-    """Yield commands other than the grasp's positions plus torque over gain."""
+    """Yield errors in position commands, which have to be the grasp's positions plus torque over gain."""
     if "gain" not in stated:
         return
     gain, positions, commands = stated["gain"], (solution.hand or {})["joint_positions"], stated["positions"]
@@ -420,5 +428,5 @@ def _command_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
 
 
 def _agrees(stated: float, recomputed: float | None, least_scale: float = 0.0) -> bool:
-    """Return whether a stated number agrees with the recomputed one, within a relative tolerance."""
+    """Return whether a stored number agrees with the recomputed one, within a relative tolerance."""
     return recomputed is not None and abs(stated - recomputed) <= JACOBIAN_TOLERANCE * max(abs(recomputed), least_scale)

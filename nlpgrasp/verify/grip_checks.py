@@ -30,7 +30,7 @@ CONIC_TOLERANCE = 1e-5  # relative tolerance of a conic program's least force
 
 
 def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Return the checks of the stated grip force, with and without its margin; none where none is stated."""
+    """Return the check of the stored grip force, without and with its margin; an empty list if none is stored."""
     if (solution.hand or {}).get("grip") is None:
         return []
     stated = read_grip(solution.hand)
@@ -49,7 +49,7 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
 
 
 def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
-    """Yield the errors in the stated safety factor and friction loss."""
+    """Yield errors in the stored safety factor and friction loss."""
     hand = solution.problem.get("hand") or {}
     requested = number("problem.hand.safety_factor", hand.get("safety_factor", SAFETY_FACTOR))
     if stated.safety_factor != requested:
@@ -59,7 +59,7 @@ def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
 
 
 def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float = 1.0) -> Iterator[str]:
-    """Yield the errors of a stated interval, newtons, of a factor times the least grip force."""
+    """Yield errors in a stored interval, newtons, of the least grip force times a factor."""
     grip = least_grip(grasp, task, RTOL, seed=OTHER_SEED)
     recomputed = Bounds(factor * grip.lower, factor * grip.upper)
     if np.isfinite(stated.upper) != np.isfinite(recomputed.upper):
@@ -76,7 +76,7 @@ def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor
 
 
 def _hardest_grip(grasp: Grasp, task: Task) -> float:
-    """Return the largest grip force that extreme wrenches of a task need, by conic programs, newtons.
+    """Return the largest grip force, newtons, that an extreme wrench of the task needs, by conic programs.
 
     Wrenches whose program the solver does not finish are left out.
 
@@ -96,6 +96,6 @@ def _hardest_grip(grasp: Grasp, task: Task) -> float:
 
 
 def _with_friction(grasp: Grasp, factor: float) -> Grasp:
-    """Return a grasp with all friction times a factor."""
+    """Return a grasp with all friction coefficients multiplied by a factor."""
     models = [model.with_friction(factor) for model in grasp.contacts]
     return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)

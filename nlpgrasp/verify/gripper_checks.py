@@ -1,4 +1,4 @@
-"""Checks of a parallel-jaw gripper: its pose against the contacts, and the clearance of its approach."""
+"""Checks of a parallel-jaw gripper: its pose relative to the contacts, and its way in."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LETTERS = "xyz"  # coordinate axes of the gripper's frame
 
 
 def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
-    """Return the checks of parallel jaws: ``hand.palm_pose``, ``opening`` and ``approach``, and its ``depth``.
+    """Return the checks of a parallel-jaw gripper's pose, opening and approach.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
 
 
 def _checks_of_solids(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
-    """Return the checks of a gripper with stated sizes; not made where the body is missing."""
+    """Return the checks of a gripper whose finger or pad sizes are known."""
     try:
         return solid_checks(solution, placement, surface)
     except NotCheckedError as reason:
@@ -94,7 +94,7 @@ def _checks_of_solids(solution: GraspSolution, placement: StatedPlacement, surfa
 
 
 def _pose_errors(problem_hand: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
-    """Yield the errors in opening, approach and pose."""
+    """Yield errors in the gripper's opening, approach direction and pose."""
     (p, q), size, space = placement.points, placement.size, placement.points.shape[1]
     opening = float(np.linalg.norm(q - p))
     closing, approach = (q - p) / opening, array(DIRECTION, hand["approach"]["direction"], (space,))
@@ -132,7 +132,7 @@ def _pose_errors(problem_hand: Json, hand: Json, placement: StatedPlacement) -> 
 
 
 def _read_axis(problem_hand: Json, key: str, letter: str) -> FloatArray:
-    """Return a direction in the gripper's frame, (3,), from a signed letter or a unit direction."""
+    """Return an axis of the gripper's frame, (3,), given as a signed letter or a unit vector."""
     stated = problem_hand.get(key, letter)
     if not isinstance(stated, str):
         return unit(f"problem.hand.{key}", stated, 3)
@@ -143,14 +143,17 @@ def _read_axis(problem_hand: Json, key: str, letter: str) -> FloatArray:
 
 
 def _rotate(quaternion: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return a direction rotated by a quaternion, w first: ``v + 2 w (u x v) + 2 u x (u x v)``."""
+    """Return a vector rotated by a unit quaternion, w first.
+
+    ``v + 2 w (u x v) + 2 u x (u x v)``.
+    """
     w, u = quaternion[0], quaternion[1:]
     across = np.cross(u, direction)
     return np.asarray(direction + 2.0 * w * across + 2.0 * np.cross(u, across))
 
 
 def _cone_errors(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
-    """Yield the cones of ``Approach`` that the approach violates."""
+    """Yield an error for each ``Approach`` constraint that the approach direction violates."""
     for data in solution.problem["constraints"]:
         if data["type"] == "approach":
             approach = array(DIRECTION, hand["approach"]["direction"], (space,))
@@ -164,7 +167,7 @@ def _cone_errors(solution: GraspSolution, hand: Json, space: int) -> Iterator[st
 def _approach_penetration(
     solution: GraspSolution, problem_hand: Json, hand: Json, placement: StatedPlacement, surface: NumericBody | None
 ) -> tuple[float, bool, float, dict[str, float]]:
-    """Return the approach's penetration, whether a line enters a solid steeply, an error bound, and what blocks it.
+    """Return how deep the gripper penetrates solids on its approach, and which solids block it.
 
     Returns
     -------
@@ -200,7 +203,7 @@ def _approach_penetration(
 
 
 def _blocking_errors(stated: Json | None, recomputed: Mapping[str, float], tolerance: float) -> Iterator[str]:
-    """Yield the errors in the stated depths of an approach in what blocks it."""
+    """Yield errors in the stored penetration depths of the approach into solids that block it."""
     for name, depth in (stated or {}).items():
         if not abs(number(f"hand.approach.blocked_by.{name}", depth) - recomputed.get(name, 0.0)) <= tolerance:
             yield f"{1e3 * depth:.3g} mm into {name} stated, {1e3 * recomputed.get(name, 0.0):.3g} mm found"
@@ -215,7 +218,9 @@ def _least_clearance(
     on_pads: NDArray[np.bool_],
     is_thick: bool,
 ) -> tuple[float, bool]:
-    """Return the least clearance along lines, metres, and whether one enters a solid steeply other than along a pad.
+    """Return the least clearance along lines, metres, and whether any line enters a solid steeply.
+
+    The line along a pad of a thick finger may enter steeply.
 
     Each segment is halved where a solid may lie in between: where the sum of both ends' clearances is below its length.
 
@@ -251,7 +256,9 @@ def _least_clearance(
 
 
 def _finger_and_palm_lines(problem_hand: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return lines of fingers and palm: their points at the pads (n, space), their starts, and which are on pads.
+    """Return the lines along which points of fingers and palm approach.
+
+    Their points at the pads (n, space), the distance at which each line starts, and whether it starts on a pad.
 
     A finger reaches from its contact outwards by its thickness; the palm, a finger's length behind, from one contact to
     the other.
@@ -268,5 +275,5 @@ def _finger_and_palm_lines(problem_hand: Json, points: FloatArray) -> tuple[Floa
 
 
 def _finger_length(problem_hand: Json, key: str) -> float:
-    """Return a length of a finger, metres; 0 if not stated."""
+    """Return a length of a finger, metres; 0 if the file has none."""
     return number(key, problem_hand.get(key, 0.0), at_least=0.0)

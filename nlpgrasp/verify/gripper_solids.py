@@ -1,4 +1,4 @@
-"""Checks of a gripper with stated sizes: its boxes against part, tables and obstacles, and its pads on their faces.
+"""Checks of a gripper whose fingers and palm are boxes: collisions on the way in, and pads on their faces.
 
 The package computes distances of triangles from boxes and clips triangles to the pads. Here signed distances of the
 solids are evaluated at points of the boxes, and rays from the pads are followed along the closing line: no code is
@@ -39,7 +39,7 @@ Box = tuple[Sequence[float], Sequence[float]]  # lower and upper corner: closing
 
 
 class SweptBoxes(NamedTuple):
-    """Boxes that open fingers and palm sweep on the approach, fingers while they close, closed fingers retreating."""
+    """Boxes that a gripper's fingers and palm sweep: while approaching, closing and retreating."""
 
     approaching: list[Box]
     closing: list[Box]
@@ -47,7 +47,7 @@ class SweptBoxes(NamedTuple):
 
 
 def solid_checks(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
-    """Return the checks of stated clearance, of what blocks the way in, and of the pads' shares on their faces."""
+    """Return the checks of a gripper's collisions and clearance on its approach, and of its pads."""
     problem_hand, hand = solution.problem["hand"], solution.hand or {}
     body, approach = require_body(surface), hand["approach"]
     frame, middle = _frame(placement.points, array(DIRECTION, approach["direction"], (3,)))
@@ -76,13 +76,16 @@ def _half_diagonal(body: NumericBody) -> float:
 
 
 def _frame(points: FloatArray, approach: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the gripper's axes, columns (3, 3): closing line, transverse, approach; and the contacts' middle, (3,)."""
+    """Return the gripper's axes as columns (3, 3), and the midpoint between the contacts, (3,).
+
+    The axes are the closing line, the transverse direction and the approach.
+    """
     closing = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
     return np.column_stack([closing, np.cross(approach, closing), approach]), 0.5 * (points[0] + points[1])
 
 
 def _record_errors(problem_hand: Json, hand: Json) -> Iterator[str]:
-    """Yield the errors in depth and opening of the approach."""
+    """Yield errors in the stored depth and opening of the approach."""
     approach = hand["approach"]
     depths = [number(f"hand.approach.blocked_by.{k}", v) for k, v in approach.get("blocked_by", {}).items()]
     if number("hand.approach.depth", approach["depth"]) != max(depths, default=0.0):
@@ -93,7 +96,7 @@ def _record_errors(problem_hand: Json, hand: Json) -> Iterator[str]:
 
 
 def _orientation_errors(solution: GraspSolution, frame: FloatArray) -> Iterator[str]:
-    """Yield the rectangular contacts that do not lie along the approach."""
+    """Yield an error for each rectangular contact that is not aligned with the approach."""
     grasp = solution.require_grasp()
     for i, (model, tangents) in enumerate(zip(grasp.contacts, grasp.tangents, strict=True)):
         cosine = abs(float(tangents[0] @ frame[:, 2]))
@@ -102,12 +105,12 @@ def _orientation_errors(solution: GraspSolution, frame: FloatArray) -> Iterator[
 
 
 def _is_rectangle(model: ContactModel) -> bool:
-    """Return whether a contact is a rectangle."""
+    """Return whether a contact model is a rectangle."""
     return getattr(model, "extents", None) is not None
 
 
 def _swept_boxes(problem_hand: Json, hand: Json, path: float) -> SweptBoxes:
-    """Return the boxes that the stated gripper sweeps on a straight approach of a length, metres."""
+    """Return the boxes that the gripper sweeps on a straight approach of length ``path``, metres."""
     length, thickness = problem_hand.get("finger_length", 0.0), problem_hand.get("finger_thickness", 0.0)
     pad, finger, palm = (problem_hand.get(key) for key in ("pad", "finger", "palm_size"))
     width, tip = (THIN, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
@@ -131,7 +134,7 @@ def _swept_boxes(problem_hand: Json, hand: Json, path: float) -> SweptBoxes:
 def _clearance_and_depth(
     solid: NumericSolid, boxes: SweptBoxes, frame: FloatArray, middle: FloatArray
 ) -> tuple[float, float]:
-    """Return the least clearance of a gripper from a solid and its depth in it, metres.
+    """Return the least clearance of a gripper from a solid and its depth in the solid, metres.
 
     The closing fingers, which touch the held body, count in its depth alone.
     """
@@ -145,7 +148,7 @@ def _clearance_and_depth(
 
 
 def _least_distance(solid: NumericSolid, box: Box, frame: FloatArray, middle: FloatArray) -> float:
-    """Return the least clearance of sample points of a box's surface from a solid, metres."""
+    """Return the least clearance between a solid and sample points on a box's surface, metres."""
     lower, upper = (np.asarray(corner, dtype=float) for corner in box)
     axes = [np.linspace(a, b, 2 + int((b - a) / SPACING)) for a, b in zip(lower, upper, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -156,7 +159,10 @@ def _least_distance(solid: NumericSolid, box: Box, frame: FloatArray, middle: Fl
 def _vertex_errors(
     body: NumericBody, boxes: Sequence[Box], frame: FloatArray, middle: FloatArray, approach: Json
 ) -> Iterator[str]:
-    """Yield the depth of a mesh's vertices inside boxes, where the file does not state that the body is in the way."""
+    """Yield an error for each box with a vertex of the mesh inside.
+
+    No errors if the file says that the body blocks the approach.
+    """
     if not isinstance(body, MeshSurface) or BODY in approach.get("blocked_by", {}):
         return
     vertices = (body.triangles.vertices - middle) @ frame
@@ -167,7 +173,7 @@ def _vertex_errors(
 
 
 def _pad_checks(solution: GraspSolution, placement: StatedPlacement, body: NumericBody) -> list[Check]:
-    """Return the check of what fraction of each pad is on its face."""
+    """Return the check of the stored fraction of each pad that is on its face."""
     hand, pad = solution.hand or {}, solution.problem["hand"].get("pad")
     if pad is None:
         return []
@@ -177,16 +183,18 @@ def _pad_checks(solution: GraspSolution, placement: StatedPlacement, body: Numer
     frame, _ = _frame(placement.points, array(DIRECTION, hand["approach"]["direction"], (3,)))
     distance = vectorised_distance(body)
     inward = frame[:, 0], -frame[:, 0]
-    shares = [_share_on_face(distance, p, n, frame, pad, depth) for p, n in zip(placement.points, inward, strict=True)]
-    agrees = bool(np.all(np.abs(stated - shares) <= SHARE_TOLERANCE))
-    claim, result = (f"{first:.3g} and {second:.3g}" for first, second in (stated, shares))
+    fractions = [
+        _fraction_on_face(distance, p, n, frame, pad, depth) for p, n in zip(placement.points, inward, strict=True)
+    ]
+    agrees = bool(np.all(np.abs(stated - fractions) <= SHARE_TOLERANCE))
+    claim, result = (f"{first:.3g} and {second:.3g}" for first, second in (stated, fractions))
     return [Check("pads", agrees, f"{claim} of the pads on their faces stated, {result} found")]
 
 
-def _share_on_face(
+def _fraction_on_face(
     distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float], depth: float
 ) -> float:
-    """Return the share of a pad's rays that meet the surface within a depth, metres."""
+    """Return the fraction of a pad's sample rays that meet the surface within ``depth``, metres."""
     counts = [max(2, round(side / PAD_SPACING)) for side in pad]
     along, across = ((np.arange(n) + 0.5) / n * side - side / 2.0 for n, side in zip(counts, pad, strict=True))
     a, b = np.meshgrid(along, across, indexing="ij")

@@ -1,4 +1,4 @@
-"""Checks of joint-limit margins and of joint-torque budgets in the stated posture.
+"""Checks of joint-limit margins and joint-torque budgets in the posture of the grasp.
 
 Joint ranges come from the hand's file, by this package's own kinematics. That no posture has larger margins at the
 same price is not checked.
@@ -29,7 +29,7 @@ JOINT_BUDGETS = ("joint_torques", "shared_joint_torques")  # force budgets of jo
 
 
 def joint_margin_checks(solution: GraspSolution, hand: NumericHand | None) -> list[Check]:
-    """Return the checks of ``hand.room``: its price and margins, and the joints near a limit."""
+    """Return the checks of the stored joint-limit margins, ``hand.room``."""
     stated = (solution.hand or {}).get("room")
     if stated is None:
         return []
@@ -45,7 +45,7 @@ def joint_margin_checks(solution: GraspSolution, hand: NumericHand | None) -> li
 
 
 def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
-    """Yield the stated price and margin that differ from the solve's options.
+    """Yield errors if the stored margin, or the fraction of mu allowed for it, differs from the solver's options.
 
     In files of earlier versions, which state the cost: another cost, or more than the price allows.
     """
@@ -70,7 +70,7 @@ def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
 
 
 def _margin_errors(stated: Json, solution: GraspSolution, hand: NumericHand | None) -> Iterator[str]:
-    """Yield joints with other margins, or other distances from their limits, than stated."""
+    """Yield errors in the stored margins of joints and in their distances from their limits."""
     margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
     ranges, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
     if set(margins) != set(ranges) or not set(near) <= set(ranges):
@@ -91,7 +91,7 @@ def _margin_errors(stated: Json, solution: GraspSolution, hand: NumericHand | No
 
 
 def torque_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | None) -> list[Check]:
-    """Return the checks of Jacobians and limits of a joint-torque budget against the hand's.
+    """Return the checks that a joint-torque budget has the Jacobians and torque limits of the hand.
 
     Files state a hand's torque limits as ``shared_joint_torques`` in the solution's posture. Without a hand, Jacobians
     are the problem's own.
@@ -106,7 +106,7 @@ def torque_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | Non
 
 
 def _compare_budget(budget: Json, grasp: Grasp, hand: NumericHand | None) -> list[Check]:
-    """Return the checks of a budget's Jacobians and limits against the hand."""
+    """Return the checks that compare a budget's Jacobians and torque limits with those of the hand."""
     if hand is None or isinstance(hand, FreeHand):
         raise NotCheckedError("no hand moves the contacts: the Jacobians are the problem's own")
     linked_hand = require_links(hand, "Jacobians")
@@ -125,10 +125,10 @@ def _compare_budget(budget: Json, grasp: Grasp, hand: NumericHand | None) -> lis
 
 
 def _jacobian_difference(stated: object, recomputed: Mapping[str, FloatArray], turn: float) -> str:
-    """Return the difference of stated and recomputed Jacobians, (k, 6 or 3, m); empty where they agree."""
+    """Return a message if stored Jacobians differ from recomputed ones, or an empty text if they agree."""
     expected_jacobians = np.stack(list(recomputed.values()), axis=2)  # (k, 6, m)
     for i, (J, expected) in enumerate(
-        zip(_stated_list(stated, len(expected_jacobians)), expected_jacobians, strict=True)
+        zip(_jacobian_list(stated, len(expected_jacobians)), expected_jacobians, strict=True)
     ):
         stated_jacobian = array(f"jacobians[{i}]", J, (None, expected_jacobians.shape[2]))
         if len(stated_jacobian) not in (3, 6):
@@ -139,15 +139,18 @@ def _jacobian_difference(stated: object, recomputed: Mapping[str, FloatArray], t
     return ""
 
 
-def _stated_list(stated: object, count: int) -> Sequence[object]:
-    """Return a stated list of Jacobians; refuse another length."""
+def _jacobian_list(stated: object, count: int) -> Sequence[object]:
+    """Return a file's list of Jacobians, checked to have ``count`` entries."""
     if not isinstance(stated, Sequence) or len(stated) != count:
         raise ValueError(f"not {count} Jacobians")
     return stated
 
 
 def _effort_check(hand: NumericLinkedHand, joints: Sequence[str]) -> Check:
-    """Return the check that the limits are the URDF's efforts; users may have stated others."""
+    """Return the check that a hand's torque limits are the effort limits in its URDF.
+
+    Users may have given others; then the check is not made.
+    """
     efforts = {link.joint: link.effort for link in hand.links}
     other_joints = [joint for joint in joints if hand.data["torque_limits"][joint] != efforts[joint]]
     if other_joints:

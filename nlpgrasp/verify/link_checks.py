@@ -1,4 +1,4 @@
-"""Recomputation of a hand's link penetrations, in the grasp and on the approach, and of contacts off their links.
+"""Checks of a hand's links: their penetration depths, and their distances from the contacts.
 
 The depth of a link in the body, a table or an obstacle is the largest sum of a point's depths in both. It is searched
 from samples of the link's surface by the simplex method of Nelder and Mead (1965, doi:10.1093/comjnl/7.4.308), with
@@ -47,7 +47,7 @@ MOST_STATIONS = 50  # most stations of a leg
 def link_checks(
     solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
-    """Return the checks of link penetrations, in the grasp and on the approach, and of contacts off their links.
+    """Return the checks of link penetration in the grasp and on the approach, and of contacts on their links.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def link_checks(
 
 
 def _comparison_checks(solution: GraspSolution, solids: _LinkComparison, points: FloatArray) -> list[Check]:
-    """Return the checks for links with known shapes."""
+    """Return the checks of links whose collision shapes are known."""
     if not solids.shapes:
         stated = (solution.hand or {}).get("link_depth") is not None
         message = "the hand's links have no collision shapes: what they run into is not known"
@@ -86,9 +86,9 @@ def _comparison_checks(solution: GraspSolution, solids: _LinkComparison, points:
 
 
 class _LinkComparison:
-    """Comparison of link penetrations with those that the file states.
+    """Comparison of recomputed link penetrations with those in the file.
 
-    Its methods return the error in a statement, empty without one, and otherwise what was recomputed, as text.
+    Its checks return an error text, empty if the file agrees, and a summary of what was recomputed.
     """
 
     def __init__(self, solution: GraspSolution, hand: NumericLinkedHand, solids: Sequence[NumericSolid]) -> None:
@@ -110,23 +110,23 @@ class _LinkComparison:
     def of(
         cls, solution: GraspSolution, hand: NumericHand | None, surface: NumericBody | None, placement: StatedPlacement
     ) -> _LinkComparison:
-        """Return the comparison; raise ``NotCheckedError`` where data are missing."""
+        """Return the comparison for a solution; raise ``NotCheckedError`` if data are missing."""
         linked_hand = require_links(hand, "links")
         held, around = held_and_around(solution, surface, placement)
         return cls(solution, linked_hand, [held, *around])
 
     def in_grasp(self) -> tuple[str, str]:
-        """Return the error in the stated depth in the grasp, empty without one, and a summary."""
+        """Check the stored penetration depth in the grasp; return an error text and a summary."""
         stated, recomputed = grasp_penetration(self.solution.hand), self._penetration(self.hand)
         return self._depth_error(stated, recomputed, self._is_called_free)
 
     @property
     def _is_called_free(self) -> bool:
-        """Whether the status says that no link is inside anything."""
+        """Whether the solution's status says that no link penetrates anything."""
         return self.solution.status in (Status.SOLVED, Status.OPTIMAL)
 
     def on_approach(self) -> tuple[str, str]:
-        """Return the error in the stated depth on the approach, empty without one, and a summary."""
+        """Check the stored penetration depth on the approach; return an error text and a summary."""
         phases = {phase.name: phase for phase in self.solution.phases}
         keyframes = [phases[name] for name in (APPROACH, PREGRASP, GRASP) if name in phases]
         penetrations = (self._penetration(hand) for hand in self._postures(keyframes))
@@ -142,7 +142,7 @@ class _LinkComparison:
         return error, f"{len(keyframes)} keyframes; {summary}"
 
     def contacts_off_links(self, points: FloatArray) -> tuple[str, str]:
-        """Return the error in the stated distances of contacts from their links, empty without one, and a summary."""
+        """Check the stored distances of contacts from their links; return an error text and a summary."""
         stated = (self.solution.hand or {}).get("tip_gaps")
         gaps = [self._gap(str(tip["link"]), point) for tip, point in zip(self.hand.tips, points, strict=True)]
         messages = [
@@ -165,7 +165,7 @@ class _LinkComparison:
     def _depth_error(
         self, stated: LinkPenetration | None, recomputed: LinkPenetration, called_free: bool
     ) -> tuple[str, str]:
-        """Return the error in a stated depth or the status that follows from it, empty without one, and a summary."""
+        """Check a stored depth and the status that follows from it; return an error text and a summary."""
         allowance = f" ({1e3 * self.tolerance:g} mm allowed)"
         missing_message = "not stated" if self.states_all else ""
         error = missing_message if stated is None else self._difference(stated, recomputed)
@@ -177,7 +177,7 @@ class _LinkComparison:
         return error, (f"{recomputed.words}{allowance}" if recomputed.depth > 0.0 else f"none is{allowance}")
 
     def _difference(self, stated: LinkPenetration, recomputed: LinkPenetration) -> str:
-        """Return the difference between stated and recomputed depths, or tolerances; empty where they agree."""
+        """Return a message if stored depth or tolerance differ from the recomputed ones, else an empty text."""
         if stated.tolerance != self.tolerance:
             return f"a tolerance of {stated.tolerance:g} m stated, {self.tolerance:g} m among the options"
         if abs(stated.depth - recomputed.depth) > SLACK + SHARE * max(stated.depth, recomputed.depth):
@@ -185,7 +185,7 @@ class _LinkComparison:
         return ""
 
     def _penetration(self, hand: NumericLinkedHand) -> LinkPenetration:
-        """Return the deepest penetration of a link in a posture."""
+        """Return the deepest penetration of any link in the given hand's posture."""
         deepest = LinkPenetration(tolerance=self.tolerance)
         for link, samples in self.samples.items():
             pose = hand.poses[link]
@@ -197,11 +197,13 @@ class _LinkComparison:
                     depth = self._depth(link, pose, points, solid)
                     if depth > deepest.depth:
                         deepest = LinkPenetration(depth, link, solid.name, self.tolerance)
-        own = deepest if self.own is None else self.own.in_posture(hand, self.tolerance)
-        return max(deepest, own, key=lambda penetration: penetration.depth)
+        self_penetration = deepest if self.own is None else self.own.in_posture(hand, self.tolerance)
+        return max(deepest, self_penetration, key=lambda penetration: penetration.depth)
 
     def _depth(self, link: str, pose: FloatArray, samples: FloatArray, solid: NumericSolid) -> float:
-        """Return the depth of a link in one solid, metres; ``samples`` (m, 3) of its surface are in the body's frame.
+        """Return the penetration depth of a link in one solid, metres, found by search.
+
+        ``samples`` (m, 3) are points of the link's surface in the body's frame.
 
         Contacts are tried too: they are on the body, which may lie wholly inside a link.
         """
@@ -226,7 +228,7 @@ class _LinkComparison:
         return max(depth, *self._separations(link, pose, solid)) if depth > 0.0 else 0.0
 
     def _separations(self, link: str, pose: FloatArray, solid: NumericSolid) -> list[float]:
-        """Return the separating translation of each convex shape of a link from a convex solid, metres."""
+        """Return the lengths of the shortest translations that separate a link's convex shapes from a solid, metres."""
         if solid.corners is None:
             return [0.0]
         shapes = [shape.corners for shape in self.shapes[link] if shape.corners is not None]
@@ -238,38 +240,38 @@ class _LinkComparison:
         return min(float(tree.exact_signed_distance(local)[0]) for tree in self.trees[link])
 
     def _gap(self, link: str, point: FloatArray) -> float | None:
-        """Return the distance of a point from a link and its rigid group, metres; None where they have no shape."""
+        """Return the distance of a point from a link and the links fixed to it, metres; None if they have no shape."""
         rigid_links = [name for name in self.shapes if self.hand.is_fixed(name, link)]
         gaps = [self._distance(name, self.hand.poses[name], point) for name in rigid_links]
         return max(0.0, min(gaps)) if gaps else None
 
     def _postures(self, keyframes: Sequence[Phase]) -> Iterator[NumericLinkedHand]:
-        """Yield the hand at stations along the straight legs between keyframes, without the last of them."""
+        """Yield the hand in sampled postures of the straight motion through keyframes, without the last keyframe."""
         for start, end in pairwise(keyframes):
             hands = [self.hand.with_posture(phase.to_dict()) for phase in (start, end)]
             distance = max(
                 float(np.linalg.norm(hands[1].poses[link][:3, 3] - hands[0].poses[link][:3, 3])) for link in self.shapes
             )
             count = min(max(int(np.ceil(distance / STATION_SPACING)), 1), MOST_STATIONS)
-            for share in (np.arange(count) / count).tolist():
-                yield self._between(start, end, share)
+            for fraction in (np.arange(count) / count).tolist():
+                yield self._between(start, end, fraction)
 
-    def _between(self, start: Phase, end: Phase, share: float) -> NumericLinkedHand:
-        """Return the hand at a share of the straight leg between two phases."""
-        joints = {name: (1.0 - share) * start.joints[name] + share * end.joints[name] for name in start.joints}
-        position = (1.0 - share) * start.palm_position + share * end.palm_position
+    def _between(self, start: Phase, end: Phase, fraction: float) -> NumericLinkedHand:
+        """Return the hand at a fraction of the straight motion between two phases."""
+        joints = {name: (1.0 - fraction) * start.joints[name] + fraction * end.joints[name] for name in start.joints}
+        position = (1.0 - fraction) * start.palm_position + fraction * end.palm_position
         pose = {"position": position.tolist(), "quaternion_wxyz": start.palm_quaternion.tolist()}
         return self.hand.with_posture({"joint_positions": joints, "palm_pose": pose})
 
 
 def _link_samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:
-    """Return samples (m, 3) of the surfaces of a link's shapes, with their corners, metres, link frame."""
+    """Return sample points (m, 3) on the surfaces of a link's shapes, including corners, metres, link frame."""
     samples = []
     for shape in shapes:
         corners = shape.vertices[shape.faces]
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
         count = min(int(np.ceil(float(areas.sum()) / SAMPLE_SPACING**2)), MOST_SAMPLES)
         chosen = rng.choice(len(areas), count, p=areas / areas.sum())
-        shares = rng.dirichlet(np.ones(3), count)
-        samples += [np.einsum("ij,ijk->ik", shares, corners[chosen]), shape.vertices[:MOST_SAMPLES]]
+        barycentric = rng.dirichlet(np.ones(3), count)
+        samples += [np.einsum("ij,ijk->ik", barycentric, corners[chosen]), shape.vertices[:MOST_SAMPLES]]
     return np.concatenate(samples)

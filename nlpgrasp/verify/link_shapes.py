@@ -65,7 +65,7 @@ class _MeshFiles:
     sources: SourceFolders
 
     def find(self, hand_file: Path, name: str, link: str) -> Path:
-        """Return the path of a URDF's mesh: as the URDF names it, or relative to another folder."""
+        """Return the path of a URDF's mesh, as the URDF names it or relative to another folder."""
         for folder in (hand_file.parent, *self.sources.folders):
             path = find_mesh(folder / hand_file.name, name)
             if path is not None:
@@ -75,7 +75,7 @@ class _MeshFiles:
         raise NotCheckedError(f"{name}, the shape of link {link}, is not beside {hand_file.name}")
 
     def compare(self, name: str, path: Path) -> None:
-        """Raise ``NotCheckedError`` on a mesh file with another SHA-256 than recorded, or if none is recorded."""
+        """Raise ``NotCheckedError`` unless the SHA-256 of a mesh file is recorded and agrees."""
         if self.digests is None:
             return
         if name not in self.digests:
@@ -91,7 +91,7 @@ def link_shapes(
     sources: SourceFolders,
     units: UrdfUnits = SI,
 ) -> dict[str, list[LinkShape]]:
-    """Return the collision shapes of given links, by link.
+    """Return the collision shapes of the given links, by link name.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def _cylinder_mesh(radius: float, length: float) -> Trimesh:
 
 
 def _capsule_mesh(radius: float, length: float) -> Trimesh:
-    """Return the triangles of a capsule along the z axis, of a cylinder of this length and two caps."""
+    """Return the triangles of a capsule along the z axis: a cylinder with two caps."""
     import trimesh
 
     mesh = trimesh.creation.capsule(
@@ -226,7 +226,7 @@ def _capsule_mesh(radius: float, length: float) -> Trimesh:
 
 
 def _place_shape(surface: Trimesh, pose: FloatArray) -> LinkShape:
-    """Return a shape in its link's frame."""
+    """Return a shape transformed into its link's frame."""
     solid = _solid_or_hull(surface)
     vertices = np.asarray(solid.vertices, dtype=float) @ pose[:3, :3].T + pose[:3, 3]
     faces = np.asarray(solid.faces, dtype=np.int64)
@@ -234,7 +234,7 @@ def _place_shape(surface: Trimesh, pose: FloatArray) -> LinkShape:
 
 
 def _solid_or_hull(surface: Trimesh) -> Trimesh:
-    """Return a surface, or its convex hull if it encloses almost no volume."""
+    """Return a surface, or its convex hull if the surface encloses almost no volume."""
     try:
         hull = surface.convex_hull
     except QhullError:  # coplanar points
@@ -243,5 +243,5 @@ def _solid_or_hull(surface: Trimesh) -> Trimesh:
 
 
 def _parse_numbers(text: str) -> FloatArray:
-    """Return the numbers in a text, (n,)."""
+    """Return the numbers in a text as an array (n,)."""
     return np.array([float(value) for value in text.split()])

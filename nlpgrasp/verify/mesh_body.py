@@ -27,7 +27,7 @@ GRID_POINTS, GRID_MARGIN, CELL_SHARE = 120_000, 0.5, 0.5  # the solver's distanc
 
 @dataclass(frozen=True)
 class MeshSurface:
-    """Surface of a mesh, with the one face ``surface``.
+    """Surface of a mesh, with the single face ``surface``.
 
     Parameters
     ----------
@@ -44,17 +44,17 @@ class MeshSurface:
 
     @cached_property
     def size(self) -> float:
-        """Half the bounding box's diagonal, metres."""
+        """Half the diagonal of the bounding box, metres."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0])) / 2.0
 
     @property
     def rough(self) -> float:
-        """Half a cell of the solver's distance grid of an obstacle, metres."""
+        """Tolerance of the solver's distances from a mesh obstacle: half a cell of its distance grid, metres."""
         sides = np.ptp(self.bounds, axis=0) + 2.0 * GRID_MARGIN * self.size
         return CELL_SHARE * float((np.prod(sides) / GRID_POINTS) ** (1.0 / 3.0))
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return a contact's distance from the nearest triangle, and its normal's deviation from the expected one.
+        """Return the distance of a contact from the nearest triangle, and the deviation of its normal.
 
         A free contact has the normal of a triangle that it lies on. A round fingertip touches at the point nearest to
         its centre, also on edges and corners: no triangle there rises above the plane perpendicular to its normal.
@@ -78,7 +78,7 @@ class MeshSurface:
         return Fit(float(np.min(distances)), max(0.0, float(np.max(rise))), angle)
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
-        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        """Return the distance of a face's point (space,) from the face's sharp edges, metres; infinite without any."""
         return from_segments(self._sharp)(point)
 
     @cached_property
@@ -86,7 +86,7 @@ class MeshSurface:
         return sharp_segments(self.triangles)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, 3) from the mesh itself."""
+        """Return the signed distances of points (m, 3) from the mesh, not from a smoothed surface."""
         is_in_bounds = np.all((points >= self.bounds[0]) & (points <= self.bounds[1]), axis=1)
         distances = np.array([self.triangles.distance(p) for p in points])
         is_inside = [is_near and self.triangles.is_inside(p) for p, is_near in zip(points, is_in_bounds, strict=True)]
@@ -94,7 +94,7 @@ class MeshSurface:
 
 
 def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
-    """Return the angle of a unit vector (3,) to the convex cone of unit vectors (n, 3), radians.
+    """Return the angle between a unit vector (3,) and the convex cone of unit vectors (n, 3), radians.
 
     The nearest vector of the cone is a generator, lies between two generators, or is the direction itself, which then
     is on the inner side of all planes through two generators that have the others on one side.
@@ -129,7 +129,7 @@ def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
 
 
 class OtherMeshError(NotCheckedError):
-    """Error on a file at the recorded source with another fingerprint than recorded.
+    """Error raised if the file at the recorded source has another fingerprint than recorded.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class OtherMeshError(NotCheckedError):
 
 
 def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
-    """Return the mesh of the recorded source.
+    """Return the numeric mesh body, read from the recorded source file.
 
     It is read in the recorded unit, then in the others, until the fingerprint agrees: files of earlier versions record
     no unit.
@@ -180,7 +180,7 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
 
 
 def _read_source_mesh(path: Path, unit: str, scale: float) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
-    """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit and scale."""
+    """Return a mesh file's surface, fingerprint and repairs; None if it is no valid mesh in this unit and scale."""
     try:
         source_mesh, repairs = repaired_mesh(read_mesh(path, unit, scale))
     except InputError:

@@ -31,7 +31,7 @@ Piece = Callable[[FloatArray], tuple[float, FloatArray, float]]
 
 @dataclass(frozen=True)
 class SmoothSurface:
-    """Surface of a body with the one face ``surface``.
+    """Smooth surface of a body, with the single face ``surface``.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class SmoothSurface:
         return np.stack([-self.corner, self.corner])
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return distance and normal deviation of a contact."""
+        """Return the distance of a contact from the surface, and the deviation of its normal."""
         if face != "surface":
             raise KeyError(face)
         distance, gradient = self.field(point[None])
@@ -63,18 +63,21 @@ class SmoothSurface:
         return np.inf
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, 3)."""
+        """Return the signed distances of points (m, 3) from the surface."""
         return self.field(points)[0]
 
 
 def sphere(data: Json, sources: SourceFolders) -> SmoothSurface:
-    """Return a sphere with the distance ``|p| - r``."""
+    """Return a sphere with the exact distance ``|p| - r``."""
     radius = number("radius", data["radius"], above=0.0)
     return SmoothSurface(np.full(3, radius), lambda p: (np.linalg.norm(p, axis=1) - radius, p))
 
 
 def ellipsoid(data: Json, sources: SourceFolders) -> SmoothSurface:
-    """Return an ellipsoid with ``(g - 1) / |grad g|``, gauge ``g = |p / a|``: a lower bound on the distance outside."""
+    """Return an ellipsoid, with an approximate distance that is a lower bound outside.
+
+    The distance is ``(g - 1) / |grad g|`` with the gauge ``g = |p / a|``.
+    """
     axes = positive("semi_axes", data["semi_axes"], 3)
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -86,7 +89,10 @@ def ellipsoid(data: Json, sources: SourceFolders) -> SmoothSurface:
 
 
 def torus(data: Json, sources: SourceFolders) -> SmoothSurface:
-    """Return a torus: the distance from the tube's centre line less the minor radius."""
+    """Return a torus, with its exact distance.
+
+    The distance is that from the tube's centre line less the minor radius.
+    """
     major, minor = (number(key, data[key], above=0.0) for key in ("major_radius", "minor_radius"))
     if not minor < major:
         raise InputError("minor_radius", minor, f"less than the major radius, {major:g}")
@@ -102,7 +108,10 @@ def torus(data: Json, sources: SourceFolders) -> SmoothSurface:
 
 
 def superquadric(data: Json, sources: SourceFolders) -> SmoothSurface:
-    """Return ``(F - 1) / |grad F|`` with F of degree 1, ``((x^(2/e2) + y^(2/e2))^(e2/e1) + z^(2/e1))^(e1/2)``."""
+    """Return a superquadric, with an approximate distance.
+
+    It is ``(F - 1) / |grad F|`` with F of degree 1, ``((x^(2/e2) + y^(2/e2))^(e2/e1) + z^(2/e1))^(e1/2)``.
+    """
     axes, (e1, e2) = positive("semi_axes", data["semi_axes"], 3), positive("exponents", data["exponents"], 2)
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,7 +133,7 @@ def superquadric(data: Json, sources: SourceFolders) -> SmoothSurface:
 
 
 def positive(field: str, value: object, count: int) -> FloatArray:
-    """Return validated lengths (count,) above zero."""
+    """Return lengths (count,), validated to be above zero."""
     lengths = array(field, value, (count,))
     if not np.all(lengths > 0.0):
         raise InputError(field, value, "numbers above zero")
@@ -153,21 +162,21 @@ class FacedSurface:
     rough: float = 0.0
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return distance and normal deviation of a contact."""
+        """Return the distance of a contact from its face, and the deviation of its normal."""
         distance, outward, overshoot = self.pieces[face](point)
         return Fit(float(np.hypot(distance, max(overshoot, 0.0))), float(np.linalg.norm(normal + outward)))
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
-        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        """Return the distance of a face's point (space,) from the face's sharp edges, metres; infinite without any."""
         return self.edges[face](point)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, space)."""
+        """Return the signed distances of points (m, space) from the surface."""
         return self.field(points)
 
 
 def box(data: Json, sources: SourceFolders) -> FacedSurface:
-    """Return a box with the sides ``+x``, ``-x``, ..."""
+    """Return a box with the faces ``+x``, ``-x``, ..."""
     half = positive("extents", data["extents"], 3) / 2.0
     pieces = {
         ("+" if sign > 0.0 else "-") + "xyz"[axis]: _side_of_box(axis, sign, half)
@@ -179,12 +188,12 @@ def box(data: Json, sources: SourceFolders) -> FacedSurface:
 
 
 def _from_sides(axis: int, half: FloatArray) -> Distance:
-    """Return the distance function from the edges of a box's side."""
+    """Return the distance from the edges of a box's side, as a function of a point."""
     return lambda p: float(np.min(np.delete(half - np.abs(p), axis)))
 
 
 def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
-    """Return the piece of one side of a box."""
+    """Return the function from a point to distance, outward normal and overshoot of one side of a box."""
     outward, tangent_axes = sign * np.eye(3)[axis], [i for i in range(3) if i != axis]
     return lambda p: (
         float(sign * p[axis] - half[axis]),
@@ -194,7 +203,7 @@ def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
 
 
 def cylinder(data: Json, sources: SourceFolders) -> FacedSurface:
-    """Return a cylinder with ``side``, ``top`` and ``bottom``."""
+    """Return a cylinder with the faces ``side``, ``top`` and ``bottom``."""
     radius, half = number("radius", data["radius"], above=0.0), number("height", data["height"], above=0.0) / 2.0
 
     def side(p: FloatArray) -> tuple[float, FloatArray, float]:
@@ -220,7 +229,7 @@ def cylinder(data: Json, sources: SourceFolders) -> FacedSurface:
 
 
 def polygon(data: Json, sources: SourceFolders) -> FacedSurface:
-    """Return a polygon with the edges ``edge0``, ``edge1``, ..."""
+    """Return a polygon with the faces ``edge0``, ``edge1``, ..."""
     v = _counter_clockwise("vertices", data["vertices"])
     pieces = {f"edge{i}": _edge_piece(v, i) for i in range(len(v))}
     edges = {f"edge{i}": from_corners(v, i) for i in range(len(v))}
@@ -228,7 +237,7 @@ def polygon(data: Json, sources: SourceFolders) -> FacedSurface:
 
 
 def prism(data: Json, sources: SourceFolders) -> FacedSurface:
-    """Return a prism with ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
+    """Return a prism with the faces ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
     v = _counter_clockwise("polygon", data["polygon"])
     half = number("height", data["height"], above=0.0) / 2.0
 
@@ -260,7 +269,7 @@ def prism(data: Json, sources: SourceFolders) -> FacedSurface:
 
 
 def _counter_clockwise(field: str, value: object) -> FloatArray:
-    """Return a polygon's vertices (n, 2); refuse clockwise ones, which turn the body inside out."""
+    """Return a polygon's vertices (n, 2), validated to be counter-clockwise with edges that do not cross."""
     v = array(field, value, (None, 2))
     following = np.roll(v, -1, axis=0)
     if not float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0])) > 0.0:
@@ -271,7 +280,10 @@ def _counter_clockwise(field: str, value: object) -> FloatArray:
 
 
 def _edges_intersect(start: FloatArray, end: FloatArray) -> bool:
-    """Return whether some edges intersect: each has the ends of the other on different sides of its line."""
+    """Return whether any two edges of a polygon cross.
+
+    They cross if each has the ends of the other on different sides of its line.
+    """
 
     def side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
         """Return on which side of each line from a to b (n, 2) each point (m, 2) is, (n, m)."""
@@ -283,7 +295,10 @@ def _edges_intersect(start: FloatArray, end: FloatArray) -> bool:
 
 
 def _edge_piece(v: FloatArray, i: int) -> Piece:
-    """Return the piece of the edge from vertex i of a counter-clockwise polygon to the next."""
+    """Return the function from a point to distance, outward normal and overshoot of a polygon's edge.
+
+    The edge leads from vertex i of the counter-clockwise polygon to the next.
+    """
     start, along = v[i], v[(i + 1) % len(v)] - v[i]
     length = float(np.linalg.norm(along))
     along = along / length
@@ -297,7 +312,7 @@ def _edge_piece(v: FloatArray, i: int) -> Piece:
 
 
 def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, 2) to a polygon (n, 2): nearest edge and winding number."""
+    """Return the signed distances of points (m, 2) from a polygon (n, 2)."""
     along = np.roll(v, -1, axis=0) - v
     offsets = p[:, None] - v[None]  # (m, n, 2)
     t = np.clip(np.sum(offsets * along, axis=2) / np.sum(along**2, axis=1), 0.0, 1.0)
@@ -309,7 +324,7 @@ def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def _intersection_distance(*parts: FloatArray) -> FloatArray:
-    """Return the signed distance to an intersection of sets with orthogonal distance gradients."""
+    """Return the signed distance from an intersection of sets whose distance gradients are orthogonal."""
     distances = np.stack(parts)
     return np.asarray(np.linalg.norm(np.maximum(distances, 0.0), axis=0) + np.minimum(np.max(distances, axis=0), 0.0))
 
@@ -327,7 +342,7 @@ class UnknownSurface:
     rough: float = 0.0
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Raise ``NotCheckedError``: the function is not in the file."""
+        """Raise ``NotCheckedError``, as the body's function is not in the file."""
         if face != "surface":
             raise KeyError(face)
         raise NotCheckedError("the body's function stays in the script that made it")
@@ -337,10 +352,10 @@ class UnknownSurface:
         return np.inf
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Raise ``NotCheckedError``: the function is not in the file."""
+        """Raise ``NotCheckedError``, as the body's function is not in the file."""
         raise NotCheckedError("the body's function stays in the script that made it")
 
 
 def implicit(data: Json, sources: SourceFolders) -> UnknownSurface:
-    """Return an implicit body of which only the bounding box is known, as its function is not in the file."""
+    """Return an implicit body of which only the bounding box is in the file."""
     return UnknownSurface(array("bounds", data["bounds"], (2, None)))

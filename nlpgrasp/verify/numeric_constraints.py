@@ -1,4 +1,4 @@
-"""Numeric constraints: recomputed values for stated contacts and hand."""
+"""Numeric constraints: values recomputed from the contacts and the hand in a file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNIT = 1e-9  # tolerance of the length of unit vectors
 
 
 def table(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the height of the lowest point of every fingertip and link, at least the table's plus the clearance."""
+    """Yield the table constraints: height of the lowest point of every fingertip and link."""
     lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
         yield ConstraintValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
@@ -29,7 +29,7 @@ def table(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
 
 
 def spread(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the squared distance of each pair of contacts."""
+    """Yield the constraints on the squared distance of each pair of contacts."""
     least, most = number("min", data["min"], at_least=0.0), data["max"]
     upper = np.inf if most is None else number("max", most) ** 2
     for i, j in combinations(sorted(_fingers(data, placement)), 2):
@@ -38,7 +38,10 @@ def spread(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
 
 
 def workspace(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the coordinates of contacts or palm in a box, or their depth in another region."""
+    """Yield the constraints that keep contacts or palm in a region.
+
+    In a box their coordinates are limited, in other regions their depth.
+    """
     if data["palm"]:
         points = {"workspace, palm": placement.palm.position}
     else:
@@ -53,7 +56,7 @@ def workspace(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValu
 
 
 def forbid(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield each contact's depth in a forbidden region, at most zero; forbidden faces give no constraints."""
+    """Yield the constraints that keep contacts out of a forbidden region; a forbidden face gives none."""
     region = data.get("region")
     if region is not None:
         points = {f"forbidden region, finger {i}": point for i, point in enumerate(placement.points)}
@@ -63,7 +66,10 @@ def forbid(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
 def _depths(
     region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
 ) -> Iterator[ConstraintValue]:
-    """Yield the depths of points in a region; unknown where the region's function is not in the file."""
+    """Yield the constraints on the depth of each point in a region.
+
+    The depth is unknown if the region's function is not in the file.
+    """
     unknown_reason = ""
     for name, point in points.items():
         value: float | None = None
@@ -77,7 +83,7 @@ def _depths(
 
 
 def symmetric(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the difference of mirror image and contact, by coordinate."""
+    """Yield the constraints on the difference between one contact's mirror image and another contact, by coordinate."""
     i, j = (int(f) for f in data["fingers"])
     a, b = placement.points[i], placement.points[j]
     normal = unit("normal", data["normal"], len(a))
@@ -88,7 +94,7 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValu
 
 
 def approach(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the cosine between the palm's direction and the required one; for jaws, that some turn is within the cone.
+    """Yield the constraint on the angle between the palm's direction and the required one.
 
     Jaws may turn about the line between their contacts.
     """
@@ -107,7 +113,7 @@ def approach(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue
 
 
 def obstacle(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the distance of every fingertip's and link's centre from the obstacle, at least radius plus clearance.
+    """Yield the constraints on the distance of every fingertip and link sphere from an obstacle.
 
     For a mesh, the solver uses a spline through distances on a grid, and a lower bound far away: the stated value may
     be smaller there, and may exceed the distance to the mesh itself by half a cell.
@@ -148,7 +154,9 @@ def _orientation(data: Json) -> Rotation:
 
 
 def expression(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the stated limits with unknown values; then raise ``NotCheckedError``, as the function is not in the file.
+    """Yield the limits of an expression, with unknown values, and then raise ``NotCheckedError``.
+
+    The expression's function is not in the file.
 
     Several limits fix the number of scalar constraints; one limit holds for all, whose number is not in the file.
     """
@@ -173,12 +181,14 @@ def expression(data: Json, placement: StatedPlacement) -> Iterator[ConstraintVal
 
 
 def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
-    """Return the indices of the contacts that a constraint concerns."""
+    """Return the indices of the contacts that a constraint applies to."""
     return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
 
 
 def region_depth(region: Json, point: FloatArray) -> float:
-    """Return the depth of a point (space,) in a region, metres, negative outside; in a box to its nearest side.
+    """Return the depth of a point (space,) in a region, metres, negative outside.
+
+    In a box, it is the distance to the nearest side.
 
     Raises
     ------
@@ -200,7 +210,7 @@ def corners(region: Json) -> tuple[FloatArray, FloatArray]:
 
 
 def unit(field: str, value: object, space: int) -> FloatArray:
-    """Return a unit vector (space,) of a file; refuse another length, which would scale its constraint."""
+    """Return a unit vector (space,) of a file, validated to have length 1."""
     vector = array(field, value, (space,))
     if not abs(float(np.linalg.norm(vector)) - 1.0) <= UNIT:
         raise InputError(field, value, "a vector of length 1")

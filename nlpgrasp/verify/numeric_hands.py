@@ -1,4 +1,4 @@
-"""Numeric hands without links: free fingertips, parallel jaws, unknown hands."""
+"""Numeric models of hands without links: free fingertips, parallel jaws, unknown hands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOT_CONVEX = ("torus", "mesh")  # and polygons with a reentrant corner
 
 @dataclass(frozen=True)
 class FreeHand:
-    """A hand without links, whose fingertips are at its contacts.
+    """Hand without links, whose fingertips are at its contacts.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class FreeHand:
 
     @property
     def fixed_tip_kinds(self) -> Sequence[None]:
-        """None for each fingertip, as all are free."""
+        """None for each fingertip, as no fingertip is fixed to a link."""
         return [None] * len(self.radii)
 
     def palm(self) -> Palm | None:
@@ -51,23 +51,23 @@ class FreeHand:
         return None
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return no spheres, as there are no links."""
+        """Return an empty list, as the hand has no links."""
         return []
 
     def apart(self) -> Sequence[ConstraintValue]:
-        """Return no self-collision constraints."""
+        """Return an empty list, as there are no links that could collide."""
         return []
 
     def limits(self) -> Sequence[ConstraintValue]:
-        """Return no limits of variables."""
+        """Return an empty list, as the hand's variables have no limits."""
         return []
 
 
 class NumericFingertips(FreeHand):
-    """Numeric counterpart of ``Fingertips``."""
+    """Numeric model of the hand ``Fingertips``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield the squared distances of the fingertips' centres from the palm point and from each other."""
+        """Yield the constraints on the fingertips' distances from the palm point and from each other."""
         tips, scale = placement.tips, placement.size**2
         if self.data["reach"] is not None:
             palm, most = self._palm_point(tips), number("reach", self.data["reach"]) ** 2
@@ -81,15 +81,15 @@ class NumericFingertips(FreeHand):
                 yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, low**2, high**2, scale)
 
     def _palm_point(self, tips: FloatArray) -> FloatArray:
-        """Return the stated palm point, (space,), metres."""
+        """Return the palm point in the file, (space,), metres."""
         return array("hand.palm", self.posture["palm"], (tips.shape[1],))
 
 
 class NumericJaws(FreeHand):
-    """Numeric counterpart of ``ParallelJaw``."""
+    """Numeric model of the hand ``ParallelJaw``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield squared opening, product of the normals, and the excess of their components along the closing line."""
+        """Yield the constraints on the opening, and on the normals against each other and the closing line."""
         (p, q), (m, n) = placement.points, placement.normals
         opening_vector = q - p
         squared, size = float(opening_vector @ opening_vector), placement.size
@@ -102,19 +102,19 @@ class NumericJaws(FreeHand):
 
 
 def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericFingertips:
-    """Return free fingertips of equal radius."""
+    """Return the numeric model of free fingertips of equal radius."""
     count = integer("count", data["count"], at_least=1)
     return NumericFingertips(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
 
 
 def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericJaws:
-    """Return parallel jaws with two flat pads."""
+    """Return the numeric model of parallel jaws with two flat pads."""
     return NumericJaws(data, posture, (0.0, 0.0))
 
 
 @dataclass(frozen=True)
 class UnknownHand:
-    """A hand that cannot be recomputed: its methods raise ``NotCheckedError``.
+    """Hand that cannot be recomputed: its methods raise ``NotCheckedError``.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class UnknownHand:
 def fingertip_clearances(
     body: Json, surface: NumericBody | None, placement: StatedPlacement
 ) -> Iterator[ConstraintValue]:
-    """Yield the distance of each round fingertip's centre from a body that may not be convex."""
+    """Yield the constraints on each round fingertip's distance from a non-convex body."""
     if not (body["type"] in NOT_CONVEX or (body["type"] == "polygon" and _has_reentrant_corner(body))):
         return
     round_tips = [i for i, radius in enumerate(placement.radii) if radius > 0.0]

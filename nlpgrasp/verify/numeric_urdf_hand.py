@@ -1,4 +1,4 @@
-"""Numeric hand with links: palm and joints from the solution file, links from the hand's URDF, xacro or MJCF.
+"""Numeric model of a hand with links, read from the solution file and the hand's URDF, xacro or MJCF.
 
 A contact on a fingertip: at the contact p the outward normal of the fingertip's patch is the body's inward normal n,
 and the point of the patch with that normal is p. Each shape of fingertip states that as scalar constraints (``ROWS``).
@@ -52,7 +52,7 @@ MIMIC_TOLERANCE = 1e-9  # radians or metres: tolerance of mimic joints
 
 @dataclass(frozen=True)
 class NumericLinkedHand:
-    """A URDF hand in the stated posture.
+    """Numeric model of a hand with links in one posture.
 
     Parameters
     ----------
@@ -88,12 +88,12 @@ class NumericLinkedHand:
 
     @cached_property
     def direction_error(self) -> float:
-        """Error bound of a unit direction of the hand, by the stated length of its quaternion (see the module)."""
+        """Error bound of a unit direction of the hand, from the length of its quaternion in the solver."""
         return 2.0 * min(abs(self._squared_quaternion_length - 1.0), 10.0 * PROMISE)
 
     @property
     def _squared_quaternion_length(self) -> float:
-        """Squared length of the palm's quaternion in the solver's program, as the file states it; else 1."""
+        """Squared length of the palm's quaternion in the solver's program; 1 if not in the file."""
         return self.stated.get(QUATERNION, 1.0)
 
     @cached_property
@@ -122,7 +122,10 @@ class NumericLinkedHand:
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """The links below the palm; raises ``NotCheckedError`` if the file is missing or another one."""
+        """Links below the palm.
+
+        Raises ``NotCheckedError`` if the hand's file is missing or another one.
+        """
         path = self.sources.find(self.data.get("source"))
         if hashlib.sha256(path.read_bytes()).hexdigest() != self.data["sha256"]:
             raise NotCheckedError(f"{path.name} has another sha256 than the file records")
@@ -130,21 +133,21 @@ class NumericLinkedHand:
 
     @cached_property
     def shapes(self) -> dict[str, list[LinkShape]]:
-        """The collision shapes of the links below the palm, by link."""
+        """Collision shapes of the palm and the links below it, by link."""
         names = {str(self.data["palm"]), *(link.name for link in self.links)}
         path, units = self.sources.find(self.data.get("source")), UrdfUnits.from_dict(self.data)
         return link_shapes(path, names, self.data.get("meshes"), self.sources, units)
 
     def with_posture(self, posture: Json) -> NumericLinkedHand:
-        """Return the hand in another posture: ``joint_positions`` and ``palm_pose``."""
+        """Return the hand in another posture, given ``joint_positions`` and ``palm_pose``."""
         return replace(self, posture={**self.posture, **posture})
 
     def is_fixed(self, link: str, other: str) -> bool:
-        """Return whether no moving joint lies between two links."""
+        """Return whether two links are rigidly connected, without a moving joint between them."""
         return self.rigid_root(link) == self.rigid_root(other)
 
     def rigid_root(self, link: str) -> str:
-        """Return the topmost link without a moving joint to a link."""
+        """Return the topmost link that is rigidly connected to a link."""
         by_name = {child.name: child for child in self.links}
         while link in by_name and not by_name[link].moves:
             link = by_name[link].parent
@@ -152,7 +155,7 @@ class NumericLinkedHand:
 
     @cached_property
     def poses(self) -> dict[str, FloatArray]:
-        """The links' frames in the body's frame, (4, 4)."""
+        """Frames of the links in the body's frame, (4, 4)."""
         return poses(self.links, str(self.data["palm"]), self.base, self.posture["joint_positions"])
 
     def palm(self) -> Palm:
@@ -162,11 +165,11 @@ class NumericLinkedHand:
         return Palm(self.base[:3, 3], direction, self.direction_error)
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the links' collision spheres, then the contact balls of round fingertips."""
+        """Return the collision spheres of the links, then the contact balls of round fingertips."""
         return [*self.link_balls, *self._tip_balls(placement).values()]
 
     def _tip_balls(self, placement: StatedPlacement) -> dict[int, Ball]:
-        """Return the contact balls of round fingertips, by finger."""
+        """Return the contact balls of round fingertips, by finger index."""
         balls = {}
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             radius = radius_of(tip)
@@ -178,7 +181,10 @@ class NumericLinkedHand:
 
     @cached_property
     def link_balls(self) -> Sequence[Ball]:
-        """Collision spheres of the links, body frame; not recorded in older files."""
+        """Collision spheres of the links, body frame.
+
+        Raises ``NotCheckedError`` for older files, which have none.
+        """
         spheres = self.data.get("link_spheres")
         if spheres is None:
             raise NotCheckedError("the file does not record the spheres that stand for the hand's links")
@@ -192,7 +198,7 @@ class NumericLinkedHand:
         return balls
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield constraints: unit quaternion, contacts on fingertips, fingertips apart."""
+        """Yield the constraints of the quaternion's length, contacts on fingertips and fingertips apart."""
         yield ConstraintValue(
             QUATERNION, self._squared_quaternion_length, 1.0, 1.0
         )  # the program's own; the file's is of unit length
@@ -207,11 +213,11 @@ class NumericLinkedHand:
             yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
 
     def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> StatedTouch:
-        """Return a fingertip and its contact, for the constraints between them."""
+        """Return a fingertip with its contact, for the constraints that put the contact onto it."""
         return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.direction_error)
 
     def apart(self) -> Iterator[ConstraintValue]:
-        """Yield the squared distances of sphere pairs under self-collision constraints."""
+        """Yield the self-collision constraints: squared distances of sphere pairs."""
         count = 0
         allowed = {
             (a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())
@@ -229,7 +235,7 @@ class NumericLinkedHand:
             yield ConstraintValue(f"self-collision: {watched} pairs of spheres, {count} in the file", np.nan)
 
     def contact_jacobians(self, points: FloatArray) -> dict[str, FloatArray]:
-        """Return velocity and angular velocity of the contacts, (k, 6), per rate of each joint that moves one.
+        """Return velocities and angular velocities of the contacts, (k, 6), per unit rate of a joint, by joint.
 
         Parameters
         ----------
@@ -245,12 +251,12 @@ class NumericLinkedHand:
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, bool]]:
-        """Limits of the free joints, narrowed by those of mimic joints, and whether they slide."""
+        """Limits of each free joint, narrowed by those of mimic joints, and whether it is a sliding joint."""
         slides = {link.joint: link.kind == "prismatic" for link in self.links}
         return {joint: (*ends, slides[joint]) for joint, ends in free_joint_limits(self.links).items()}
 
     def limits(self) -> Iterator[ConstraintValue]:
-        """Yield the joint limits and mimic relations in the grasp, the pregrasp and all phases.
+        """Yield the constraints of joint limits and mimic relations in the grasp, the pregrasp and all phases.
 
         There are no limits for commands, which may exceed them to exert torque.
         """
@@ -282,12 +288,12 @@ class NumericLinkedHand:
 
 
 def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericLinkedHand:
-    """Return the numeric URDF hand of JSON data."""
+    """Return the numeric model of a hand with links from its JSON data."""
     return NumericLinkedHand(data, posture, stated, sources)
 
 
 def require_links(hand: NumericHand | None, part: str) -> NumericLinkedHand:
-    """Return a hand with known links; raise ``NotCheckedError`` for any other.
+    """Return a hand if its links are known; raise ``NotCheckedError`` for any other.
 
     Parameters
     ----------
@@ -304,7 +310,7 @@ def require_links(hand: NumericHand | None, part: str) -> NumericLinkedHand:
 
 @dataclass(frozen=True)
 class StatedTouch:
-    """A fingertip with its contact.
+    """Pose of a fingertip's link with the contact that the fingertip has to touch.
 
     Parameters
     ----------
@@ -329,28 +335,28 @@ class StatedTouch:
     turn: float
 
     def place(self, local: FloatArray) -> FloatArray:
-        """Return a point of the link's frame in the body's frame."""
+        """Return a point of the link's frame, transformed into the body's frame."""
         return np.asarray(self.pose[:3, :3] @ local + self.pose[:3, 3])
 
     def length(
-        self, what: str, value: float, lower: float = 0.0, upper: float = 0.0, slack: float = 0.0
+        self, suffix: str, value: float, lower: float = 0.0, upper: float = 0.0, slack: float = 0.0
     ) -> ConstraintValue:
         """Return a constraint on a length."""
-        return ConstraintValue(f"{self.name}, {what}", value, lower, upper, self.size, self.error + slack)
+        return ConstraintValue(f"{self.name}, {suffix}", value, lower, upper, self.size, self.error + slack)
 
-    def cosine(self, what: str, value: float, lower: float = 0.0, upper: float = 0.0) -> ConstraintValue:
+    def cosine(self, suffix: str, value: float, lower: float = 0.0, upper: float = 0.0) -> ConstraintValue:
         """Return a constraint on the cosine of an angle."""
-        return ConstraintValue(f"{self.name}, {what}", value, lower, upper, error=self.turn)
+        return ConstraintValue(f"{self.name}, {suffix}", value, lower, upper, error=self.turn)
 
     def equal(self, left: FloatArray, right: FloatArray, slack: FloatArray | None = None) -> Iterator[ConstraintValue]:
-        """Yield an equality constraint per coordinate."""
+        """Yield an equality constraint of two points for each coordinate."""
         slacks = np.zeros(3) if slack is None else slack
         for i, axis in enumerate("xyz"):
             yield self.length(axis, float(left[i] - right[i]), slack=float(slacks[i]))
 
 
 def radius_of(tip: Json) -> float:
-    """Return the radius of a round fingertip, metres; 0 for others."""
+    """Return the radius of a round fingertip, metres; 0 for other shapes."""
     return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder", "capsule") else 0.0
 
 
@@ -360,8 +366,8 @@ def centre_of(tip: Json, touch: StatedTouch) -> FloatArray:
         return touch.place(array("offset", tip["offset"], (3,)))
     start, end = (touch.place(array(key, tip[key], (3,))) for key in ("start", "end"))
     centre = touch.p - radius_of(tip) * touch.n
-    share = float((centre - start) @ (end - start)) / float((end - start) @ (end - start))
-    return np.asarray(start + min(max(share, 0.0), 1.0) * (end - start))
+    fraction = float((centre - start) @ (end - start)) / float((end - start) @ (end - start))
+    return np.asarray(start + min(max(fraction, 0.0), 1.0) * (end - start))
 
 
 def touch_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
@@ -373,12 +379,12 @@ def touch_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue
 
 
 def _sphere_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
-    """Yield the constraints ``c = p - r n``."""
+    """Yield the constraints that the contact p is on a sphere: ``c = p - r n``."""
     yield from touch.equal(centre_of(tip, touch), touch.p - radius_of(tip) * touch.n)
 
 
 def _cylinder_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
-    """Yield the constraints ``a + s (b - a) = p - r n``, and n perpendicular to the axis.
+    """Yield the constraints that the contact p is on a cylinder's side: ``a + s (b - a) = p - r n``, n across.
 
     The coordinate s is not in the file: here it is that of the nearest point, so residuals along the axis are not seen.
     """
@@ -390,20 +396,20 @@ def _cylinder_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintV
 
 
 def _capsule_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
-    """Yield the constraints ``a + s (b - a) = p - r n``, and limits on the tilt of n beyond the ends."""
+    """Yield the constraints that the contact p is on a capsule: ``a + s (b - a) = p - r n``, tilt of n limited."""
     start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
     length = float(np.linalg.norm(end - start))
     axis, centre = touch.pose[:3, :3] @ ((end - start) / length), centre_of(tip, touch)
     slack = 10.0 * PROMISE * touch.size
     yield from touch.equal(centre, touch.p - radius_of(tip) * touch.n, slack * np.abs(axis))
-    share = float((centre - touch.place(start)) @ axis) / length
+    fraction = float((centre - touch.place(start)) @ axis) / length
     tilt, error = float(axis @ touch.n), touch.turn + (slack + touch.error) / length
-    for what, value in (("over the end", (1.0 - share) * tilt), ("over the start", -share * tilt)):
-        yield ConstraintValue(f"{touch.name}, {what}", value, -np.inf, CAPSULE_TOLERANCE, error=error)
+    for suffix, value in (("over the end", (1.0 - fraction) * tilt), ("over the start", -fraction * tilt)):
+        yield ConstraintValue(f"{touch.name}, {suffix}", value, -np.inf, CAPSULE_TOLERANCE, error=error)
 
 
 def _flat_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
-    """Yield the constraints of equal normals, and of the contact within the rectangle."""
+    """Yield the constraints that the contact is on a flat rectangle and has its normal."""
     origin, axes = _tip_frame(tip, touch)
     half = array("extents", tip["extents"], (2,)) / 2.0
     normal, local = axes.T @ touch.n, axes.T @ (touch.p - origin)
@@ -416,7 +422,10 @@ def _flat_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue
 
 
 def _ellipsoid_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
-    """Yield the constraints ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and m within the patch."""
+    """Yield the constraints that the contact is on an ellipsoid: ``p = t + R A^2 m / |A m|``, ``m = R^T n``.
+
+    With a patch, m is within its angle.
+    """
     origin, axes = _tip_frame(tip, touch)
     semi_axes = array("semi_axes", tip["semi_axes"], (3,))
     normal = axes.T @ touch.n
@@ -428,7 +437,7 @@ def _ellipsoid_constraints(tip: Json, touch: StatedTouch) -> Iterator[Constraint
 
 
 def _hull_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
-    """Yield the constraints that the rounded hull's point with the outward normal n is p, and n within the patch.
+    """Yield the constraints that the contact is on the patch of a rounded convex hull.
 
     The support function ``h(m) = e log sum exp(v . m / e)`` is extended to all vectors as ``|m| h(m / |m|)``; the point
     is its gradient ``h m + (I - m m^T) grad h``.
@@ -437,9 +446,9 @@ def _hull_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue
     m = touch.pose[:3, :3].T @ touch.n
     heights = corners @ m
     highest = float(np.max(heights))
-    shares = np.exp((heights - highest) / rounding)
-    support = highest + rounding * float(np.log(np.sum(shares)))
-    gradient = shares @ corners / np.sum(shares)
+    weights = np.exp((heights - highest) / rounding)
+    support = highest + rounding * float(np.log(np.sum(weights)))
+    gradient = weights @ corners / np.sum(weights)
     point = support * m + gradient - (m @ gradient) * m
     slack = np.full(3, touch.turn * float(np.max(np.ptp(corners, axis=0))) ** 2 / rounding)
     yield from touch.equal(touch.place(point), touch.p, slack)
@@ -448,7 +457,7 @@ def _hull_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue
 
 
 def _tip_frame(tip: Json, touch: StatedTouch) -> tuple[FloatArray, FloatArray]:
-    """Return origin and axes of a fingertip's frame, in the body's frame."""
+    """Return origin and axes of a fingertip's frame in the body's frame."""
     rotation = Rotation.from_euler("xyz", array("rpy", tip["rpy"], (3,))).as_matrix()
     return touch.place(array("offset", tip["offset"], (3,))), np.asarray(touch.pose[:3, :3] @ rotation)
 

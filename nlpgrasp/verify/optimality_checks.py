@@ -1,4 +1,4 @@
-"""Check of a stated local optimum: binding inequalities, and first-order gains of free contacts."""
+"""Check of a local optimum: its binding inequalities, and first-order gains by moving free contacts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EDGE_DISTANCE = 1e-3  # share of the body's size: least distance of a free conta
 
 
 def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, size: float) -> list[Check]:
-    """Return the checks that stated inequalities bind equally at mu, and that free contacts cannot raise it.
+    """Return the check that stored inequalities bind equally at mu and no move of a free contact raises it.
 
     Contacts of a hand with joints, and those in active constraints, are not free and not checked.
     """
@@ -42,7 +42,7 @@ def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBod
 
 
 def _weight_errors(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str]:
-    """Yield the errors in directions and weights of the binding inequalities."""
+    """Yield errors in the directions and weights of the binding inequalities."""
     weights = np.array(kkt.weights)
     if len(kkt.directions) != len(weights) or any(len(y) != grasp.dimension for y in kkt.directions):
         yield f"{len(kkt.directions)} directions of dimension {grasp.dimension} for {len(weights)} weights"
@@ -63,7 +63,7 @@ def _weight_errors(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[
 def _contact_errors(
     solution: GraspSolution, grasp: Grasp, kkt: KKT, surface: NumericBody, size: float
 ) -> Iterator[str]:
-    """Yield the free contacts whose moves would raise the weighted ratios."""
+    """Yield an error for each free contact that would change mu to first order by moving along its face."""
     weights = np.array(kkt.weights)
     tolerance = SLOPE_TOLERANCE * solution.mu.upper
     for i in range(len(grasp)):
@@ -82,13 +82,13 @@ def _contact_errors(
 
 
 def _recomputed_ratios(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray:
-    """Return the support ratios along the directions, (m,)."""
+    """Return the ratio of wrench-set support to task support along each direction, (m,)."""
     y = np.array(kkt.directions)
     return np.asarray(WrenchSet.of(grasp, solution.budget).support(y)[0] / solution.task.support(y)[0])
 
 
 def _displace_contact(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[FloatArray], FloatArray]) -> Grasp:
-    """Return the grasp with one contact moved, and the inward normal at its new point."""
+    """Return the grasp with one contact moved and its normal updated."""
     points, normals = grasp.points.copy(), grasp.normals.copy()
     points[i] += step
     normals[i] = normal(points[i])
@@ -96,7 +96,7 @@ def _displace_contact(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[
 
 
 def _is_held(solution: GraspSolution, i: int) -> bool:
-    """Return whether a contact belongs to a hand with joints or to an active constraint."""
+    """Return whether a contact is not free: on a hand with joints, or in an active constraint."""
     hand = solution.problem["hand"]
     if hand is not None and hand["type"] not in ("fingertips", "parallel_jaw"):
         return True
@@ -108,7 +108,7 @@ def _is_held(solution: GraspSolution, i: int) -> bool:
 def _normal_near(
     solution: GraspSolution, grasp: Grasp, surface: NumericBody, i: int, size: float
 ) -> Callable[[FloatArray], FloatArray] | None:
-    """Return the inward normal function near a contact; None at an edge or on an unknown surface."""
+    """Return the function from points near a contact to inward normals; None at an edge or on an unknown surface."""
     face, point = solution.faces[i], grasp.points[i]
     if isinstance(surface, MeshSurface):
         nearby, distances = surface.triangles.nearby_triangles(point, EDGE_DISTANCE * size)
@@ -133,5 +133,5 @@ def _normal_near(
 
 
 def _unit_vector(vector: FloatArray) -> FloatArray:
-    """Return a vector normalised to length 1."""
+    """Return a vector scaled to length 1."""
     return np.asarray(vector / np.linalg.norm(vector))

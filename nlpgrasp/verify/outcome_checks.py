@@ -1,4 +1,4 @@
-"""Checks of the stated outcome of a solve and of its alternative grasps."""
+"""Checks of a solve's stored outcome and of its alternative grasps."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ AnswerChecks = Callable[[GraspSolution], Sequence[Check]]
 
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
-    """Return the check that status, starts and winning start agree with grasp and quality."""
+    """Return the check that status, starts and winning start agree with the grasp and its quality."""
     errors = [*_status_errors(solution), *_answer_errors(solution)]
     summary = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
     return [Check.of_errors("outcome", errors, summary)]
 
 
 def _status_errors(solution: GraspSolution) -> Iterator[str]:
-    """Yield the statements that contradict the status."""
+    """Yield errors if data of the file contradict the status."""
     status = solution.status.name.lower()
     if solution.grasp is None:
         if solution.status in WITH_GRASP:
@@ -57,7 +57,7 @@ def _status_errors(solution: GraspSolution) -> Iterator[str]:
 
 
 def _answer_errors(solution: GraspSolution) -> Iterator[str]:
-    """Yield the false statements about the winning start.
+    """Yield errors in the data of the winning start.
 
     The answer's certificate is recomputed and keeps the better ends of both. Without a search for robustness no other
     start is certainly better, except for mu traded for joint-limit margins, and for starts that are fragile or cannot
@@ -91,18 +91,21 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
 
 
 def _mu_without_margins(solution: GraspSolution) -> float:
-    """Return the mu before the search for joint-limit margins, from a file of an earlier version; else 0."""
+    """Return the mu before the search for joint-limit margins, in files of earlier versions; else 0."""
     margins = (solution.hand or {}).get("room")
     return 0.0 if margins is None else mu_before_margins(margins)
 
 
 def _is_stated_robust(solution: GraspSolution) -> bool:
-    """Return whether a grasp is stated not to be fragile, and so may win over one with up to twice its mu."""
+    """Return whether a file says that its grasp is not fragile.
+
+    Such a grasp may win over one with up to twice its mu.
+    """
     return solution.robust is not None and not solution.is_fragile
 
 
 def kept_grasp_checks(solution: GraspSolution, answer_checks: AnswerChecks, size: float) -> list[Check]:
-    """Return one check per kept grasp, and one of their order and distinctness.
+    """Return a check for each alternative grasp, and a check of their order and distinctness.
 
     Parameters
     ----------
@@ -124,7 +127,7 @@ def kept_grasp_checks(solution: GraspSolution, answer_checks: AnswerChecks, size
 
 
 def _combined_check(i: int, variant: GraspSolution, answer_checks: AnswerChecks) -> list[Check]:
-    """Return one check that combines those of one grasp."""
+    """Return a single check that combines all checks of one alternative grasp."""
     checks = answer_checks(variant)
     failed = [f"{check.name}: {check.detail}" for check in checks if check.failed]
     unmade = sum(not check.made for check in checks)
@@ -133,7 +136,7 @@ def _combined_check(i: int, variant: GraspSolution, answer_checks: AnswerChecks)
 
 
 def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
-    """Yield the inconsistencies between the kept grasps."""
+    """Yield errors in the order, starts, quality and distinctness of the kept grasps."""
     first = solution.stated_first
     if first is not None and first.to_dict() != solution.grasps[0].to_dict():
         yield "grasps[0] is another than the answer"
@@ -159,7 +162,9 @@ def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
 
 
 def _matched_distance(a: FoundGrasp, b: FoundGrasp) -> float:
-    """Return the bottleneck distance of two grasps' contacts, metres: the largest of the best one-to-one matching.
+    """Return the bottleneck distance between two grasps' contacts, metres.
+
+    It is the largest distance in the best one-to-one matching.
 
     Only contacts of the same model are matched; infinite where the numbers of contacts differ.
     """
@@ -170,10 +175,10 @@ def _matched_distance(a: FoundGrasp, b: FoundGrasp) -> float:
     models = a.grasp.contacts  # those of b are the same
     is_other_model = np.array([[first != second for second in models] for first in models], dtype=bool)
     distances[is_other_model] = np.inf
-    levels = np.unique(distances[np.isfinite(distances)])
+    candidate_distances = np.unique(distances[np.isfinite(distances)])
 
     def has_matching(index: int) -> bool:
-        return bool(np.all(maximum_bipartite_matching(csr_array(distances <= levels[index])) >= 0))
+        return bool(np.all(maximum_bipartite_matching(csr_array(distances <= candidate_distances[index])) >= 0))
 
-    # False ... False, True ... True: the least level with a matching
-    return float(levels[bisect_left(range(len(levels)), True, key=has_matching)])
+    # False ... False, True ... True: the least distance with a matching
+    return float(candidate_distances[bisect_left(range(len(candidate_distances)), True, key=has_matching)])

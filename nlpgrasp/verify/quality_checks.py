@@ -1,4 +1,4 @@
-"""Checks of certified measures and their evidence: intervals, grasp map, worst direction, robustness."""
+"""Checks of certified quality measures and of the data that support them."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support
 
 
 def interval_check(stated: Bounds) -> Check:
-    """Return the check that the ends of an interval are in order, at least zero and finite."""
+    """Return the check that an interval is ordered, at least zero and finite."""
     passed = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
     return Check("interval", passed, f"stated {stated}")
 
 
 def overlap_check(name: str, stated: Bounds, recomputed: Bounds) -> Check:
-    """Return the check that a stated interval and a recomputed one overlap."""
+    """Return the check that a stored interval and a recomputed one overlap."""
     passed = stated.lower <= recomputed.upper and recomputed.lower <= stated.upper
     return Check(name, passed, f"stated {stated}, recomputed {recomputed}")
 
 
 def width_check(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
-    """Return the check that a stated interval is no wider than its certificate's relative gap allows.
+    """Return the check that a stored interval is not wider than a certificate's relative gap allows.
 
     Both are certified: the true value is at least ``recomputed.lower``, and a certificate's upper bound is close to it
     if the lower bound is above zero.
@@ -56,14 +56,17 @@ def width_check(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> C
 
 
 def mu_width_checks(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
-    """Return the check of the stated interval's width; a solve that was cut short may have any lower bound."""
+    """Return the check that the stored interval of mu is not too wide.
+
+    A solve that was cut short may have any lower bound.
+    """
     gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
     rtol = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
     return [width_check("width", solution.mu, recomputed, rtol)]
 
 
 def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
-    """Return the checks of delta and nu, recomputed at the stated torque scale."""
+    """Return the checks of the stored measures delta and nu."""
     checks = []
     if solution.delta is not None:
         recomputed = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
@@ -82,7 +85,7 @@ def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBud
 def robustness_checks(
     solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float
 ) -> list[Check]:
-    """Return the check of the stated quality at the worst displacement found, and of the displacement itself."""
+    """Return the check of the stored worst displacement and of the quality there."""
     stated = solution.robust
     if stated is None:
         return []
@@ -99,7 +102,7 @@ def robustness_checks(
     slipping = set() if budget.depends_on_frames else near_edges
     displacement = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
     is_zero = stated.mu.upper <= ZERO_SHARE * solution.mu.upper
-    share = stated.share(solution.mu) if stated.stated_share is None else stated.stated_share
+    fraction = stated.share(solution.mu) if stated.stated_share is None else stated.stated_share
     is_fragile = stated.is_fragile(solution.mu) if stated.stated_fragile is None else stated.stated_fragile
     passed = all(
         (
@@ -109,17 +112,17 @@ def robustness_checks(
             solution.solver.get("options", {}).get("robust_offset", stated.offset) == stated.offset,
             displacement <= OFFSET_FACTOR * stated.offset + 1e-9,
             stated.mu.lower <= solution.mu.upper,
-            abs(share - stated.share(solution.mu)) <= SHARE_TOLERANCE,
+            abs(fraction - stated.share(solution.mu)) <= SHARE_TOLERANCE,
             is_fragile == stated.is_fragile(solution.mu),
         )
     )
-    summary = f"{len(stated.lost)} over an edge; {share:.3g} of mu left, {'' if is_fragile else 'not '}fragile"
+    summary = f"{len(stated.lost)} over an edge; {fraction:.3g} of mu left, {'' if is_fragile else 'not '}fragile"
     text = f"stated {stated.mu}, recomputed {recomputed}; contacts at most {1e3 * displacement:.3g} mm off; {summary}"
     return [Check("robustness", passed, text)]
 
 
 def grasp_map_check(grasp: Grasp) -> Check:
-    """Return the check of ``G = T_f B`` against a column-by-column reconstruction."""
+    """Return the check of the grasp map ``G = T_f B`` against a reconstruction column by column."""
     columns = []
     for p, n, t, model in zip(grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True):
         arm = p - grasp.torque_origin
@@ -136,7 +139,7 @@ def grasp_map_check(grasp: Grasp) -> Check:
 
 
 def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Return the checks of the grasp's contact models and the kind of measure against the problem's."""
+    """Return the checks that contact models, kind of measure and objective are those of the problem."""
     models = [contact_from_dict(c) for c in solution.problem["contacts"]]
     agrees = [c.to_dict() for c in models] == [c.to_dict() for c in grasp.contacts]
     kind = task.measure
@@ -148,7 +151,7 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
 
 
 def _objective_checks(solution: GraspSolution, task: Task) -> list[Check]:
-    """Return the check that another objective than mu is stated at its torque scale, and delta for its task."""
+    """Return the check that an objective other than mu was computed with the problem's torque scale."""
     name, scale = solution.objective, solution.problem.get("torque_scale")
     if name == "mu":
         return []
@@ -160,7 +163,7 @@ def _objective_checks(solution: GraspSolution, task: Task) -> list[Check]:
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Return the check that the stated bounds on mu are not above the support ratio along the worst direction.
+    """Return the check that the stored bounds on mu are not above the support ratio along the worst direction.
 
     The stated bound may be smaller, from another direction of the same solve, but never larger.
     """

@@ -1,4 +1,4 @@
-"""Recomputation of constraints and hand from problem, contacts and posture in the file.
+"""Recomputation of constraints and hand from a file's problem, contacts and posture.
 
 Each part of the problem (its constraints, the edge margin, the hand, its links) yields scalar constraints, which are
 compared with those that the file states. Stated constraints that no part yields must belong to a part that cannot be
@@ -88,13 +88,13 @@ Owner = Callable[[str], bool]
 
 
 def recompute(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
-    """Return the checks of surface, faces, constraints, hand and stated local optimum."""
+    """Return the checks of surface, faces, constraints, hand and local optimum."""
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         return guard("problem", lambda: _recompute_all(solution, grasp, sources))
 
 
 def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
-    """Return these checks of a file with valid data: surface, faces, constraints, hand and stated local optimum."""
+    """Return the checks of ``recompute`` without a guard against invalid data."""
     stated = StatedConstraints(solution.constraints)
     values = stated.values()
     hand = _numeric_hand(solution, values, sources)
@@ -121,7 +121,7 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
 def _constraints_of_parts(
     solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, placement: StatedPlacement
 ) -> dict[str, Callable[[], Iterable[ConstraintValue]]]:
-    """Return the function of each part of the problem to its scalar constraints, by the part's name."""
+    """Return, for each part of the problem by name, the function that yields its scalar constraints."""
     hand = placement.hand
     has_margin = "edge_margin" in solution.problem
     parts: dict[str, Callable[[], Iterable[ConstraintValue]]] = {
@@ -142,7 +142,7 @@ def _constraints_of_parts(
 def _hand_checks(
     solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
-    """Return the checks of the hand's torques, squeeze, margins, links, phases and paths."""
+    """Return the checks of the hand: torques, squeeze, margins, links, phases and paths."""
     hand = placement.hand
     groups: dict[str, Callable[[], list[Check]]] = {
         "joint torques": lambda: torque_checks(solution, grasp, hand),
@@ -157,7 +157,7 @@ def _hand_checks(
 
 
 def _numeric_hand(solution: GraspSolution, values: Mapping[str, float], sources: SourceFolders) -> NumericHand | None:
-    """Return the problem's hand in the stated posture; None without one."""
+    """Return the numeric model of the problem's hand in the file's posture; None without a hand."""
     data = solution.problem["hand"]
     if data is None:
         return None
@@ -175,7 +175,7 @@ def _guard_check(
     constraints: Callable[[], Iterable[ConstraintValue]],
     compare: Callable[[str, Iterable[ConstraintValue]], Check],
 ) -> Check:
-    """Return the check of a comparison; invalid parts of a file fail."""
+    """Return the check of a comparison, failed if invalid data raise an exception."""
     try:
         return compare(name, _guard_each(constraints))
     except NotCheckedError as reason:
@@ -185,19 +185,19 @@ def _guard_check(
 
 
 def _guard_each(constraints: Callable[[], Iterable[ConstraintValue]]) -> Iterator[ConstraintValue]:
-    """Yield the constraints; an error is raised at the first one."""
+    """Yield the constraints of a function, so that its exception is raised in the loop over them."""
     yield from constraints()
 
 
 def _problem_constraint(data: Json, placement: StatedPlacement) -> Iterable[ConstraintValue]:
-    """Return the scalar constraints of one of the problem's constraints."""
+    """Return the scalar constraints of one constraint of the problem."""
     return CONSTRAINTS.of(data)(data, placement)
 
 
 def edge_margin_constraints(
     problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: NumericBody | None
 ) -> Iterator[ConstraintValue]:
-    """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
+    """Yield the constraints on the distance of each contact from its face's sharp edges."""
     margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
     body = require_body(surface)
     size = float(np.linalg.norm(body.bounds[1] - body.bounds[0])) / 2.0
@@ -210,7 +210,7 @@ def edge_margin_constraints(
 def link_constraints(
     hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
 ) -> Iterator[ConstraintValue]:
-    """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
+    """Yield the constraints on the distance of each sphere from the held body, then those of self-collision."""
     spheres = hand.balls(placement)
     if spheres:
         distances = require_body(surface).distance(np.array([sphere.centre for sphere in spheres]))
@@ -226,7 +226,7 @@ def _stated_check(
     owners: Mapping[str, Owner],
     slack: Callable[[ConstraintReport], float],
 ) -> list[Check]:
-    """Return the checks that stated values keep the stated limits, and that every stated constraint has an owner."""
+    """Return the check that all stored constraints keep their limits and belong to a part of the problem."""
     if not solution.constraints:
         return []
     errors = [f"{c.name} is outside its limits" for c in solution.constraints if not _is_within_slack(c, slack(c))]
@@ -238,12 +238,12 @@ def _stated_check(
 
 
 def _is_within_slack(constraint: ConstraintReport, slack: float) -> bool:
-    """Return whether a stated constraint keeps its limits to an allowed violation."""
+    """Return whether a stored constraint keeps its limits up to an allowed violation."""
     return constraint.lower - slack <= constraint.value <= constraint.upper + slack
 
 
 def _slack(constraint: ConstraintReport, stated: StatedConstraints, scales: ConstraintScales, promise: float) -> float:
-    """Return the allowed violation of a constraint by a solve, in its own unit.
+    """Return the violation of a constraint that a solve may leave, in the constraint's unit.
 
     Recomputed constraints have the scale of their formula, others that of their name.
     """
@@ -257,7 +257,7 @@ def _slack(constraint: ConstraintReport, stated: StatedConstraints, scales: Cons
 
 @dataclass(frozen=True)
 class ConstraintScales:
-    """Scales of stated constraints by their names, for relative tolerances.
+    """Typical sizes of stored constraints by their names, for relative tolerances.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ class ConstraintScales:
     obstacles: tuple[str, ...] = ()
 
     def of(self, name: str) -> float:
-        """Return the scale of a constraint, in its own unit: metres, square metres, or 1 for a cosine."""
+        """Return the typical size of a constraint, in its unit: metres, square metres, or 1 for a cosine."""
         if name.startswith(SQUARED_SPANS):
             return self.span**2
         if name.startswith(f"{ON_FINGERTIP} "):
@@ -284,7 +284,7 @@ class ConstraintScales:
 
 
 def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> ConstraintScales:
-    """Return the scales of constraints, as far as the file itself determines them."""
+    """Return the typical sizes of constraints, as far as the file determines them."""
     pose, span = (solution.hand or {}).get("palm_pose"), size
     if pose is not None and grasp.space == 3:
         palm = array("hand.palm_pose.position", pose["position"], (3,))
@@ -294,7 +294,7 @@ def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> ConstraintSca
 
 
 def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
-    """Return the owner predicate of each part of the problem, by the part's name."""
+    """Return, for each part of the problem, a test of names that is true for its scalar constraints."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     owners = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
     owners[EDGE_MARGIN], owners[CLEARANCE_CHECK] = margin_owner(contacts), clearance_owner(contacts)
@@ -302,7 +302,10 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return a predicate: whether a scalar constraint can belong to a constraint; true for other packages'."""
+    """Return a test of names that is true for the scalar constraints of a constraint.
+
+    For types of other packages, every name.
+    """
     kind = str(data["type"])
     if kind == "obstacle":
         return _named_with_prefix((f"{data['name']}, ",), contacts)
@@ -313,31 +316,34 @@ def constraint_owner(data: Json, contacts: int) -> Owner:
 
 
 def hand_owner(data: Json, contacts: int) -> Owner:
-    """Return a test whether a stated scalar constraint can stem from a hand; true for other packages' hands."""
+    """Return a test of names that is true for the scalar constraints of a hand.
+
+    For types of other packages, every name.
+    """
     kind = str(data["type"])
     return _named_with_prefix(HAND_PREFIXES[kind], contacts) if kind in HAND_PREFIXES else owns_any
 
 
 def links_owner(contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that the links of a hand may own."""
+    """Return a test of names that is true for the scalar constraints of a hand's links."""
     return _named_with_prefix(LINK_PREFIXES, contacts)
 
 
 def margin_owner(contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that the margin from sharp edges may own."""
+    """Return a test of names that is true for the scalar constraints of the edge margin."""
     return _named_with_prefix((f"{EDGE_MARGIN}, ",), contacts)
 
 
 def clearance_owner(contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that the clearance of fingertips may own."""
+    """Return a test of names that is true for the scalar constraints of the fingertips' clearance."""
     return _named_with_prefix((f"{FINGERTIP_CLEARANCE}, ",), contacts)
 
 
-def owns_any(row: str) -> bool:
-    """Return True, as parts of other packages may own any scalar constraint."""
+def owns_any(name: str) -> bool:
+    """Return True, as the names of another package's scalar constraints are not known."""
     return True
 
 
 def _named_with_prefix(prefixes: tuple[str, ...], contacts: int) -> Owner:
-    """Return the predicate of names with one of the prefixes and existing contacts."""
+    """Return a test of names that is true for one of the prefixes with valid contact indices."""
     return lambda name: name.startswith(prefixes) and all(int(i) < contacts for i in FINGER_INDEX.findall(name))

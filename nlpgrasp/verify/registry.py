@@ -1,4 +1,4 @@
-"""Registry of numeric counterparts for bodies, constraints and hands.
+"""Registries of numeric models of bodies, constraints and hands.
 
 A counterpart restates in numpy, from JSON data alone, the CasADi expressions that the kind gives to the solver; the two
 share no code. A new kind is registered in one line, also from outside the package::
@@ -32,7 +32,7 @@ HandCounterpart = Callable[[Json, Json, Mapping[str, float], SourceFolders], Num
 
 
 class CounterpartRegistry(Generic[Counterpart]):
-    """Numeric counterparts by the JSON type of their kind.
+    """Registry of functions that build numeric models, by the JSON type of the modelled kind.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ class CounterpartRegistry(Generic[Counterpart]):
         self._counterparts: dict[str, Counterpart] = {}
 
     def register(self, kind: str, counterpart: Counterpart) -> None:
-        """Add the counterpart of a kind; a later one replaces an earlier one."""
+        """Register the numeric model of a kind, in place of an earlier one."""
         self._counterparts[kind] = counterpart
 
     def of(self, data: Json) -> Counterpart:
-        """Return the counterpart for JSON data with a ``type``; raise ``NotCheckedError`` where there is none."""
+        """Return the numeric model for the ``type`` of JSON data; raise ``NotCheckedError`` if there is none."""
         kind = data.get("type")
         counterpart = self._counterparts.get(str(kind))
         if counterpart is None:

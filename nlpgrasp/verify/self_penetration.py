@@ -1,4 +1,4 @@
-"""Penetration depths of a hand's links in each other, by their collision shapes.
+"""Penetration depths of a hand's links in each other, from their collision shapes.
 
 Links that are rigidly connected or neighbours in the chain are left out, as are those that overlap by construction: in
 nine tenths of random postures. The depth of two convex shapes is the shortest translation that separates them. Of other
@@ -28,7 +28,7 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 class NumericSelfPenetration:
-    """Penetration depths of a hand's links in each other, in any posture.
+    """Penetration depths of a hand's links in each other, for any posture.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class NumericSelfPenetration:
         self._last: tuple[Mapping[str, float], LinkPenetration] | None = None  # an approach does not change the joints
 
     def in_posture(self, hand: NumericLinkedHand, tolerance: float) -> LinkPenetration:
-        """Return the deepest penetration of a link in another."""
+        """Return the deepest penetration of one link in another, in a posture."""
         joints = hand.posture["joint_positions"]
         if self._last is None or self._last[0] != joints:
             deepest = LinkPenetration(tolerance=tolerance)
@@ -62,7 +62,7 @@ class NumericSelfPenetration:
         return self._last[1]
 
     def _depth(self, hand: NumericLinkedHand, pair: tuple[str, str]) -> float:
-        """Return the penetration depth of two links, metres."""
+        """Return the penetration depth of two links in each other, metres."""
         if self._permanent.get(pair, False):
             return 0.0
         first, second = (hand.poses[link] for link in pair)
@@ -79,35 +79,35 @@ class NumericSelfPenetration:
         return max(depths)
 
     def _is_permanent(self, pair: tuple[str, str]) -> bool:
-        """Return whether two links overlap by construction."""
+        """Return whether two links overlap by construction: in nearly all of several random postures."""
         if pair not in self._permanent:
             limits = free_joint_limits(self._hand.links)
-            rng, free = np.random.default_rng(1), 0
+            rng, free_count = np.random.default_rng(1), 0
             for _ in range(RANDOM_POSTURES):
                 drawn = {
                     joint: rng.uniform(max(low, -np.pi), min(high, np.pi)) for joint, (low, high) in limits.items()
                 }
                 posture = self._hand.with_posture({"joint_positions": all_positions(self._hand.links, drawn)})
-                free += self._depth(posture, pair) <= LEAST_DEPTH
-                if free > MOST_FREE:
+                free_count += self._depth(posture, pair) <= LEAST_DEPTH
+                if free_count > MOST_FREE:
                     break
-            self._permanent[pair] = free <= MOST_FREE
+            self._permanent[pair] = free_count <= MOST_FREE
         return self._permanent[pair]
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A collision shape of a link."""
+    """Collision shape of a link with its search tree."""
 
     shape: LinkShape
 
     @cached_property
     def tree(self) -> SearchTree:
-        """Search tree of its triangles."""
+        """Search tree of the shape's triangles."""
         return SearchTree(self.shape.vertices, self.shape.faces)
 
     def depth_in(self, other: _Part, relative: FloatArray, samples: FloatArray) -> float:
-        """Return the penetration depth in another shape, metres.
+        """Return the penetration depth of the shape in another one, metres.
 
         Parameters
         ----------
@@ -131,14 +131,14 @@ class _Part:
         shared = samples[np.all((samples >= low - LEAST_DEPTH) & (samples <= high + LEAST_DEPTH), axis=1)]
         if not len(shared):
             return 0.0
-        own = self.tree.exact_signed_distance((shared - relative[:3, 3]) @ relative[:3, :3])
-        theirs = other.tree.exact_signed_distance(shared)
-        inside = np.maximum(own, theirs) <= LEAST_DEPTH
-        return max(0.0, float(np.max(-(own + theirs)[inside], initial=0.0)))
+        distances = self.tree.exact_signed_distance((shared - relative[:3, 3]) @ relative[:3, :3])
+        other_distances = other.tree.exact_signed_distance(shared)
+        inside = np.maximum(distances, other_distances) <= LEAST_DEPTH
+        return max(0.0, float(np.max(-(distances + other_distances)[inside], initial=0.0)))
 
 
 def _separate_links(hand: NumericLinkedHand) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links with shapes and more than one moving joint between them."""
+    """Yield the pairs of links that both have shapes and are separated by more than one moving joint."""
     neighbours = {
         frozenset((hand.rigid_root(link.parent), hand.rigid_root(link.name))) for link in hand.links if link.moves
     }
@@ -149,7 +149,7 @@ def _separate_links(hand: NumericLinkedHand) -> Iterator[tuple[str, str]]:
 
 
 def _are_apart(first: FloatArray, second: FloatArray) -> bool:
-    """Return whether a plane across one of some directions separates two sets of points, (m, 3) and (n, 3)."""
+    """Return whether a plane across one of several directions separates two sets of points, (m, 3) and (n, 3)."""
     between = second.mean(axis=0) - first.mean(axis=0)
     directions = np.concatenate([between[None], DIRECTIONS])
     return bool(np.any(np.max(first @ directions.T, axis=0) < np.min(second @ directions.T, axis=0)))

@@ -1,4 +1,4 @@
-"""Search for the source files of a solution, meshes and URDFs, by their recorded names."""
+"""Search for the mesh and hand files of a solution, by their recorded names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlpgrasp.verify.check import NotCheckedError
 
 @dataclass(frozen=True)
 class SourceFolders:
-    """Folders in which source files are searched.
+    """Folders in which mesh and hand files are searched.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ class SourceFolders:
 
     @classmethod
     def of_file(cls, file: Path | None, more: Iterable[str | Path] = ()) -> SourceFolders:
-        """Return the folders that are searched for a file's sources: its own, the current one and others."""
+        """Return the folders in which a file's sources are searched: the file's folder, the current one and others."""
         file_folders = () if file is None else (file.parent,)
         return cls((*file_folders, Path(), *map(Path, more)))
 
     def find(self, name: object) -> Path:
-        """Return the first file of this name; raise ``NotCheckedError`` where there is none."""
+        """Return the path of the first file with a name; raise ``NotCheckedError`` if there is none."""
         if not isinstance(name, str) or not name:
             raise NotCheckedError("the file names no source")
         for folder in self.folders:

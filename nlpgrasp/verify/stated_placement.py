@@ -1,4 +1,4 @@
-"""Numeric placement as a file states it, and comparison of recomputed scalar constraints with stated ones.
+"""Contacts and hand as given in a file, and comparison of its scalar constraints with recomputed ones.
 
 A placement has contacts, hand and body, the latter two by the interfaces ``NumericHand`` and ``NumericBody``. From it
 each part of the problem yields its scalar constraints (``ConstraintValue``), which ``check_stated_constraints`` matches
@@ -27,7 +27,7 @@ PROMISE = 1e-5  # the solver's feasibility tolerance, relative to the scale; ten
 
 @dataclass(frozen=True)
 class StatedPlacement:
-    """Contacts and hand as stated in a file.
+    """Contacts and hand as given in a file.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class StatedPlacement:
 
     @property
     def error(self) -> float:
-        """Error bound of the links' points, by the digits in the file, metres."""
+        """Error bound of points of the links, metres, due to the digits in the file."""
         return 0.0 if self.hand is None else self.hand.error
 
     @property
@@ -79,14 +79,17 @@ class StatedPlacement:
 
 
 def require_body(surface: NumericBody | None) -> NumericBody:
-    """Return the body; raise ``NotCheckedError`` where it is missing."""
+    """Return the body; raise ``NotCheckedError`` if it is missing."""
     if surface is None:
         raise NotCheckedError(NO_BODY)
     return surface
 
 
 class NumericHand(Protocol):
-    """Interface of numeric hands in the stated posture. Unknown results raise ``NotCheckedError``."""
+    """Interface of numeric models of hands in one posture.
+
+    Methods raise ``NotCheckedError`` for unknown results.
+    """
 
     @property
     def radii(self) -> Sequence[float]:
@@ -94,30 +97,30 @@ class NumericHand(Protocol):
 
     @property
     def has_links(self) -> bool:
-        """Whether it has links and joints with checks of their own."""
+        """Whether the hand has links and joints, which are checked separately."""
 
     @property
     def fixed_tip_kinds(self) -> Sequence[str | None]:
-        """Kind of each fingertip that is fixed to a posed link, ``None`` for free ones."""
+        """Kind of each fingertip that is fixed to a link; None for a free fingertip."""
 
     @property
     def error(self) -> float:
-        """Error bound of its points, by the digits in the file, metres."""
+        """Error bound of points of the hand, metres, due to the digits in the file."""
 
     def palm(self) -> Palm | None:
-        """Return the palm pose, ``None`` without one."""
+        """Return the palm pose, or None if the hand has none."""
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the spheres of its links and fingertips; empty for a hand without links."""
+        """Return the spheres of links and fingertips; an empty sequence for a hand without links."""
 
     def rows(self, placement: StatedPlacement) -> Iterable[ConstraintValue]:
-        """Return the constraints of the hand on a placement, as files state them."""
+        """Return the hand's scalar constraints on a placement, except self-collision and limits."""
 
     def apart(self) -> Iterable[ConstraintValue]:
-        """Return the self-collision constraints, as files state them."""
+        """Return the self-collision constraints."""
 
     def limits(self) -> Iterable[ConstraintValue]:
-        """Return the limits of the hand's variables, which files do not state as constraints."""
+        """Return the limits of the hand's variables, which are not among a file's constraints."""
 
 
 @dataclass(frozen=True)
@@ -165,14 +168,14 @@ class Ball:
 
 
 class NumericBody(Protocol):
-    """Interface of numeric bodies."""
+    """Interface of numeric models of bodies."""
 
     @property
     def bounds(self) -> FloatArray:
         """Bounding box, (2, space), metres."""
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return the deviation of a contact with this inward normal from a face.
+        """Return the deviation of a contact and its inward normal from a face.
 
         Parameters
         ----------
@@ -184,19 +187,22 @@ class NumericBody(Protocol):
         """
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, space), (m,), metres, negative inside, as constraints state it."""
+        """Return the signed distances (m,) of points (m, space), metres, negative inside, as in constraints."""
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
-        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        """Return the distance of a face's point (space,) from the face's sharp edges, metres; infinite without any."""
 
     @property
     def rough(self) -> float:
-        """Tolerance as an obstacle, metres: how much the solver's distance may exceed this one; 0 if both are exact."""
+        """Tolerance of distances from an obstacle, metres; 0 for exact distances.
+
+        The solver's distance may exceed the recomputed one by this tolerance.
+        """
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Deviation of a contact from a face.
+    """Deviation of a contact from a face: distance, normal and angle.
 
     Parameters
     ----------
@@ -216,7 +222,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class ConstraintValue:
-    """A scalar constraint ``lower <= value <= upper`` with its value recomputed from positions and hand.
+    """Scalar constraint ``lower <= value <= upper`` with a recomputed value.
 
     Parameters
     ----------
@@ -242,17 +248,17 @@ class ConstraintValue:
     stated_below: bool = False
 
     def limit_error(self, value: float, promise: float) -> str:
-        """Return a message if a value violates the limits by more than the solver's tolerance, else empty."""
+        """Return a message if a value violates the limits by more than the solver's tolerance, else an empty text."""
         slack = promise * self.scale + self.error
         is_within = self.lower - slack <= value <= self.upper + slack
         return "" if is_within else f"{self.name}: {value:.9g} is outside {self._limits}"
 
     def excess(self, stated: ConstraintReport) -> float:
-        """Return the excess of the stated value over the recomputed one, in the constraint's own unit."""
+        """Return the stored value of the constraint minus the recomputed one."""
         return 0.0 if self.value is None else stated.value - self.value
 
     def difference(self, stated: ConstraintReport) -> str:
-        """Return the difference between a stated constraint and the recomputed one; empty where they agree."""
+        """Return a message if a stored constraint differs from the recomputed one, else an empty text."""
         if not (
             _agrees_within(stated.lower, self.lower, self.scale)
             and _agrees_within(stated.upper, self.upper, self.scale)
@@ -264,7 +270,7 @@ class ConstraintValue:
         return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
 
     def _activity_error(self, stated: ConstraintReport) -> str:
-        """Return the error in a stated constraint's active flag; empty where it is compatible with the value.
+        """Return a message if the stored active flag contradicts the stored value, else an empty text.
 
         A solve calls a constraint active within 1e-4 of its scale from a limit, and the scale may differ here.
         """
@@ -281,14 +287,14 @@ class ConstraintValue:
 
 
 def _agrees_within(stated: float, expected: float, scale: float) -> bool:
-    """Return whether a stated limit is the problem's, up to rounding."""
+    """Return whether a stored limit equals the problem's, up to rounding."""
     return stated == expected or (
         np.isfinite(expected) and abs(stated - expected) <= LIMIT_TOLERANCE * max(abs(expected), scale)
     )
 
 
 class StatedConstraints:
-    """The scalar constraints that a file states, each matched once with a recomputed one.
+    """Scalar constraints in a file, each matched once with a recomputed one.
 
     Parameters
     ----------
@@ -310,12 +316,15 @@ class StatedConstraints:
             self._unmatched.setdefault(report.name, []).append(report)
 
     def match_next(self, name: str) -> ConstraintReport | None:
-        """Return the next unmatched constraint of this name, ``None`` without one."""
+        """Return the next unmatched constraint with a name, or None if there is none."""
         reports = self._unmatched.get(name, [])
         return reports.pop(0) if reports else None
 
     def values(self) -> Mapping[str, float]:
-        """Return the stated values of the unmatched constraints, by name; of several the first."""
+        """Return the stored values of the unmatched constraints, by name.
+
+        Of several constraints with the same name, the first.
+        """
         return {name: reports[0].value for name, reports in self._unmatched.items() if reports}
 
     @property
@@ -327,7 +336,7 @@ class StatedConstraints:
 def check_stated_constraints(
     name: str, constraints: Iterable[ConstraintValue], stated: StatedConstraints, promise: float
 ) -> Check:
-    """Return the check that the file states these constraints with their limits and values, and that these are kept.
+    """Return the check that a file has the recomputed constraints, with their limits and values, all satisfied.
 
     Constraints are compared as they are computed: where one raises ``NotCheckedError``, those before it have been
     compared, and the check fails by them or is not made.
@@ -359,7 +368,7 @@ def check_stated_constraints(
 
 
 def check_unstated_constraints(name: str, constraints: Iterable[ConstraintValue], promise: float) -> Check:
-    """Return the check that constraints which the file does not state keep their limits."""
+    """Return the check that recomputed constraints that are not in the file are satisfied."""
     values = list(constraints)
     errors = [
         error
@@ -370,6 +379,6 @@ def check_unstated_constraints(name: str, constraints: Iterable[ConstraintValue]
 
 
 def _format_errors(errors: list[str], most: int = 4) -> str:
-    """Return the first errors and the number of the others, as text."""
+    """Return the first error texts and the number of the others, as text."""
     omitted = len(errors) - most
     return "; ".join(errors[:most]) + (f"; and {omitted} more" if omitted > 0 else "")

@@ -1,4 +1,4 @@
-"""Checks that the stated contacts lie on their faces, with the faces' normals."""
+"""Checks that contacts lie on their faces and have the faces' normals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ UNKNOWN_TIP = "unknown"  # kind of the fingertips of a hand that cannot be recom
 def surface_checks(
     solution: GraspSolution, grasp: Grasp, hand: NumericHand | None, sources: SourceFolders
 ) -> tuple[NumericBody | None, list[Check]]:
-    """Return the numeric body, None if missing, and the checks of contacts and normals on it."""
+    """Return the numeric body (None if missing), and the checks of contacts and normals on its surface."""
     tips = _tip_kinds(hand, len(grasp))
     body = solution.body
     try:
@@ -42,7 +42,7 @@ def surface_checks(
 
 
 def _tip_kinds(hand: NumericHand | None, count: int) -> Sequence[str | None]:
-    """Return the kind of the posed fingertip at each contact, None for free contacts."""
+    """Return the kind of the fingertip fixed to a link at each contact; None for free contacts."""
     try:
         return [None] * count if hand is None else hand.fixed_tip_kinds
     except NotCheckedError:
@@ -52,7 +52,7 @@ def _tip_kinds(hand: NumericHand | None, count: int) -> Sequence[str | None]:
 def _check_other_mesh(
     solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other_mesh: OtherMeshError
 ) -> tuple[NumericBody | None, list[Check]]:
-    """Return body and checks for a mesh with another fingerprint than recorded.
+    """Return body and checks for a mesh whose fingerprint is not the recorded one.
 
     If contacts and normals fit it, and it was read by the same versions, the recorded fingerprint is wrong. Otherwise
     it may be another mesh, which proves nothing about the file.
@@ -83,13 +83,13 @@ def _check_fits(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None
 
 
 def _stated_angles(solution: GraspSolution, count: int) -> FloatArray | None:
-    """Return the stated angles (k,) between normals and the mesh's, None where none are stated."""
+    """Return the stored angles (k,) between normals and the mesh's normals; None if the file has none."""
     stated = None if solution.surface is None else solution.surface.stated
     return stated if stated is not None and len(stated) == count else None
 
 
 def _check_on_surface(fits: Sequence[Fit], tolerance: float) -> Check:
-    """Return the check that contacts are on their faces."""
+    """Return the check of the contacts' distances from their faces."""
     distances = [fit.distance for fit in fits]
     worst = int(np.argmax(distances))
     text = f"contact {worst} is {distances[worst]:.2g} m off its face, allowed {tolerance:.2g} m"
@@ -97,7 +97,7 @@ def _check_on_surface(fits: Sequence[Fit], tolerance: float) -> Check:
 
 
 def _check_normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
-    """Return the check that normals are the face's own, and angles to the mesh's normals as stated.
+    """Return the check of the contacts' normals, and of their stored angles to the mesh's normals.
 
     Normals kept from the solver's smooth surface are not approved: the check states their deviation.
     """
@@ -122,12 +122,12 @@ def _check_normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
 
 
 def _unchecked(reason: str) -> list[Check]:
-    """Return the checks of contacts and normals as not made."""
+    """Return the checks of contacts and normals, marked as not made."""
     return [Check.not_made("surface", reason), Check.not_made("normals", reason)]
 
 
 def face_check(solution: GraspSolution) -> Check:
-    """Return the check that every contact is on a face that its model allows and nothing forbids."""
+    """Return the check that every contact is on an allowed face."""
     contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     errors = []
@@ -141,7 +141,7 @@ def face_check(solution: GraspSolution) -> Check:
 
 
 def size_of(bounds: FloatArray, grasp: Grasp) -> float:
-    """Return the reference length of tolerances, metres.
+    """Return the reference length for tolerances, metres.
 
     It is half the diagonal of the body's bounding box (2, space), the reference of the solver's tolerance. A file could
     state a body that is larger away from the contacts, and so widen every tolerance; therefore the length is limited to

@@ -21,7 +21,7 @@ Distance = Callable[[FloatArray], float]
 
 @dataclass(frozen=True)
 class TriangleSurface:
-    """A surface of triangles, counter-clockwise from outside.
+    """Surface of triangles, counter-clockwise seen from outside.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class TriangleSurface:
 
     @cached_property
     def corners(self) -> FloatArray:
-        """The triangles' corners, (m, 3, 3)."""
+        """Corners of the triangles, (m, 3, 3)."""
         return self.vertices[self.faces]
 
     @cached_property
@@ -46,7 +46,7 @@ class TriangleSurface:
         return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None])
 
     def nearby_triangles(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return the triangles possibly within ``reach`` of the nearest one, and their distances from a point (3,).
+        """Return the triangles that may be within ``reach`` of the nearest one, and their distances from a point (3,).
 
         Bounding balls about the triangles' centres rule out nearly all of them.
         """
@@ -60,7 +60,10 @@ class TriangleSurface:
         return float(np.min(self.nearby_triangles(point, 0.0)[1]))
 
     def is_inside(self, point: FloatArray) -> bool:
-        """Return whether the surface encloses a point (3,), by solid angles (Van Oosterom and Strackee 1983)."""
+        """Return whether the surface encloses a point (3,).
+
+        By solid angles (Van Oosterom and Strackee 1983).
+        """
         a, b, c = ((self.corners[:, i] - point) for i in range(3))
         la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -76,7 +79,7 @@ class TriangleSurface:
 
 
 def triangle_distances(point: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the distances of a point (3,) from triangles (m, 3, 3): to the plane inside, to the edges outside."""
+    """Return the distances of a point (3,) from triangles (m, 3, 3)."""
     a, b, c = (corners[:, i] for i in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None]
@@ -85,15 +88,18 @@ def triangle_distances(point: FloatArray, corners: FloatArray) -> FloatArray:
     for start, end in ((a, b), (b, c), (c, a)):
         along, offset = end - start, point - start
         inside &= np.einsum("ij,ij->i", np.cross(along, offset), normal) >= 0.0
-        shares = np.einsum("ij,ij->i", offset, along) / np.maximum(np.einsum("ij,ij->i", along, along), SMALLEST)
-        differences = offset - np.clip(shares, 0.0, 1.0)[:, None] * along
+        fractions = np.einsum("ij,ij->i", offset, along) / np.maximum(np.einsum("ij,ij->i", along, along), SMALLEST)
+        differences = offset - np.clip(fractions, 0.0, 1.0)[:, None] * along
         result = np.minimum(result, np.linalg.norm(differences, axis=1))
     plane_distances = np.abs(np.einsum("ij,ij->i", point - a, normal))
     return np.where(inside & np.any(normal, axis=1), plane_distances, result)
 
 
 def from_corners(v: FloatArray, i: int) -> Distance:
-    """Return the distance function from those ends of a polygon's edge where it turns by more than 30 degrees."""
+    """Return the distance from the sharp ends of a polygon's edge, as a function of a point.
+
+    An end is sharp if the polygon turns there by more than 30 degrees.
+    """
     previous, start, end, following = (v[(i + j) % len(v)] for j in (-1, 0, 1, 2))
     sharp_ends = [
         corner
@@ -109,7 +115,7 @@ def _cosine(a: FloatArray, b: FloatArray) -> float:
 
 
 def from_segments(segments: FloatArray) -> Distance:
-    """Return the distance function from segments (m, 2, 3)."""
+    """Return the distance from the nearest of several segments (m, 2, 3), as a function of a point."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     lengths = np.maximum(np.sum(along**2, axis=1), SMALLEST)
 
@@ -121,7 +127,7 @@ def from_segments(segments: FloatArray) -> Distance:
 
 
 def sharp_segments(surface: TriangleSurface) -> FloatArray:
-    """Return the ends of the edges between two triangles whose normals differ by more than 30 degrees, (m, 2, 3)."""
+    """Return the ends (m, 2, 3) of the sharp edges, where normals of two triangles differ by more than 30 degrees."""
     faces = surface.faces
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     owner = np.repeat(np.arange(len(faces)), 3)

@@ -1,4 +1,4 @@
-"""Verification of a solution or bound file, independent of the solver's code.
+"""Verification of solution and bound files, independent of the solver's code.
 
 The grasp map is rebuilt from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are recomputed
 with other random directions, the finger forces are inserted into the equilibrium equations, and contacts, constraints
@@ -42,7 +42,7 @@ from nlpgrasp.verify.surface_checks import half_diagonal
 def verify(
     solution: GraspSolution | str | Path, rtol: float = 0.01, folders: Iterable[str | Path] = ()
 ) -> Verification:
-    """Verify a solution, a solution file or a bound file from its own data: problem, grasp, hand, certificate.
+    """Verify a solution, a solution file or a bound file against its own problem, grasp, hand and certificate.
 
     Parameters
     ----------
@@ -95,19 +95,19 @@ def verify(
 
 
 def _verify_answer(solution: GraspSolution, rtol: float, sources: SourceFolders) -> tuple[Bounds | None, list[Check]]:
-    """Return the recomputed quality of a solution's answer, and its checks."""
+    """Return the recomputed quality of a solution's answer, and the checks of this answer."""
     grasp = solution.require_grasp()
     quality, checks = _check_quality(solution, grasp, rtol)
     return quality, [*checks, *recompute(solution, grasp, sources)]
 
 
 def _verify_kept_grasp(rtol: float, sources: SourceFolders, solution: GraspSolution) -> list[Check]:
-    """Return the checks of a solution with another kept grasp as its answer."""
+    """Return the checks of a solution whose answer was replaced by another kept grasp."""
     return [*_verify_answer(solution, rtol, sources)[1], *outcome_checks(solution)]
 
 
 def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
-    """Return the recomputed quality, and the separate checks of the claims about it.
+    """Return the recomputed quality, and the checks of the quality measures and of what depends on them.
 
     A task whose function this process does not have leaves the quality None, and its checks not made.
     """

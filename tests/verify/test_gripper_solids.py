@@ -8,7 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.optimize.constraint_values import HandFunctions
-from nlpgrasp.verify.gripper_solids import _share_on_face
+from nlpgrasp.verify.gripper_solids import _fraction_on_face
 from tests.verify.edits import put
 from tests.verify.stated import edited, recomputed_file, stated_file
 
@@ -126,5 +126,5 @@ def test_a_pad_partly_inside_the_part_is_on_its_face_with_the_rest():
     shares = HandFunctions(problem).at_contacts(points)["pads"]
     assert shares == pytest.approx([0.75, 0.75], abs=1e-6)  # from 0 to 20 mm, of which the plate takes 5
     frame = np.column_stack([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-    own = _share_on_face(body.clearance, points[0], frame[:, 0], frame, GRIPPER.pad, 5e-4)
+    own = _fraction_on_face(body.clearance, points[0], frame[:, 0], frame, GRIPPER.pad, 5e-4)
     assert own == pytest.approx(0.75, abs=0.03)

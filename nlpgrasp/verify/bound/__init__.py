@@ -1,1 +1,1 @@
-"""Independent verification of global upper bounds by recomputed leaves that cover all placements."""
+"""Independent verification of global upper bounds: recomputed leaves that together cover all placements."""

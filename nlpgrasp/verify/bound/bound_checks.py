@@ -1,4 +1,4 @@
-"""Checks of a bound file, and of the global bound that a solution states."""
+"""Checks of a bound file, and of the global bound in a solution file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PROBLEM_PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budge
 
 
 def read_bound_file(path: Path) -> Json | None:
-    """Return the data of a bound file; None for another kind of file.
+    """Return the data of a bound file, or None if the file is of another kind.
 
     Raises
     ------
@@ -60,7 +60,10 @@ def read_bound_file(path: Path) -> Json | None:
 
 
 def verify_bound(data: Json, rtol: float, sources: SourceFolders) -> Verification:
-    """Return the checks of a bound file: certificate, grasp, gap; a bound that cannot be recomputed fails."""
+    """Return the verification of a bound file: its certificate, grasp and optimality gap.
+
+    A bound that cannot be recomputed fails.
+    """
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         try:
             upper, proof = float(data["upper"]), Proof(data["problem"], data["certificate"], sources)
@@ -86,7 +89,7 @@ def verify_bound(data: Json, rtol: float, sources: SourceFolders) -> Verificatio
 
 
 def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
-    """Return the quality of a bound file's grasp, and its checks."""
+    """Return the recomputed quality of a bound file's grasp, and the checks of this grasp."""
     problem = proof.problem
     models = [contact_from_dict(contact) for contact in problem["contacts"]]
     grasp = Grasp(data["positions"], data["normals"], models, proof.origin)
@@ -105,7 +108,7 @@ def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[B
 
 
 def _check_contacts(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
-    """Return the check that contacts are on their faces, with the faces' normals, where constraints allow them."""
+    """Return the check that contacts are on their faces, have the faces' normals and satisfy the constraints."""
     slack, largest_distance = ON_FACE * proof.size, 0.0
     for i, (face, p, n, region) in enumerate(zip(faces, grasp.points, grasp.normals, proof.regions, strict=True)):
         fit = proof.surface.fit(face, p, n, None)
@@ -118,7 +121,7 @@ def _check_contacts(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
 
 
 def _gap_check(data: Json, lower: float) -> Check:
-    """Return the check that stated gap and closed flag follow from bound and grasp."""
+    """Return the check that the stored gap and closed flag follow from the bound and the grasp's quality."""
     upper, stated_gap, requested_gap = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
     gap = max(upper / lower - 1.0, 0.0) if lower > 0.0 else 0.0 if upper == 0.0 else None
     if gap is None or stated_gap is None:
@@ -134,7 +137,7 @@ def _gap_check(data: Json, lower: float) -> Check:
 
 
 def global_bound_checks(solution: GraspSolution, grasp: Grasp, quality: Bounds, sources: SourceFolders) -> list[Check]:
-    """Return the checks that the bound is not below the grasp, and that it follows from its certificate.
+    """Return the checks that a global bound is not below the grasp's quality and follows from its certificate.
 
     Parameters
     ----------
@@ -168,7 +171,7 @@ def global_bound_checks(solution: GraspSolution, grasp: Grasp, quality: Bounds, 
 
 
 def _certificate_checks(proof: Proof, bound: GlobalBound, grasp: Grasp) -> list[Check]:
-    """Return the checks that a solution's bound follows from its certificate, about the grasp's torque origin."""
+    """Return the checks that a solution's bound follows from its certificate and is about the same torque origin."""
     body = proof.problem["body"]
     try:
         if body["type"] == "mesh":
@@ -184,7 +187,7 @@ def _certificate_checks(proof: Proof, bound: GlobalBound, grasp: Grasp) -> list[
 
 
 def _read_certificate(bound: GlobalBound, problem: Json, sources: SourceFolders) -> Json:
-    """Return the certificate, from the solution or from the bound file that it names by digest."""
+    """Return the certificate of a bound, from the solution file or from the bound file that it refers to."""
     stated = bound.certificate
     if "file" not in stated:
         return stated

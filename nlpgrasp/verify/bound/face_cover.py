@@ -30,7 +30,7 @@ NamedFace = tuple[str, "FlatFaceOutline | list[Json]"]
 
 @dataclass(frozen=True)
 class FlatFaceOutline:
-    """A flat face: a polygon, or a segment, with one normal.
+    """Flat face of a body: a polygon in space or a segment in the plane, with one normal.
 
     Parameters
     ----------
@@ -45,7 +45,10 @@ class FlatFaceOutline:
 
 
 def uncovered_faces(faces: Faces, region: StatedRegion, roots: Sequence[Json], size: float) -> list[str]:
-    """Return the names of faces with an allowed part that no root cell covers; meshes are not checked here."""
+    """Return the names of faces with an allowed part that no root cell covers.
+
+    Meshes are not checked here.
+    """
     cells = [cell for root in roots for cell in _members(root)]
     uncovered = []
     for face_name, face in faces.items():
@@ -62,7 +65,7 @@ def uncovered_faces(faces: Faces, region: StatedRegion, roots: Sequence[Json], s
 
 
 def _is_in_plane(cell: Json, face: FlatFaceOutline, size: float) -> bool:
-    """Return whether a cell is a polygon in the plane of a face, with its normal."""
+    """Return whether a cell is a polygon in the plane of a face and has the face's normal."""
     if cell["kind"] != "polygon":
         return False
     polygon = StatedPolygonCell(cell)
@@ -98,7 +101,7 @@ def _have_same_corners(corners: FloatArray, others: FloatArray, tolerance: float
 
 
 def _outside(piece: FloatArray, A: FloatArray, b: FloatArray) -> list[FloatArray]:
-    """Return convex pieces that cover the part of a convex piece outside a convex region ``A p <= b``."""
+    """Return convex pieces that cover the part of a convex piece outside the convex region ``A p <= b``."""
     parts = []
     for direction, offset in zip(A, b, strict=True):
         if len(piece) < 2:
@@ -110,7 +113,7 @@ def _outside(piece: FloatArray, A: FloatArray, b: FloatArray) -> list[FloatArray
 
 
 def _polygon_sides(polygon: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return outward unit normals and offsets of the sides of a convex polygon, or of the ends of a segment."""
+    """Return outward unit normals and offsets of a convex polygon's sides, or of a segment's ends."""
     if len(polygon) == 2:
         direction = (polygon[1] - polygon[0]) / np.linalg.norm(polygon[1] - polygon[0])
         return np.stack([direction, -direction]), np.array([direction @ polygon[1], -direction @ polygon[0]])
@@ -130,7 +133,10 @@ def _is_convex(polygon: FloatArray, normal: FloatArray, size: float) -> bool:
 
 
 def _is_wide(piece: FloatArray, least_width: float) -> bool:
-    """Return whether the least spread of a convex piece's corners in its plane exceeds a length (a singular value)."""
+    """Return whether a convex piece is wider than ``least_width`` in every direction of its plane.
+
+    The width is the least singular value of the corners' positions about their mean.
+    """
     if len(piece) < 2:
         return False
     singular_values = np.linalg.svd(piece - piece.mean(axis=0), compute_uv=False)
@@ -138,7 +144,7 @@ def _is_wide(piece: FloatArray, least_width: float) -> bool:
 
 
 def _members(root: Json) -> Iterator[Json]:
-    """Yield the member cells of a root cell."""
+    """Yield the cells that form a root cell: the members of a union, or the cell itself."""
     if root["kind"] != "bundle":
         yield root
         return
@@ -147,12 +153,12 @@ def _members(root: Json) -> Iterator[Json]:
 
 
 def is_among(cell: Json, others: Sequence[Json], size: float) -> bool:
-    """Return whether a cell equals one of others, up to rounding."""
+    """Return whether a cell equals one of several others, up to rounding."""
     return any(_are_equal_cells(cell, other, TOLERANCE * max(size, 1.0)) for other in others)
 
 
 def _are_equal_cells(cell: Json, other: Json, tolerance: float) -> bool:
-    """Return whether two cells have the same kind and, within a tolerance, the same numbers."""
+    """Return whether two cells have the same kind and, within a tolerance, equal numbers."""
     if cell["kind"] != other["kind"]:
         return False
     for name, value in cell.items():
@@ -164,7 +170,9 @@ def _are_equal_cells(cell: Json, other: Json, tolerance: float) -> bool:
 
 
 def faces_of(body: Json, margin: float) -> Faces:
-    """Return the faces of a body by name, reduced by a margin, metres, at edges sharper than 30 degrees.
+    """Return the faces of a body by name, without a margin along their sharp edges.
+
+    The margin is in metres; edges sharper than 30 degrees have one.
 
     Faces that vanish are omitted; a mesh is not reduced.
     """
@@ -177,7 +185,7 @@ def faces_of(body: Json, margin: float) -> Faces:
 
 
 def _box_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
-    """Yield the faces of a box."""
+    """Yield name and outline of each face of a box."""
     half = array("extents", body["extents"], (3,)) / 2.0
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     for axis, sign in product(range(3), (1.0, -1.0)):
@@ -188,13 +196,13 @@ def _box_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
 
 
 def _polygon_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
-    """Yield the edges of a polygon."""
+    """Yield name and outline of each edge of a polygon."""
     for i, edge in _edge_outlines(array("vertices", body["vertices"], (None, 2)), margin):
         yield f"edge{i}", edge
 
 
 def _edge_outlines(corners: FloatArray, margin: float) -> Iterator[tuple[int, FlatFaceOutline]]:
-    """Yield the edges of a counter-clockwise polygon (m, 2), with their numbers."""
+    """Yield index and outline of each edge of a counter-clockwise polygon (m, 2)."""
     directions = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(directions, axis=1)
     directions /= lengths[:, None]
@@ -212,7 +220,7 @@ def _edge_outlines(corners: FloatArray, margin: float) -> Iterator[tuple[int, Fl
 
 
 def _prism_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
-    """Yield the faces of a prism."""
+    """Yield name and outline of each face of a prism."""
     corners = array("polygon", body["polygon"], (None, 2))
     half = number("height", body["height"], above=0.0) / 2.0
     for i, edge in _edge_outlines(corners, margin) if half > margin else ():
@@ -229,7 +237,7 @@ def _prism_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
 
 
 def _ellipsoid_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
-    """Yield the face of a sphere or ellipsoid, as its eight octants."""
+    """Yield name and cells of the only face of a sphere or ellipsoid: its eight octants."""
     del margin
     axes = [body["radius"]] * 3 if body["type"] == "sphere" else body["semi_axes"]
     octants = [np.diag(signs).tolist() for signs in product((1.0, -1.0), repeat=3)]
@@ -237,7 +245,7 @@ def _ellipsoid_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
 
 
 def _cylinder_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
-    """Yield the faces of a cylinder, as sectors of equal angle."""
+    """Yield name and cells of each face of a cylinder: sectors of equal angle."""
     radius, half = body["radius"], body["height"] / 2.0
     if half > margin:
         side = {"kind": "revolved", "radii": [0.0, radius], "along": [margin - half, half - margin]}
@@ -248,7 +256,7 @@ def _cylinder_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
 
 
 def _torus_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
-    """Yield the face of a torus, as patches of equal angles."""
+    """Yield name and cells of the only face of a torus: patches of equal angles."""
     del margin
     torus = {"kind": "revolved", "radii": [body["major_radius"], body["minor_radius"]]}
     tube_angles = [[angle - np.pi for angle in angles] for angles in _divided_turn("revolved")]
@@ -262,7 +270,7 @@ def _torus_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
 
 
 def _divided_turn(kind: str) -> list[list[float]]:
-    """Return the initial intervals of a full turn, radians, for a kind of cell."""
+    """Return the intervals, radians, into which a full turn is initially divided for a kind of cell."""
     ends = np.linspace(0.0, 2.0 * np.pi, DIVISIONS[kind] + 1).tolist()
     return [ends[i : i + 2] for i in range(DIVISIONS[kind])]
 

@@ -1,4 +1,4 @@
-"""Recomputation of the leaf bounds of a certificate from the supports of single contacts.
+"""Recomputation of the leaf bounds of a certificate from the support functions of single contacts.
 
 For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w phi_A(y)^p <= sum w phi_G(y)^p``, and
 ``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the contacts' cells of
@@ -41,7 +41,7 @@ BATCH = 4000  # mesh corners evaluated together
 
 
 class StatedLeaves:
-    """The leaves of a certificate, with the data of their bounds.
+    """Leaf nodes of a certificate, with the data of their bounds.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class StatedLeaves:
         self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the claimed and the recomputed bounds of the leaves, (n,) each.
+        """Return the claimed and the recomputed upper bounds of the leaves, (n,) each.
 
         The claim of a leaf far below the largest is raised to a share of that, which suffices. Over curved cells,
         bounds are refined only until they are not above the claimed ones.
@@ -86,12 +86,14 @@ class StatedLeaves:
         return claimed, recomputed
 
     def _bounds_by_weights(self, index: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
-        """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
+        """Return upper bounds of nodes from one set of dual weights, refined to confirm the claimed bounds."""
         weights, twists, threshold, task_power = self._dual_weights(index)
         aggregate = max if self.budget.shared and len(weights) == 1 else sum
         cells_of_nodes = [list(zip(self._slots, node, strict=True)) for node in nodes]
         offset = threshold * float(np.sum(weights))
-        largest = self._power_bounds({slot for cells in cells_of_nodes for slot in cells}, twists, weights, threshold)
+        largest = self._support_sum_bounds(
+            {slot for cells in cells_of_nodes for slot in cells}, twists, weights, threshold
+        )
         bounds = []
         for cells, claim in zip(cells_of_nodes, claimed, strict=True):
             requested = (claim / (1.0 + GUARD)) ** self.budget.power * task_power - offset
@@ -100,43 +102,46 @@ class StatedLeaves:
         return bounds
 
     def _dual_weights(self, index: int) -> tuple[FloatArray, FloatArray, float, float]:
-        """Return dual weights (j,) by number, their directions (j, d), threshold, and ``sum w phi_A(y)^p``."""
+        """Return a set of dual weights (j,), its directions (j, d), its threshold, and ``sum w phi_A(y)^p``."""
         if not 0 <= index < len(self._dual_weights_data):
             raise ValueError(f"mixture {index} of {len(self._dual_weights_data)}")
-        numbers, stated_weights = self._dual_weights_data[index]
-        weights, indices = array("weights", stated_weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
+        direction_indices, stated_weights = self._dual_weights_data[index]
+        weights = array("weights", stated_weights, (len(direction_indices),))
+        indices = np.array(direction_indices, dtype=np.int64)
         if not (np.all(weights > 0.0) and len(weights) and np.all(indices >= 0)):
-            raise ValueError(f"weights {stated_weights} of directions {numbers}")
+            raise ValueError(f"weights {stated_weights} of directions {direction_indices}")
         task_power = float(weights @ self.supports[indices] ** self.budget.power)
         return weights, self.twists[indices], float(self._thresholds[index]), task_power
 
-    def _power_bounds(
+    def _support_sum_bounds(
         self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray, threshold: float
-    ) -> dict[tuple[int, int], PowerBounds]:
-        """Return bounds on the largest weighted power over each cell, by group and cell number."""
-        bounds: dict[tuple[int, int], PowerBounds] = {}
+    ) -> dict[tuple[int, int], SupportSumBounds]:
+        """Return bounds on the largest weighted support sum over each cell, by group and cell number."""
+        bounds: dict[tuple[int, int], SupportSumBounds] = {}
         for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
             cells_of_group = {
                 cell_number: group.cells[cell_number] for slot_group, cell_number in cells if slot_group == i
             }
-            power = WeightedPower(contact, twists, weights, threshold, self.origin)
+            support_sum = WeightedSupportSum(contact, twists, weights, threshold, self.origin)
             over_meshes = _largest_over_mesh(
-                {n: cell for n, cell in cells_of_group.items() if isinstance(cell, StatedMeshCell)}, power
+                {n: cell for n, cell in cells_of_group.items() if isinstance(cell, StatedMeshCell)}, support_sum
             )
             for cell_number, cell in cells_of_group.items():
                 lower = (
-                    over_meshes[cell_number] if cell_number in over_meshes else power.largest(cell.vertex_contacts())
+                    over_meshes[cell_number]
+                    if cell_number in over_meshes
+                    else support_sum.largest(cell.vertex_contacts())
                 )
-                bounds[i, cell_number] = PowerBounds(power, lower, cell.curved_faces())
+                bounds[i, cell_number] = SupportSumBounds(support_sum, lower, cell.curved_faces())
         return bounds
 
 
-class PowerBounds:
-    """Lower and upper bounds on the largest weighted power of a contact in a cell.
+class SupportSumBounds:
+    """Lower and upper bounds on the largest weighted support sum of the contacts in a cell.
 
     Parameters
     ----------
-    power : WeightedPower
+    support_sum : WeightedSupportSum
     lower : float
         The largest over the vertex contacts of the cell.
     curved_faces : sequence of StatedCurvedFace
@@ -148,8 +153,8 @@ class PowerBounds:
         Largest value over evaluated contacts, and an upper bound for all contacts.
     """
 
-    def __init__(self, power: WeightedPower, lower: float, curved_faces: Sequence[StatedCurvedFace]) -> None:
-        self._power, self.lower = power, lower
+    def __init__(self, support_sum: WeightedSupportSum, lower: float, curved_faces: Sequence[StatedCurvedFace]) -> None:
+        self._support_sum, self.lower = support_sum, lower
         self._parts: list[tuple[StatedCurvedFace, FloatArray, FloatArray]] = []
         for face in curved_faces:
             parts = face.initial_parts()
@@ -157,16 +162,16 @@ class PowerBounds:
 
     @property
     def upper(self) -> float:
-        """Upper bound over all contacts of the cell."""
+        """Upper bound on the weighted sum of every contact in the cell."""
         return max([self.lower, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
 
     @property
     def count(self) -> int:
-        """Number of parts."""
+        """Number of parts into which the cell's curved faces are divided."""
         return sum(len(bounds) for _, _, bounds in self._parts)
 
     def narrow(self, relative: float, absolute: float) -> None:
-        """Subdivide the parts whose upper bound exceeds the lower one by too much.
+        """Subdivide the parts whose upper bound is too far above the cell's lower bound.
 
         Parameters
         ----------
@@ -181,23 +186,26 @@ class PowerBounds:
                 self._parts[i] = (face, np.concatenate([parts[~is_loose], subdivided]), new_bounds)
 
     def _bounds(self, face: StatedCurvedFace, parts: FloatArray) -> FloatArray:
-        """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
+        """Return an upper bound on the weighted sum of the contacts in each part (n, c, q), (n,)."""
         n, c, q = parts.shape
-        power, weights = self._power, self._power.weights
+        contact, twists = self._support_sum.contact, self._support_sum.twists
+        weights, threshold = self._support_sum.weights, self._support_sum.threshold
         points, normals = face.contacts(parts.reshape(n * c, q))
-        powers, speeds = power.contact.powers(points, normals, power.twists, power.origin)
-        self.lower = max(self.lower, float(np.max(power.contact.excess(powers, power.threshold) @ weights)))
+        powers, speeds = contact.powers(points, normals, twists, self._support_sum.origin)
+        self.lower = max(self.lower, float(np.max(contact.excess(powers, threshold) @ weights)))
         errors = np.repeat(face.interpolation_errors(parts), c, axis=0)
-        upper = power.contact.upper_bounds(powers, speeds, errors, power.twists, power.threshold) @ weights
+        upper = contact.upper_bounds(powers, speeds, errors, twists, threshold) @ weights
         return np.asarray(np.max(upper.reshape(n, c), axis=1))
 
 
-def _total(largest: Sequence[PowerBounds], requested: float, aggregate: Callable[[Iterable[float]], float]) -> float:
-    """Return an upper bound for a node's contacts together, refined until the requested bound is shown or disproved.
+def _total(
+    largest: Sequence[SupportSumBounds], requested: float, aggregate: Callable[[Iterable[float]], float]
+) -> float:
+    """Return an upper bound for all contacts of a node, refined until it confirms or disproves a requested bound.
 
     Parameters
     ----------
-    largest : sequence of PowerBounds
+    largest : sequence of SupportSumBounds
         Bounds of each contact's cell.
     requested : float
         The requested bound.
@@ -217,8 +225,8 @@ def _total(largest: Sequence[PowerBounds], requested: float, aggregate: Callable
     return aggregate(part.upper for part in largest)
 
 
-def _largest_over_mesh(cells: dict[int, StatedMeshCell], power: WeightedPower) -> dict[int, float]:
-    """Return the largest weighted power over cells of one mesh, from disjoint ranges of its pieces."""
+def _largest_over_mesh(cells: dict[int, StatedMeshCell], support_sum: WeightedSupportSum) -> dict[int, float]:
+    """Return the largest weighted sum over each of several cells of one mesh, by cell number."""
     if not cells:
         return {}
     mesh = next(iter(cells.values()))
@@ -228,14 +236,16 @@ def _largest_over_mesh(cells: dict[int, StatedMeshCell], power: WeightedPower) -
         if any(cell.first <= first and last <= cell.last for cell in cells.values()):
             for low in range(first, last, BATCH // 3):
                 part = StatedMeshCell(mesh.data, mesh.corners, mesh.normals, low, min(last, low + BATCH // 3))
-                largest[i] = max(largest[i], power.largest(part.vertex_contacts()))
+                largest[i] = max(largest[i], support_sum.largest(part.vertex_contacts()))
     ranges = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
     return {cell_number: float(np.max(largest[low:high])) for cell_number, (low, high) in ranges.items()}
 
 
 @dataclass(frozen=True)
-class WeightedPower:
-    """Weighted power ``sum of w s^p`` of one contact with supports s, under the shared budget of their excesses.
+class WeightedSupportSum:
+    """Weighted sum of the p-th powers of a contact's supports, ``sum of w s^p``.
+
+    Under the shared budget, the sum of the supports' excesses over a threshold.
 
     Parameters
     ----------
@@ -254,7 +264,7 @@ class WeightedPower:
     origin: FloatArray
 
     def largest(self, contacts: VertexContacts) -> float:
-        """Return the largest weighted power over vertex contacts; 0 without any."""
+        """Return the largest weighted sum of several vertex contacts; 0 if there are none."""
         if not len(contacts.points):
             return 0.0
         powers, _ = self.contact.powers(contacts.points, contacts.normals, self.twists, self.origin)
@@ -263,7 +273,7 @@ class WeightedPower:
 
 @dataclass(frozen=True)
 class StatedContact:
-    """Contact model: normal force, friction, torsion, tilting.
+    """Contact model for support functions: coefficients of friction, torsion and tilting.
 
     Parameters
     ----------
@@ -280,7 +290,7 @@ class StatedContact:
 
     @classmethod
     def of(cls, data: Json, budget: StatedBudget) -> StatedContact:
-        """Return the contact of its JSON data, for a line or a rectangle the disc around it.
+        """Return the contact model of JSON data; for a line or a rectangle, that of the disc around it.
 
         Raises
         ------
@@ -298,7 +308,7 @@ class StatedContact:
 
     @property
     def longest_parts(self) -> tuple[float, float]:
-        """Lengths of the longest force, and of the longest moment in metres, of one unit."""
+        """Largest force, and largest moment in metres, within one unit of the budget."""
         friction, torsion, tilting = self.coefficients
         moment = float(np.hypot(torsion, tilting))  # with a normal force of 1, or of 1 / hypot(1, moment) at most
         if self.budget.lengths:
@@ -306,7 +316,10 @@ class StatedContact:
         return float(np.hypot(1.0, friction)), moment
 
     def work(self, normal: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
-        """Return the largest work of one unit, given velocities along the normal and magnitudes in each other part."""
+        """Return the largest work of one unit of force, given the contact's velocities.
+
+        ``normal`` holds normal velocities, ``sizes`` the magnitudes of sliding, torsion and tilting.
+        """
         parts = [(c, a) for c, a in zip(self.coefficients, sizes, strict=True) if c > 0.0]
         if not self.budget.lengths:
             limited = [c * a for c, a in parts]
@@ -315,7 +328,7 @@ class StatedContact:
         return self._elliptic(normal, *sizes[:2]) if self.elliptic else self._longest(normal, parts)
 
     def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
-        """Return the length of the projection onto ``a <= c n`` for every part.
+        """Return the length of the velocities' projection onto the cone ``a <= c n`` for every part.
 
         The squared distance at a normal force n is ``(n - v_n)^2 + sum of (a - c n)_+^2``. Its slope is the least of
         ``n - v_n - sum over A of c (a - c n)`` over sets A of parts, so that it vanishes at the largest of their roots.
@@ -327,7 +340,10 @@ class StatedContact:
         return np.asarray(np.sqrt(n**2 + sum(np.minimum(a, c * n) ** 2 for c, a in parts)))
 
     def _elliptic(self, normal: FloatArray, sliding: FloatArray, torsion: FloatArray) -> FloatArray:
-        """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``, by search over the cone's rim."""
+        """Return the length of the velocities' projection onto the elliptic cone ``|(f_t / c_1, m / c_2)| <= n``.
+
+        Outside the cone, the length is found by a search over its rim.
+        """
         c, d, _ = self.coefficients
 
         def work(angle: FloatArray) -> FloatArray:
@@ -347,7 +363,7 @@ class StatedContact:
     def powers(
         self, points: FloatArray, normals: FloatArray, twists: FloatArray, origin: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the contacts' work along twists, to the budget's power, and their points' speeds.
+        """Return the p-th powers of the contacts' largest work along twists, and the speeds of their points.
 
         Parameters
         ----------
@@ -371,13 +387,13 @@ class StatedContact:
         return self.work(normal, [sliding, torsion, tilting]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
     def excess(self, powers: FloatArray, threshold: float) -> FloatArray:
-        """Return the excesses of supports over a threshold; without thresholds in the file, the powers."""
+        """Return the excess of each support over a threshold; without thresholds in the file, the powers unchanged."""
         return np.maximum(powers - threshold, 0.0) if self.budget.has_thresholds else powers
 
     def upper_bounds(
         self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray, threshold: float
     ) -> FloatArray:
-        """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
+        """Return upper bounds, (m, j), on the p-th power of the work along spatial twists near each contact.
 
         The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the length L of the longest force, the interpolation error z
         of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less. The work
@@ -434,7 +450,9 @@ def _cross_products(angular_velocities: FloatArray, arms: FloatArray) -> FloatAr
 
 @dataclass(frozen=True)
 class StatedBudget:
-    """Force budget of the bound: ``phi_G^p <= sum of s^p``, or the largest s for a shared budget.
+    """Force budget as a rule that bounds a grasp's support by the supports s of its contacts.
+
+    ``phi_G^p <= sum of s^p``; for a shared budget ``phi_G`` is the largest s.
 
     Parameters
     ----------
@@ -454,7 +472,7 @@ class StatedBudget:
 
     @classmethod
     def of(cls, data: str | Json, has_thresholds: bool) -> StatedBudget:
-        """Return the budget of its JSON data, in a file with or without thresholds.
+        """Return the budget of JSON data, for a file with or without thresholds.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Coverage of all placements by the nodes of a certificate: splits, symmetric copies and leaves."""
+"""Check that the nodes of a certificate's search tree cover all placements of the contacts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Node = tuple[int, ...]
 
 
 class StatedGroup:
-    """The numbered cells of a group of interchangeable contacts.
+    """Numbered surface cells of a group of interchangeable contacts.
 
     Parameters
     ----------
@@ -42,7 +42,10 @@ class StatedGroup:
             self._cut(int(number), cut, parts)
 
     def _cut(self, number: int, cut: int | list[list[int]], parts: Sequence[int | None]) -> None:
-        """Add the two parts of a cell; None for a part that constraints exclude."""
+        """Add the two parts into which a cell is cut.
+
+        A part that constraints exclude has the number None.
+        """
         if number in self.parts or len(parts) != 2:
             raise ValueError(f"cell {number} is cut into {len(parts)} parts, or twice")
         for part, cell in zip(parts, self.cells[number].parts(cut), strict=True):
@@ -55,17 +58,17 @@ class StatedGroup:
         self.parts[number] = tuple(part for part in parts if part is not None)
 
     def wrongly_omitted(self, region: StatedRegion, slack: float) -> list[int]:
-        """Return the numbers of cells with an omitted part that constraints do not exclude."""
+        """Return the numbers of cells of which a part is omitted although constraints allow it."""
         return [number for number, cell in self.omitted if not region.excludes(cell, slack)]
 
 
 def _root_cell(cell: Json, mesh: Callable[[], TriangleSurface]) -> StatedCell:
-    """Return a root cell; of a mesh, all its pieces."""
+    """Return the root cell of JSON data; on a mesh, the cell of all pieces."""
     return StatedMeshCell.whole(cell, mesh()) if cell["kind"] == "mesh" else read_cell(cell)
 
 
 class StatedNodes:
-    """The nodes of a certificate's search tree.
+    """Nodes of a certificate's search tree, each with one surface cell per contact.
 
     Parameters
     ----------
@@ -89,13 +92,13 @@ class StatedNodes:
         self._images: dict[tuple[int, int, int], FloatArray] = {}
 
     def _node(self, cells: Sequence[int]) -> Node:
-        """Return cells by slot, sorted within each group of interchangeable contacts."""
+        """Return a node from the cell numbers of all contacts, sorted within each group of interchangeable contacts."""
         if len(cells) != sum(len(group.contacts) for group in self.groups):
             raise ValueError(f"a node of {len(cells)} cells")
         return tuple(chain.from_iterable(sorted(part) for part in self._by_group([int(c) for c in cells])))
 
     def _by_group(self, cells: Sequence[int]) -> list[list[int]]:
-        """Return the cells of a node by group."""
+        """Return the cell numbers of a node, one list for each group of interchangeable contacts."""
         parts, start = [], 0
         for group in self.groups:
             parts.append(list(cells[start : start + len(group.contacts)]))
@@ -103,12 +106,14 @@ class StatedNodes:
         return parts
 
     def roots(self) -> list[Node]:
-        """Return every combination of root cells."""
+        """Return the root nodes: all combinations of root cells."""
         choices = product(*(combinations_with_replacement(sorted(g.roots), len(g.contacts)) for g in self.groups))
         return [tuple(chain.from_iterable(choice)) for choice in choices]
 
     def uncovered(self) -> str:
-        """Return a node that is no leaf, neither split nor a symmetric copy, or that depends on itself; else empty.
+        """Return a message about a node that is not covered, or an empty text if the nodes cover all placements.
+
+        A node is uncovered if it is no leaf, neither split nor a symmetric copy, or depends on itself.
 
         Dependencies are followed down to leaves. A placement in a node is in one of its parts, or has an image in its
         symmetric copy; so it has an image in a leaf, unless the dependencies are cyclic.
@@ -136,7 +141,7 @@ class StatedNodes:
         return ""
 
     def _required_nodes(self, node: Node) -> list[Node] | None:
-        """Return the nodes that must be covered for a node to be covered; None where nothing covers it."""
+        """Return the nodes that together cover a node, or None if it is neither split nor a symmetric copy."""
         if node in self.copies:
             return [self.copies[node][1]]
         if node not in self.splits:
@@ -153,11 +158,11 @@ class StatedNodes:
         return None
 
     def wrong_symmetric_copies(self) -> list[Node]:
-        """Return the nodes whose motion does not map their cells onto those of their symmetric copy."""
+        """Return the nodes that their motion does not map onto their symmetric copy."""
         return [node for node, (motion, other) in self.copies.items() if not self._maps(node, motion, other)]
 
     def _maps(self, node: Node, motion: int, other: Node) -> bool:
-        """Return whether a motion maps the cells of a node onto those of another, group by group."""
+        """Return whether a motion maps the cells of one node onto those of another, group by group."""
         for i, (cells_of_group, images) in enumerate(zip(self._by_group(node), self._by_group(other), strict=True)):
             unmatched = Counter(images)
             for cell in cells_of_group:
@@ -177,7 +182,7 @@ class StatedNodes:
         return True
 
     def _image(self, group: int, motion: int, cell: int) -> FloatArray:
-        """Return the image of a cell's anchors under a motion, (m, space), metres."""
+        """Return the images of a cell's anchor points under a motion, (m, space), metres."""
         key = group, motion, cell
         if key not in self._images:
             R, t = self.motions[motion]

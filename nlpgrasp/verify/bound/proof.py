@@ -28,7 +28,7 @@ BOUND_TOLERANCE = 1e-10  # share of the largest bound that a stated bound may la
 
 
 class Proof:
-    """A problem with the certificate of a global upper bound on mu.
+    """Problem and certificate of a global upper bound on mu, with the checks of the certificate.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Proof:
 
     @cached_property
     def task(self) -> Task:
-        """Task about the torque origin."""
+        """Task of the problem, about the torque origin."""
         return task_from_dict(self.problem["task"])
 
     @cached_property
@@ -54,7 +54,7 @@ class Proof:
 
     @cached_property
     def surface(self) -> NumericBody:
-        """The numeric body."""
+        """Numeric model of the body."""
         return BODIES.of(self.problem["body"])(self.problem["body"], self.sources)
 
     @cached_property
@@ -64,13 +64,13 @@ class Proof:
 
     @cached_property
     def faces(self) -> Faces:
-        """The body's faces."""
+        """Faces of the body by name, without the edge margin."""
         margin = number("edge_margin", self.problem.get("edge_margin", 0.0), at_least=0.0)
         return faces_of(self.problem["body"], margin)
 
     @cached_property
     def _regions_and_dropped_parts(self) -> tuple[list[StatedRegion], list[str]]:
-        """Allowed region of each contact, and the dropped parts of the problem."""
+        """Allowed region of each contact, and the parts of the problem that the bound ignores."""
         return allowed_regions(self.problem, tuple(self.faces), len(self.origin), self.sources)
 
     @property
@@ -80,7 +80,7 @@ class Proof:
 
     @property
     def dropped_parts(self) -> list[str]:
-        """Parts of the problem that the bound drops, as text."""
+        """Parts of the problem that the bound ignores, as text."""
         return self._regions_and_dropped_parts[1]
 
     @cached_property
@@ -89,18 +89,18 @@ class Proof:
         return [StatedGroup(group, self._triangles) for group in self.data["groups"]]
 
     def _triangles(self) -> TriangleSurface:
-        """Return the triangles of a mesh body."""
+        """Return the triangles of the mesh body; raise ``ValueError`` for any other body."""
         if not isinstance(self.surface, MeshSurface):
             raise ValueError(f"cells of a mesh on a {self.problem['body']['type']}")
         return self.surface.triangles
 
     @cached_property
     def nodes(self) -> StatedNodes:
-        """The nodes of the search tree: a cell for each contact."""
+        """Nodes of the search tree, each with one surface cell per contact."""
         return StatedNodes(self.data, self.groups, self.size)
 
     def checks(self, upper: float, dropped: Sequence[str]) -> list[Check]:
-        """Return the checks that a bound follows from the certificate.
+        """Return the checks that an upper bound on mu follows from the certificate.
 
         Parameters
         ----------
@@ -124,18 +124,18 @@ class Proof:
         return [_check_part(name, part) for name, part in parts.items()]
 
     def _check_dropped(self, stated: Sequence[str]) -> tuple[str, str]:
-        """Return the error in the stated dropped parts, empty without one, and a summary."""
+        """Check the stored list of ignored parts of the problem; return an error text and a summary."""
         dropped = self.dropped_parts
         error = "" if list(stated) == dropped else f"stated {list(stated)}, the problem leaves out {dropped}"
         return error, ", ".join(dropped) if dropped else "nothing left out"
 
     def _check_alike(self) -> tuple[str, str]:
-        """Return the error if contacts of a group are not interchangeable, else empty, and a summary."""
+        """Check that the contacts of each group are interchangeable; return an error text and a summary."""
         regions, contacts = self.regions, self.problem["contacts"]
         models = [StatedContact.of(contact, self.budget) for contact in contacts]
-        numbers = [i for group in self.groups for i in group.contacts]
-        if sorted(numbers) != list(range(len(contacts))):
-            return f"cells for the contacts {numbers}, of {len(contacts)}", ""
+        contact_indices = [i for group in self.groups for i in group.contacts]
+        if sorted(contact_indices) != list(range(len(contacts))):
+            return f"cells for the contacts {contact_indices}, of {len(contacts)}", ""
         for contact, *others in (group.contacts for group in self.groups):
             for other in others:
                 if models[contact] != models[other] or not regions[contact].equals(regions[other]):
@@ -143,7 +143,7 @@ class Proof:
         return "", f"{len(contacts)} contacts in {len(self.groups)} groups"
 
     def _check_covered(self) -> tuple[str, str]:
-        """Return the error if root cells do not cover the allowed faces, else empty, and a summary."""
+        """Check that the root cells cover the allowed faces; return an error text and a summary."""
         for data, group in zip(self.data["groups"], self.groups, strict=True):
             region = self.regions[group.contacts[0]]
             cells = [cell for _, cell in data["roots"]]
@@ -158,14 +158,14 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _check_turned(self) -> tuple[str, str]:
-        """Return the error if rotational symmetry does not allow the stated reductions, else empty, and a summary."""
+        """Check that rotational symmetry allows the stored reductions; return an error text and a summary."""
         rotation_test = RotationTest(self.problem["body"], self.task, self.origin, self.size)
         reductions = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
         error = error_of_reduction(self.data["groups"], rotation_test, self.faces, self.regions)
         return error, ", ".join(reductions) if reductions else "no contact is turned to a line"
 
     def _check_cuts(self) -> tuple[str, str]:
-        """Return the error if constraints do not exclude omitted parts of cells, else empty, and a summary."""
+        """Check that constraints exclude the omitted parts of cells; return an error text and a summary."""
         for group in self.groups:
             omitted = group.wrongly_omitted(self.regions[group.contacts[0]], TOLERANCE * self.size)
             if omitted:
@@ -173,13 +173,13 @@ class Proof:
         return "", f"{sum(len(group.parts) for group in self.groups)} cells cut"
 
     def _check_nodes(self) -> tuple[str, str]:
-        """Return the error if the nodes do not cover all placements, else empty, and a summary."""
+        """Check that the nodes cover all placements; return an error text and a summary."""
         nodes = self.nodes
         counts = f"{len(nodes.splits)} cut, {len(nodes.copies)} twins, {len(nodes.leaves)} leaves"
         return nodes.uncovered(), counts
 
     def _check_symmetries(self) -> tuple[str, str]:
-        """Return the error in motions as symmetries, and as maps of nodes onto their copies, if any, and a summary."""
+        """Check that motions are symmetries and map nodes onto their copies; return an error text and a summary."""
         for i, motion in enumerate(self.data["motions"]):
             error = error_of_motion(motion, self.problem, self.task, self.origin, self.regions, self.size)
             if error:
@@ -190,27 +190,30 @@ class Proof:
 
     @cached_property
     def budget(self) -> StatedBudget:
-        """Force budget of the bound."""
+        """Force budget of the problem, as the leaf bounds use it."""
         return StatedBudget.of(self.problem["force_budget"], "thresholds" in self.data)
 
     @cached_property
     def leaves(self) -> StatedLeaves:
-        """The leaves, with the data of their bounds."""
+        """Leaf nodes of the search tree, with the data of their bounds."""
         return StatedLeaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, self.budget)
 
     def _check_directions(self) -> tuple[str, str]:
-        """Return the error if the task's support along a direction is not 1, else empty, and a summary."""
+        """Check that the task's support along each direction is 1; return an error text and a summary."""
         deviation = float(np.max(np.abs(self.leaves.supports - 1.0), initial=0.0))
         summary = f"the task's work along {len(self.leaves.supports)} directions is 1 to {deviation:.2g}"
         return "" if deviation <= SUPPORT_TOLERANCE else summary, summary
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Claimed bounds of the leaves, at least half of the largest stated one, and the recomputed bounds."""
+        """Claimed and recomputed upper bounds of the leaves, (n,) each.
+
+        Claims below half of the largest one are raised to it.
+        """
         return self.leaves.bounds()
 
     def _check_leaves(self) -> tuple[str, str]:
-        """Return the error in the leaves' bounds, empty without one, and a summary."""
+        """Check that no recomputed leaf bound exceeds the claimed one; return an error text and a summary."""
         claimed, recomputed = self.bounds
         excess = (recomputed - claimed) / float(np.max(recomputed, initial=1e-300))
         worst = int(np.argmax(excess)) if len(excess) else 0
@@ -219,23 +222,29 @@ class Proof:
         return "", f"{len(recomputed)} bounds computed again, none above what is stated"
 
     def _check_upper(self, upper: float) -> tuple[str, str]:
-        """Return the error if the bound is below the largest of the leaves' bounds, else empty, and a summary."""
+        """Check that the upper bound is not below the largest leaf bound; return an error text and a summary."""
         largest = float(np.max(self.bounds[1], initial=0.0))
         summary = f"stated {upper:.12g}, from the leaves {largest:.12g}"
         return "" if upper >= largest * (1.0 - BOUND_TOLERANCE) else summary, summary
 
 
 def convert_older(data: Json) -> Json:
-    """Return a certificate whose leaves refer to dual weights by number, converted from older files."""
+    """Return a certificate in the current format, converted from an older one if necessary.
+
+    In the current format, leaves refer to their dual weights by index.
+    """
     if "mixtures" in data:
         return data
-    mixtures = [[numbers, weights] for _, numbers, weights, _ in data["leaves"]]
+    mixtures = [[direction_indices, weights] for _, direction_indices, weights, _ in data["leaves"]]
     leaves = [[cells, i, bound] for i, (cells, _, _, bound) in enumerate(data["leaves"])]
     return {**data, "mixtures": mixtures, "leaves": leaves}
 
 
 def _check_part(name: str, part: Callable[[], tuple[str, str]]) -> Check:
-    """Return the check of a part, from its function's error, empty without one, and summary."""
+    """Return the check of one part of a certificate.
+
+    ``part`` returns an error text, empty if the part is correct, and a summary.
+    """
     try:
         error_text, summary = part()
     except NotCheckedError as reason:

@@ -1,4 +1,4 @@
-"""Numeric surface cells of a global bound, from their JSON data.
+"""Numeric surface cells of a global bound, read from JSON data.
 
 A cell is a piece of a face. Of its flat part the vertex contacts (``VertexContacts``) suffice, as the work is linear
 between them; its curved part is a parametrised ``StatedCurvedFace``, subdivided as far as a bound requires. There are
@@ -34,7 +34,7 @@ Cut = int | list[list[int]]
 
 @dataclass(frozen=True)
 class VertexContacts:
-    """Vertex contacts that represent the flat part of a cell.
+    """Contacts at the vertices of a cell's flat part.
 
     Parameters
     ----------
@@ -47,26 +47,26 @@ class VertexContacts:
 
     @classmethod
     def flat(cls, points: FloatArray, normal: FloatArray) -> VertexContacts:
-        """Return vertex contacts with one normal, between which the work is linear."""
+        """Return contacts at given points, all with the same normal."""
         return cls(points, np.tile(normal, (len(points), 1)))
 
     @classmethod
     def none(cls) -> VertexContacts:
-        """Return no vertex contacts, for a cell without a flat part."""
+        """Return an empty set of contacts, for a cell without a flat part."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 class StatedCurvedFace(Protocol):
-    """A parametrised curved face; its parts have corners (n, c, q)."""
+    """Interface of parametrised curved faces, divided into parts with corners (n, c, q)."""
 
     def initial_parts(self) -> FloatArray:
-        """Return the initial parts, which together are the cell's part of the face."""
+        """Return the initial parts (n, c, q), which together cover the face."""
 
-    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
+    def contacts(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points, metres, and inward unit normals, (m, 3) each, at parameters (m, q)."""
 
     def interpolation_errors(self, parts: FloatArray) -> FloatArray:
-        """Return the interpolation coefficients of the work in each part, (n, 2, 3).
+        """Return error coefficients (n, 2, 3) of the linear interpolation of the work in each part.
 
         They multiply ``|v|`` and ``|tau|`` for the work of forces, and ``|tau|`` again for that of moments: bounds on
         the difference of a contact's work from the linear interpolation of the corners' work, and from that of any
@@ -74,30 +74,30 @@ class StatedCurvedFace(Protocol):
         """
 
     def subdivide(self, parts: FloatArray) -> FloatArray:
-        """Return r smaller parts in place of each part, (n r, c, q), grouped by the divided part."""
+        """Return r smaller parts in place of each part, (n r, c, q), in the order of the divided parts."""
 
 
 class StatedCell(Protocol):
-    """A piece of a body's face."""
+    """Interface of surface cells: pieces of a body's face."""
 
     @property
     def data(self) -> Json:
         """The cell as JSON data."""
 
     def vertex_contacts(self) -> VertexContacts:
-        """Return the vertex contacts of the cell's flat part."""
+        """Return contacts at the vertices of the cell's flat part."""
 
     def curved_faces(self) -> list[StatedCurvedFace]:
         """Return the curved parts of the cell."""
 
     def parts(self, cut: Cut) -> tuple[StatedCell, StatedCell]:
-        """Return the two parts of a cut, which cover the cell; raise ``ValueError`` on an invalid cut."""
+        """Return the two cells into which a cut divides the cell; raise ``ValueError`` on an invalid cut."""
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return points (m, space) and a radius, metres: the cell is within this distance of their convex hull."""
+        """Return points (m, space) and a distance, metres, by which the cell may extend beyond their convex hull."""
 
     def anchors(self) -> FloatArray:
-        """Return points (m, space) that identify the cell among those of its kind, metres."""
+        """Return points (m, space), metres, that distinguish the cell from others of its kind."""
 
 
 def bounding_ball(cell: StatedCell) -> tuple[FloatArray, float]:
@@ -114,14 +114,14 @@ def halve_interval(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def check_index(cut: Cut, count: int) -> int:
-    """Return the number of a cut, validated to be from 0 to below a count."""
+    """Return the index of a cut, validated to be at least 0 and below ``count``."""
     if not isinstance(cut, int) or isinstance(cut, bool) or not 0 <= cut < count:
         raise ValueError(f"cut {cut!r}, expected a number from 0 to {count - 1}")
     return cut
 
 
 def check_interval(name: str, interval: FloatArray, widest: float = np.inf) -> FloatArray:
-    """Return an interval (2,); refuse one that is reversed, or too wide for its vertex contacts."""
+    """Return an interval (2,), validated to be neither reversed nor wider than ``widest``."""
     if not 0.0 <= interval[1] - interval[0] <= widest:
         raise ValueError(f"{name} from {interval[0]:g} to {interval[1]:g}")
     return interval
@@ -129,7 +129,7 @@ def check_interval(name: str, interval: FloatArray, widest: float = np.inf) -> F
 
 @dataclass(frozen=True)
 class StatedPolygonCell:
-    """A polygon around its vertices, in order; a segment if there are two.
+    """Flat cell: a polygon with its vertices in order, or a segment.
 
     Parameters
     ----------
@@ -152,21 +152,21 @@ class StatedPolygonCell:
 
     @cached_property
     def axes(self) -> FloatArray:
-        """Directions of cuts, (space - 1, space), unit."""
+        """Unit directions along which the cell may be halved, (space - 1, space)."""
         return array("axes", self.data["axes"], (None, self.vertices.shape[1]))
 
     def vertex_contacts(self) -> VertexContacts:
-        """Return the vertices as contacts: a convex function of the point is largest at one of them."""
+        """Return contacts at the vertices, where a convex function of the point is largest."""
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= UNIT:
             raise ValueError("a normal that is no unit vector")
         return VertexContacts.flat(self.vertices, self.normal)
 
     def curved_faces(self) -> list[StatedCurvedFace]:
-        """Return no curved parts."""
+        """Return an empty list, as the cell is flat."""
         return []
 
     def parts(self, cut: Cut) -> tuple[StatedPolygonCell, StatedPolygonCell]:
-        """Return the parts below and above the middle of the extent along an axis."""
+        """Return the halves of the cell below and above the middle of its extent along an axis."""
         axis = self.axes[check_index(cut, len(self.axes))]
         height = self.vertices @ axis
         middle = 0.5 * float(height.min() + height.max())
@@ -174,11 +174,11 @@ class StatedPolygonCell:
         return self._of(low), self._of(high)
 
     def _of(self, vertices: FloatArray) -> StatedPolygonCell:
-        """Return the cell with other vertices."""
+        """Return a cell with other vertices and otherwise the same data."""
         return StatedPolygonCell({**self.data, "vertices": vertices.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the vertices."""
+        """Return the vertices, and a distance of 0."""
         return self.vertices, 0.0
 
     def anchors(self) -> FloatArray:
@@ -203,14 +203,14 @@ def clip_below(vertices: FloatArray, height: FloatArray) -> FloatArray:
             corners.append(vertices[i])
         following = (i + 1) % count
         if (following > i or count > 2) and min(height[i], height[following]) < 0.0 < max(height[i], height[following]):
-            share = height[i] / (height[i] - height[following])
-            corners.append(vertices[i] + share * (vertices[following] - vertices[i]))
+            fraction = height[i] / (height[i] - height[following])
+            corners.append(vertices[i] + fraction * (vertices[following] - vertices[i]))
     return np.array(corners).reshape(-1, vertices.shape[1])
 
 
 @dataclass(frozen=True)
 class StatedSectorCell:
-    """Annular sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
+    """Flat cell: annular sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
 
     Parameters
     ----------
@@ -227,11 +227,11 @@ class StatedSectorCell:
 
     @property
     def angles(self) -> FloatArray:
-        """Both angles, (2,), radians."""
+        """First and last angle, (2,), radians."""
         return check_interval("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
     def vertex_contacts(self) -> VertexContacts:
-        """Return the corners, and the intersection of the tangents at the ends of the outer arc."""
+        """Return contacts at the corners, and where the tangents at the ends of the outer arc intersect."""
         (inner, outer), (low, high) = self.radii.tolist(), self.angles.tolist()
         polar = [(inner, low), (inner, high), (outer, low), (outer, high)]
         if high > low:
@@ -241,27 +241,27 @@ class StatedSectorCell:
         return VertexContacts.flat(np.array(points), array("normal", self.data["normal"], (3,)))
 
     def curved_faces(self) -> list[StatedCurvedFace]:
-        """Return no curved parts."""
+        """Return an empty list, as the cell is flat."""
         return []
 
     def parts(self, cut: Cut) -> tuple[StatedSectorCell, StatedSectorCell]:
-        """Return the halves of the radii, for cut 0, or of the angles, for cut 1."""
+        """Return the halves of the cell: by radius for cut 0, by angle for cut 1."""
         key, interval = (("radii", self.radii), ("angles", self.angles))[check_index(cut, 2)]
         low, high = halve_interval(interval)
         return StatedSectorCell({**self.data, key: low.tolist()}), StatedSectorCell({**self.data, key: high.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the vertex contacts' points."""
+        """Return the points of the vertex contacts, and a distance of 0."""
         return self.vertex_contacts().points, 0.0
 
     def anchors(self) -> FloatArray:
-        """Return the vertex contacts' points."""
+        """Return the points of the vertex contacts."""
         return self.vertex_contacts().points
 
 
 @dataclass(frozen=True)
 class StatedRevolvedCell:
-    """Cell of a surface of revolution: patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` about the z axis.
+    """Cell of a cylinder's side or a torus: ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` about the z axis.
 
     On a cylinder's side t is the height, on a torus the angle around the tube.
 
@@ -276,22 +276,22 @@ class StatedRevolvedCell:
 
     @property
     def radii(self) -> tuple[float, float]:
-        """Radii of the centre line and of the tube or cylinder, metres."""
+        """Radius of the torus's centre line (0 for a cylinder), and of the tube or cylinder, metres."""
         ring, tube = array("radii", self.data["radii"], (2,)).tolist()
         return ring, tube
 
     @property
     def angles(self) -> FloatArray:
-        """Both angles about the axis, radians."""
+        """First and last angle phi about the z axis, radians."""
         return check_interval("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
     @property
     def along(self) -> FloatArray:
-        """Both ends of t, metres or radians."""
+        """First and last value of t, metres on a cylinder, radians on a torus."""
         return check_interval("along", array("along", self.data["along"], (2,)), 3.0 if self.radii[0] > 0.0 else np.inf)
 
     def vertex_contacts(self) -> VertexContacts:
-        """Return the point itself for a cell of one point."""
+        """Return the contact of a cell that is a single point; no contacts for any other cell."""
         return (
             VertexContacts.none()
             if self.curved_faces()
@@ -300,15 +300,15 @@ class StatedRevolvedCell:
 
     @property
     def _face(self) -> StatedRevolvedFace:
-        """The patch as a curved face."""
+        """The cell as a curved face."""
         return StatedRevolvedFace(self.radii, self.angles, self.along)
 
     def curved_faces(self) -> list[StatedCurvedFace]:
-        """Return the patch, or the line, as a curved part."""
+        """Return the cell as a curved face; an empty list if it is a single point."""
         return [self._face] if np.ptp(self.angles) > 0.0 or np.ptp(self.along) > 0.0 else []
 
     def parts(self, cut: Cut) -> tuple[StatedRevolvedCell, StatedRevolvedCell]:
-        """Return the halves of phi, for cut 0, or of t, for cut 1."""
+        """Return the halves of the cell: by phi for cut 0, by t for cut 1."""
         key, interval = (("angles", self.angles), ("along", self.along))[check_index(cut, 2)]
         low, high = halve_interval(interval)
         return StatedRevolvedCell({**self.data, key: low.tolist()}), StatedRevolvedCell(
@@ -316,21 +316,21 @@ class StatedRevolvedCell:
         )
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the middle point and the longest path on the surface to a corner."""
+        """Return the cell's middle point, and the length of a path on the surface to a corner."""
         ring, tube = self.radii
         centre = self._face.contacts(np.array([[self.angles.mean(), self.along.mean()]]))[0]
         tube_path = float(np.ptp(self.along)) * (tube if ring > 0.0 else 1.0)
         return centre, 0.5 * ((ring + tube) * float(np.ptp(self.angles)) + tube_path)
 
     def anchors(self) -> FloatArray:
-        """Return the corners and the middles of all sides."""
+        """Return the corners, the midpoints of the sides and the middle point."""
         coordinates = [np.linspace(float(ends[0]), float(ends[1]), 3) for ends in (self.angles, self.along)]
         return self._face.contacts(np.array(list(product(*coordinates))))[0]
 
 
 @dataclass(frozen=True)
 class StatedRevolvedFace:
-    """Curved part of a cell of a surface of revolution, with the parameters phi and t.
+    """Curved face of a cylinder's side or a torus, with the parameters phi and t.
 
     A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
     likewise around the tube about its centre line; along a cylinder the work is linear.
@@ -348,13 +348,16 @@ class StatedRevolvedFace:
     along: FloatArray
 
     def initial_parts(self) -> FloatArray:
-        """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
+        """Return the initial patches (n, 4, 2), or segments (n, 2, 2) if one parameter is constant.
+
+        A patch has the corners (low, low), (low, high), (high, low), (high, high).
+        """
         straight = self.radii[0] == 0.0
         return _patches(_initial_grid(self.angles, False), _initial_grid(self.along, straight))
 
-    def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points and inward normals at (phi, t), (m, 2)."""
-        (ring, tube), phi, t = self.radii, coordinates[:, 0], coordinates[:, 1:]
+    def contacts(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward unit normals, (m, 3) each, at parameters (phi, t), (m, 2)."""
+        (ring, tube), phi, t = self.radii, parameters[:, 0], parameters[:, 1:]
         radial, axis = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1), np.array([0.0, 0.0, 1.0])
         if ring == 0.0:
             return tube * radial + t * axis, -radial
@@ -362,7 +365,7 @@ class StatedRevolvedFace:
         return ring * radial + tube * tube_normal, -tube_normal
 
     def interpolation_errors(self, parts: FloatArray) -> FloatArray:
-        """Return the interpolation coefficients (n, 2, 3) of patches or lines (n, c, 2)."""
+        """Return the interpolation error coefficients (n, 2, 3) of patches or segments (n, c, 2)."""
         ring, tube = self.radii
         d, e = (parts[:, -1] - parts[:, 0]).T
         outer = ring + tube
@@ -381,7 +384,7 @@ class StatedRevolvedFace:
         return np.stack([np.stack(interpolation, axis=1) / 8.0, np.stack(differences, axis=1)], axis=1)
 
     def subdivide(self, parts: FloatArray) -> FloatArray:
-        """Return four patches for each (n, 4, 2), two lines for each (n, 2, 2)."""
+        """Return the quarters of each patch (n, 4, 2), or the halves of each segment (n, 2, 2)."""
         patches = []
         for part in parts:
             low, high = part[0], part[-1]
@@ -391,7 +394,7 @@ class StatedRevolvedFace:
 
 
 def _initial_grid(interval: FloatArray, is_straight: bool) -> FloatArray:
-    """Return the initial grid of an interval."""
+    """Return the grid points of the initial subdivision of an interval."""
     low, high = interval.tolist()
     if high == low:
         return np.array([low])
@@ -400,14 +403,14 @@ def _initial_grid(interval: FloatArray, is_straight: bool) -> FloatArray:
 
 
 def _patches(phi: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the rectangles between grid lines; lines where one coordinate is constant."""
+    """Return the rectangles between grid lines, or segments if one coordinate is constant."""
     sides = [np.stack([x[:-1], x[1:]], axis=1) if len(x) > 1 else x[:, None] for x in (phi, t)]
     return np.array([list(product(a, b)) for a, b in product(*sides)])
 
 
 @dataclass(frozen=True)
 class StatedEllipsoidCell:
-    """The image under ``diag(semi_axes)`` of the spherical convex hull of one to three corners.
+    """Cell of an ellipsoid: image of a spherical triangle, arc or point under ``diag(semi_axes)``.
 
     Parameters
     ----------
@@ -419,7 +422,7 @@ class StatedEllipsoidCell:
 
     @cached_property
     def corners(self) -> FloatArray:
-        """Unit vectors (c, 3)."""
+        """Corners of the spherical triangle, arc or point, unit vectors (c, 3)."""
         corners = array("corners", self.data["corners"], (None, 3))
         is_valid = 1 <= len(corners) <= 3 and np.all(np.abs(np.linalg.norm(corners, axis=1) - 1.0) <= UNIT)
         if not is_valid or np.min(corners @ corners.T) < -UNIT:
@@ -428,21 +431,21 @@ class StatedEllipsoidCell:
 
     @cached_property
     def axes(self) -> FloatArray:
-        """Semi-axes (3,), metres."""
+        """Semi-axes of the ellipsoid, (3,), metres."""
         return positive("semi_axes", self.data["semi_axes"], 3)
 
     def vertex_contacts(self) -> VertexContacts:
-        """Return the point itself for a cell of one point."""
+        """Return the contact of a cell that is a single point; no contacts for any other cell."""
         if len(self.corners) > 1:
             return VertexContacts.none()
         return VertexContacts(*StatedEllipsoidFace(self.corners, self.axes).contacts(self.corners))
 
     def curved_faces(self) -> list[StatedCurvedFace]:
-        """Return the triangle or arc as a part of a curved surface."""
+        """Return the cell as a curved face; an empty list if it is a single point."""
         return [StatedEllipsoidFace(self.corners, self.axes)] if len(self.corners) > 1 else []
 
     def parts(self, cut: Cut) -> tuple[StatedEllipsoidCell, StatedEllipsoidCell]:
-        """Return both halves of a cut from the middle of a side to the opposite corner."""
+        """Return the halves of the triangle or arc, divided at the middle of a side."""
         first = check_index(cut, len(self.corners))
         second = (first + 1) % len(self.corners)
         middle = self.corners[first] + self.corners[second]
@@ -450,7 +453,7 @@ class StatedEllipsoidCell:
         return self._with(second, middle), self._with(first, middle)
 
     def _with(self, corner: int, point: FloatArray) -> StatedEllipsoidCell:
-        """Return the cell with another corner."""
+        """Return the cell with one corner replaced."""
         corners = self.corners.tolist()
         corners[corner] = point.tolist()
         return StatedEllipsoidCell({**self.data, "corners": corners})
@@ -462,13 +465,13 @@ class StatedEllipsoidCell:
         return (middle * self.axes)[None], float(self.axes.max() * np.max(angles_between(self.corners, middle[None])))
 
     def anchors(self) -> FloatArray:
-        """Return the corners on the ellipsoid."""
+        """Return the corners as points of the ellipsoid, metres."""
         return self.corners * self.axes
 
 
 @dataclass(frozen=True)
 class StatedEllipsoidFace:
-    """The image under ``diag(axes)`` of a spherical triangle, arc or point.
+    """Curved face of an ellipsoid: image of a spherical triangle, arc or point under ``diag(axes)``.
 
     Parameters
     ----------
@@ -482,7 +485,7 @@ class StatedEllipsoidFace:
     axes: FloatArray
 
     def initial_parts(self) -> FloatArray:
-        """Return the initial triangles or arcs."""
+        """Return the initial triangles (n, 3, 3) or arcs (n, 2, 3), as unit vectors."""
         parts = self.corners[None]
         for _ in range(MOST_HALVINGS):
             if float(np.max(_longest_sides(parts))) <= INITIAL_SPACING:
@@ -491,12 +494,12 @@ class StatedEllipsoidFace:
         return parts
 
     def contacts(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points and inward normals at unit vectors (m, 3)."""
+        """Return points and inward unit normals, (m, 3) each, at unit vectors (m, 3)."""
         inward = -directions / self.axes
         return directions * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True)
 
     def interpolation_errors(self, parts: FloatArray) -> FloatArray:
-        """Return the interpolation coefficients (m, 2, 3) of small parts (m, c, 3).
+        """Return the interpolation error coefficients (m, 2, 3) of triangles or arcs (m, c, 3).
 
         On a great circle of unit speed, the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
         its rate of turning changes by at most ``2 w |u'^T A^-2 u| / g^2``.
@@ -530,7 +533,7 @@ class StatedEllipsoidFace:
         return np.stack([interpolation, differences], axis=1)
 
     def subdivide(self, parts: FloatArray) -> FloatArray:
-        """Return four triangles for each (n, 3, 3), two arcs for each (n, 2, 3)."""
+        """Return the four quarters of each triangle (n, 3, 3), or the halves of each arc (n, 2, 3)."""
         middles = parts + np.roll(parts, -1, axis=1)
         middles /= np.linalg.norm(middles, axis=2, keepdims=True)
         if parts.shape[1] == 2:
@@ -543,12 +546,12 @@ class StatedEllipsoidFace:
 
 
 def _longest_sides(parts: FloatArray) -> FloatArray:
-    """Return the longest side of each part, radians, (n,)."""
+    """Return the longest side of each spherical triangle or arc, radians, (n,)."""
     return np.asarray(np.max(angles_between(parts, np.roll(parts, -1, axis=1)), axis=1))
 
 
 def _circumradii(parts: FloatArray) -> FloatArray:
-    """Return the circumradius of each part, developed into the plane from any of its points, (m,).
+    """Return an upper bound on the circumradius of each spherical triangle or arc, radians, (m,).
 
     Developed along great circles from one of its points, a part has sides at most ``t / sin t`` times as long, t the
     longest: the radius is then that of the circumcircle for an acute triangle, half the longest side for others.
@@ -570,7 +573,7 @@ def angles_between(u: FloatArray, v: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class StatedMeshCell:
-    """A range of the pieces of a mesh's subdivided triangles.
+    """Cell of a mesh: a range of the pieces into which its triangles are divided.
 
     Parameters
     ----------
@@ -592,7 +595,7 @@ class StatedMeshCell:
 
     @classmethod
     def whole(cls, data: Json, mesh: TriangleSurface) -> StatedMeshCell:
-        """Return the cell of all pieces; raise ``ValueError`` where the data name pieces that do not exist."""
+        """Return the cell of all pieces of a mesh; raise ``ValueError`` if the data name pieces that do not exist."""
         corners, triangle = halve_triangles(mesh.corners, data["halved"])
         stated_order = data["order"]
         order = np.arange(len(corners)) if stated_order is None else np.array(stated_order, dtype=np.int64)
@@ -601,22 +604,22 @@ class StatedMeshCell:
         return cls({**data, "order": order.tolist()}, corners[order], -mesh.normals[triangle[order]], 0, len(order))
 
     def count_missing(self, mesh: TriangleSurface) -> int:
-        """Return the number of the mesh's pieces that the cell lacks."""
+        """Return the number of the mesh's pieces that are not in the cell."""
         count = len(halve_triangles(mesh.corners, self.data["halved"])[0])
         return count - len(set(map(int, self.data["order"][self.first : self.last])))
 
     def vertex_contacts(self) -> VertexContacts:
-        """Return the corners with their pieces' normals: a convex function on a flat piece is largest at a corner."""
+        """Return contacts at the corners of all pieces, with the pieces' normals."""
         points = self.corners[self.first : self.last].reshape(-1, 3)
         normals = np.repeat(self.normals[self.first : self.last], 3, axis=0)
         return VertexContacts(points, normals)
 
     def curved_faces(self) -> list[StatedCurvedFace]:
-        """Return no curved parts."""
+        """Return an empty list, as the pieces are flat."""
         return []
 
     def parts(self, cut: Cut) -> tuple[StatedMeshCell, StatedMeshCell]:
-        """Return the first pieces, as many as the cut states, and the rest."""
+        """Return the cell of the first ``cut`` pieces, and the cell of the others."""
         if not isinstance(cut, int) or not 0 < cut < self.last - self.first:
             raise ValueError(f"{cut} of {self.last - self.first} pieces")
         middle = self.first + cut
@@ -624,16 +627,16 @@ class StatedMeshCell:
         return first, StatedMeshCell(self.data, self.corners, self.normals, middle, self.last)
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the corners."""
+        """Return the corners of all pieces, and a distance of 0."""
         return self.anchors(), 0.0
 
     def anchors(self) -> FloatArray:
-        """Return the corners."""
+        """Return the corners of all pieces."""
         return self.corners[self.first : self.last].reshape(-1, 3)
 
 
 def halve_triangles(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatArray, np.ndarray]:
-    """Return the pieces of subdivided triangles (t, 3, 3), and the triangle of each piece.
+    """Return the pieces of repeatedly halved triangles (t, 3, 3), and the triangle that each piece is from.
 
     In each round every piece has a character: the number of a corner if the side from that corner to the next is
     halved, any other if the piece stays. The half with the corner stays in place, the other half goes to the end.
@@ -656,7 +659,7 @@ def halve_triangles(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatAr
 
 @dataclass(frozen=True)
 class StatedCellUnion:
-    """A union of cells.
+    """Union of several cells.
 
     Parameters
     ----------
@@ -683,7 +686,7 @@ class StatedCellUnion:
         return [face for member in self.members for face in member.curved_faces()]
 
     def parts(self, cut: Cut) -> tuple[StatedCell, StatedCell]:
-        """Return the unions of both parts of a partition of the members."""
+        """Return the unions of the two sets into which the members are divided."""
         count = len(self.members)
         if isinstance(cut, int) or len(cut) != 2 or not all(cut) or set(cut[0] + cut[1]) != set(range(count)):
             raise ValueError("a cut that does not share the members out")
@@ -691,11 +694,11 @@ class StatedCellUnion:
         return self._of(first), self._of(second)
 
     def _of(self, members: list[Json]) -> StatedCell:
-        """Return the union of some members, or the only one."""
+        """Return the union of the given members, or the member itself if there is only one."""
         return read_cell(members[0] if len(members) == 1 else {**self.data, "members": members})
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the points of all members, and the largest of their radii."""
+        """Return the points of all members, and the largest of their distances."""
         hulls = [member.hull() for member in self.members]
         return np.concatenate([points for points, _ in hulls]), max(radius for _, radius in hulls)
 
@@ -714,7 +717,7 @@ CELL_KINDS: dict[str, Callable[[Json], StatedCell]] = {
 
 
 def read_cell(data: Json) -> StatedCell:
-    """Return the cell of its JSON data; raise ``NotCheckedError`` on an unknown kind."""
+    """Return the cell of JSON data; raise ``NotCheckedError`` on an unknown kind."""
     kind = CELL_KINDS.get(str(data["kind"]))
     if data["kind"] == "superquadric":
         raise NotCheckedError(
@@ -726,7 +729,10 @@ def read_cell(data: Json) -> StatedCell:
 
 
 def is_image(cell: StatedCell, other: StatedCell, image: FloatArray, tolerance: float) -> bool:
-    """Return whether a cell is the image of another with transformed anchors (m, space), in any order."""
+    """Return whether a cell is the image of another cell under a motion.
+
+    ``image`` (m, space) holds the other cell's anchor points after the motion; their order does not matter.
+    """
     if cell.data["kind"] != other.data["kind"]:
         return False
     if isinstance(cell, StatedCellUnion) and isinstance(other, StatedCellUnion):

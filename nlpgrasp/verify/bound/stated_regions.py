@@ -1,4 +1,4 @@
-"""Allowed regions of single contacts, and the parts of a problem that the bound drops."""
+"""Allowed regions of single contacts, and the parts of a problem that the bound ignores."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HalfSpaces = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class StatedRegion:
-    """Allowed region of one contact.
+    """Region of the surface in which a single contact is allowed.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class StatedRegion:
 
     @property
     def is_limited(self) -> bool:
-        """Whether the contact has other limits than its faces."""
+        """Whether constraints limit the contact beyond the choice of its face."""
         return bool(self.inside or self.outside or self.away)
 
     def excludes(self, cell: StatedCell, slack: float) -> bool:
-        """Return whether no contact of a cell is allowed, even with a slack in metres."""
+        """Return whether no contact of a cell is allowed, up to a tolerance ``slack``, metres."""
         points, distance = cell.hull()
         for A, b, radius in self.inside:
             if np.any(np.min(points @ A.T, axis=0) - distance - b > radius - slack):
@@ -61,7 +61,7 @@ class StatedRegion:
         return any(float(d(centre[None])[0]) + ball_radius + radius < least + slack for d, least, radius in self.away)
 
     def forbids(self, face: str, point: FloatArray, normal: FloatArray, slack: float) -> bool:
-        """Return whether a contact (space,) on a face violates its region by more than a slack in metres."""
+        """Return whether a contact (space,) violates its region by more than ``slack``, metres."""
         if face not in self.faces or any(np.any(A @ (point - r * normal) - b > slack) for A, b, r in self.inside):
             return True
         if any(np.all(A @ point - b < -slack) for A, b in self.outside):
@@ -69,11 +69,11 @@ class StatedRegion:
         return any(float(d((point - r * normal)[None])[0]) < least - slack for d, least, r in self.away)
 
     def half_spaces(self) -> FloatArray:
-        """Return the half-spaces of all required regions, (m, space + 2): direction, offset, radius."""
+        """Return the half-spaces that the contact must be in, (m, space + 2): direction, offset, radius."""
         return np.concatenate([np.column_stack([A, b, np.full(len(b), radius)]) for A, b, radius in self.inside])
 
     def equals(self, other: StatedRegion) -> bool:
-        """Return whether another contact has the same allowed region."""
+        """Return whether another contact of the same problem has the same allowed region."""
         if set(self.faces) != set(other.faces) or len(self.outside) != len(other.outside):
             return False
         if len(self.inside) != len(other.inside) or len(self.away) != len(other.away):
@@ -86,7 +86,7 @@ class StatedRegion:
 def allowed_regions(
     problem: Json, faces: Sequence[str], space: int, sources: SourceFolders
 ) -> tuple[list[StatedRegion], list[str]]:
-    """Return the allowed region of each contact, and the dropped parts of the problem, as text."""
+    """Return the allowed region of each contact, and the parts of the problem that the bound ignores, as text."""
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
@@ -116,14 +116,14 @@ def allowed_regions(
 
 
 def _has_shape(contact: Json, space: int) -> bool:
-    """Return whether a contact is a line or a rectangle in space: the bound takes the disc around it."""
+    """Return whether a contact is a line or a rectangle in space, which the bound replaces by a disc."""
     return space == 3 and (contact["model"] == "line" or contact.get("extents") is not None)
 
 
 def _single_contact_limits(
     data: Json, contact: int, radius: float, space: int, sources: SourceFolders
 ) -> StatedRegion | None:
-    """Return a constraint's limits on one contact alone; None without any."""
+    """Return the region to which a constraint limits a single contact, or None if it sets no such limit."""
     kind = data["type"]
     if kind == "table":
         lowest = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0) + radius
@@ -142,7 +142,7 @@ def _single_contact_limits(
 
 
 def _half_spaces(region: Json, space: int) -> HalfSpaces | None:
-    """Return the half-spaces of a region; None where its function is not in the file."""
+    """Return the half-spaces whose intersection is a region; None if the region's function is not in the file."""
     if region["type"] == "half_space":
         normal = unit("normal", region["normal"], space)
         return -normal[None], np.array([-number("offset", region["offset"])])
@@ -153,7 +153,7 @@ def _half_spaces(region: Json, space: int) -> HalfSpaces | None:
 
 
 def _obstacle_distance_function(data: Json, space: int, sources: SourceFolders) -> Callable[[FloatArray], FloatArray]:
-    """Return the distance function of an obstacle, points (m, space) to metres."""
+    """Return the function from points (m, space) to their signed distances from an obstacle, metres."""
     surface = BODIES.of(data["body"])(data["body"], sources)
     position = np.zeros(space) if data["position"] is None else array("position", data["position"], (space,))
     quaternion = data["quaternion_wxyz"]

@@ -1,4 +1,4 @@
-"""Invariance of body, task, constraints and torque origin under the symmetries that a certificate states.
+"""Checks of the symmetries that a certificate uses: of body, task, constraints and torque origin.
 
 Motions map a node of the search onto its symmetric copy (``error_of_motion``). Reductions turn a contact about an axis
 to a line or a point of the surface, which requires invariance under all turns (``error_of_reduction``).
@@ -26,7 +26,7 @@ POLE_TOLERANCE = 1e-9  # tolerance of axes, poles and meridians, relative to the
 def error_of_motion(
     motion: Json, problem: Json, task: Task, origin: FloatArray, regions: Sequence[StatedRegion], size: float
 ) -> str:
-    """Return the part of the problem that a motion does not map onto itself; empty for a symmetry.
+    """Return a message if a motion is no symmetry of the problem, or an empty text if it is one.
 
     Parameters
     ----------
@@ -59,7 +59,10 @@ def error_of_motion(
 
 
 def wrench_action(R: FloatArray) -> FloatArray:
-    """Return the action of R on wrenches about a fixed point: ``(R p) x (R f) = det(R) R (p x f)``."""
+    """Return the matrix by which an orthogonal map R acts on wrenches about a fixed point.
+
+    The moment follows ``(R p) x (R f) = det(R) R (p x f)``.
+    """
     space, determinant = len(R), 1.0 if np.linalg.det(R) > 0.0 else -1.0
     moment_action = np.array([[determinant]]) if space == 2 else determinant * R
     zero = np.zeros((space, len(moment_action)))
@@ -67,7 +70,7 @@ def wrench_action(R: FloatArray) -> FloatArray:
 
 
 def leaves_task_invariant(task: Task, matrix: FloatArray) -> bool:
-    """Return whether a linear map leaves a set of wrenches invariant, as far as its kind shows it."""
+    """Return whether a linear map provably leaves a task's set of wrenches invariant."""
     if isinstance(task, TaskSum):
         return all(leaves_task_invariant(part, matrix) for part in task.tasks)
     if isinstance(task, TaskPolytope):
@@ -84,47 +87,50 @@ def leaves_task_invariant(task: Task, matrix: FloatArray) -> bool:
 
 
 def _wrench_scale(sizes: FloatArray) -> FloatArray:
-    """Return the largest force for each force component, the largest moment for each moment component; 1 for zeros."""
+    """Return the largest force for each force component and the largest moment for each moment component.
+
+    A scale of zero is replaced by 1.
+    """
     forces = 2 if len(sizes) == 3 else 3
     scale = np.repeat([sizes[:forces].max(), sizes[forces:].max()], [forces, len(sizes) - forces])
     return np.where(scale > 0.0, scale, 1.0)
 
 
 def leaves_body_invariant(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether a motion maps a body onto itself."""
+    """Return whether a motion provably maps a body onto itself."""
     check = MOTION_TESTS.get(body["type"])
     return check is not None and check(body, R, t, tolerance)
 
 
 def _maps_box(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether corners map to corners: the box is their convex hull."""
+    """Return whether a motion maps a box onto itself, by its corners."""
     signs = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, -1).T
     corners = signs * array("extents", body["extents"], (3,)) / 2.0
     return _are_same_points(corners @ R.T + t, corners, tolerance)
 
 
 def _maps_polygon(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether corners map to corners, and edge midpoints to edge midpoints."""
+    """Return whether a motion maps a polygon onto itself."""
     corners = array("vertices", body["vertices"], (None, 2))
     return _maps_outline(corners, R, t, tolerance)
 
 
 def _maps_prism(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the outline maps to itself, and the z axis to itself or its reverse."""
+    """Return whether a motion maps a prism onto itself, by its outline and its z axis."""
     corners = array("polygon", body["polygon"], (None, 2))
     upright = max(np.max(np.abs(R[2, :2])), np.max(np.abs(R[:2, 2])), abs(abs(R[2, 2]) - 1.0)) <= IMAGE_TOLERANCE
     return bool(upright and abs(t[2]) <= tolerance and _maps_outline(corners, R[:2, :2], t[:2], tolerance))
 
 
 def _maps_ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the quadratic form of the surface is invariant."""
+    """Return whether a motion maps a sphere or ellipsoid onto itself, by its quadratic form."""
     axes = np.full(3, body["radius"]) if body["type"] == "sphere" else array("semi_axes", body["semi_axes"], (3,))
     form = np.diag((axes / axes.max()) ** 2)
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R @ form @ R.T - form)) <= IMAGE_TOLERANCE)
 
 
 def _maps_z_axis(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the z axis maps to itself, or to its reverse."""
+    """Return whether a motion maps a cylinder or torus onto itself: its z axis onto itself or the reverse."""
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R[2, :2])) <= IMAGE_TOLERANCE)
 
 
@@ -140,7 +146,7 @@ MOTION_TESTS: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] =
 
 
 def _maps_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether a plane motion maps a polygon's corners onto those in order, or reversed."""
+    """Return whether a motion of the plane maps a polygon's corners onto themselves, in order or in reverse."""
     image = corners @ R.T + t
     for corners_in_order in (image, image[::-1]):
         for shift in range(len(corners)):
@@ -150,26 +156,31 @@ def _maps_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: 
 
 
 def _leaves_regions_invariant(region: StatedRegion, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the regions that a contact has to be inside of are invariant; False for other limits."""
+    """Return whether a motion leaves the allowed region of a contact invariant.
+
+    False if the region has limits other than half-spaces.
+    """
     if region.outside or region.away:
         return False
     if not region.inside:
         return True
-    rows, space = region.half_spaces(), len(t)
-    image = rows.copy()
-    image[:, :space] = rows[:, :space] @ R.T
+    half_spaces, space = region.half_spaces(), len(t)
+    image = half_spaces.copy()
+    image[:, :space] = half_spaces[:, :space] @ R.T
     image[:, space] += image[:, :space] @ t
-    return _are_same_points(image, rows, tolerance)
+    return _are_same_points(image, half_spaces, tolerance)
 
 
 def _are_same_points(image: FloatArray, points: FloatArray, tolerance: float) -> bool:
-    """Return whether two sets of points are equal within a tolerance."""
+    """Return whether two sets of points are equal up to a tolerance."""
     distances = np.max(np.abs(image[:, None] - points[None]), axis=2)
     return bool(np.max(distances.min(axis=0)) <= tolerance and np.max(distances.min(axis=1)) <= tolerance)
 
 
 class RotationTest:
-    """Body, task and torque origin of a problem, for tests of rotational symmetry without constraints.
+    """Test of body, task and torque origin for rotational symmetry.
+
+    Constraints are not part of the test.
 
     Parameters
     ----------
@@ -185,7 +196,10 @@ class RotationTest:
         self.body, self.task, self.origin, self.size = body, task, origin, size
 
     def is_symmetric_about(self, axis: FloatArray) -> bool:
-        """Return whether rotations about a unit axis (3,) through the frame's origin leave everything invariant."""
+        """Return whether all rotations about an axis leave body, task and torque origin invariant.
+
+        The axis is a unit vector (3,), through the origin of the body's frame.
+        """
         R = Rotation.from_rotvec(RADIAN * axis).as_matrix()
         keeps_origin = float(np.max(np.abs(R @ self.origin - self.origin))) <= POLE_TOLERANCE * self.size
         keeps_task = leaves_task_invariant(self.task, wrench_action(R))
@@ -197,7 +211,7 @@ class RotationTest:
 def error_of_reduction(
     groups: Sequence[Json], rotation_test: RotationTest, faces: Faces, regions: Sequence[StatedRegion]
 ) -> str:
-    """Return why stated reductions by symmetry are not allowed or do not cover their line, as text; empty if right.
+    """Return a message if symmetry does not justify the stored reductions, or an empty text if it does.
 
     Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
     any half-plane through the axis. On a sphere, one contact at a pole and one on a meridian through it.
@@ -222,7 +236,7 @@ def error_of_reduction(
 
 
 def _half_plane_error(roots: Sequence[Json], rotation_test: RotationTest, faces: Faces) -> str:
-    """Return the error in a reduction of one contact to a half-plane; empty without one."""
+    """Return a message if a contact may not be reduced to a half-plane, or an empty text if it may."""
     axis = np.array([0.0, 0.0, 1.0])
     if rotation_test.body["type"] in ("sphere", "ellipsoid"):
         arcs_axis = _axis_of_arcs(roots)
@@ -245,7 +259,7 @@ def _half_plane_error(roots: Sequence[Json], rotation_test: RotationTest, faces:
 
 
 def _pole_error(pole: Sequence[Json], meridian: Sequence[Json] | None, rotation_test: RotationTest) -> str:
-    """Return the error in a reduction of one contact to a pole, and one to a meridian; empty without one."""
+    """Return a message if contacts may not be reduced to a pole and a meridian, or an empty text if they may."""
     if not _is_sphere(rotation_test.body) or len(pole) != 1:
         return "only a sphere has every point for a pole"
     point = StatedEllipsoidCell(pole[0])
@@ -262,12 +276,12 @@ def _pole_error(pole: Sequence[Json], meridian: Sequence[Json] | None, rotation_
 
 
 def _is_sphere(body: Json) -> bool:
-    """Return whether a body is a sphere, also as an ellipsoid with equal semi-axes."""
+    """Return whether a body is a sphere, possibly given as an ellipsoid with equal semi-axes."""
     return body["type"] == "sphere" or (body["type"] == "ellipsoid" and len(set(body["semi_axes"])) == 1)
 
 
 def _is_on(cell: StatedEllipsoidCell, rotation_test: RotationTest) -> bool:
-    """Return whether a cell is on the body's surface."""
+    """Return whether an ellipsoid cell has the body's semi-axes."""
     axes = (
         rotation_test.body["radius"]
         if rotation_test.body["type"] == "sphere"
@@ -277,7 +291,7 @@ def _is_on(cell: StatedEllipsoidCell, rotation_test: RotationTest) -> bool:
 
 
 def _axis_of_arcs(roots: Sequence[Json]) -> FloatArray | None:
-    """Return the axis of two quarter circles that meet in one point at right angles to it; None for other arcs."""
+    """Return the axis through the ends of the half circle that two quarter arcs form; None for other cells."""
     cells = [StatedEllipsoidCell(cell) for cell in roots if cell["kind"] == "ellipsoid"]
     if len(cells) != 2 or any(len(cell.corners) != 2 for cell in cells):
         return None
