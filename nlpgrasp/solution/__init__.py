@@ -1,4 +1,4 @@
-"""Grasp solutions: frozen data with evidence, and their JSON files."""
+"""Solutions of grasp problems: immutable data with certificates, and their JSON files."""
 
 from nlpgrasp.solution.analysis_records import Conflict, Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.kept_grasps import FoundGrasp

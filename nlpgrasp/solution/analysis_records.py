@@ -1,4 +1,4 @@
-"""Records of analyses: robustness, infeasibility, shadow prices, joint-limit margins."""
+"""Records of the analyses of a grasp: robustness, infeasibility, shadow prices, joint-limit margins."""
 
 from __future__ import annotations
 
@@ -53,23 +53,26 @@ class Robustness(Record):
     )
 
     def share(self, mu: Bounds) -> float:
-        """Return the remaining share of a grasp's certified quality, the ratio of the upper bounds."""
+        """Return the fraction of a grasp's certified quality that is left: the ratio of the upper bounds."""
         return min(self.mu.upper / mu.upper, 1.0) if mu.upper > 0.0 else 0.0
 
     def is_fragile(self, mu: Bounds) -> bool:
-        """Return whether the remaining share is below ``FRAGILE``, a fifth."""
+        """Return whether the fraction of quality that is left is below ``FRAGILE``, a fifth."""
         return self.share(mu) < FRAGILE
 
     def fragile_words(self, mu: Bounds, label: str) -> str:
-        """Return the remaining share as text, for a grasp of this certified quality in a measure of this name."""
-        share = self.share(mu)
-        negligible = f"less than {100.0 * LEAST_SHARE:g} %" if share > 0.0 else "nothing"
-        remaining = f"{100.0 * share:.2g} %" if share >= LEAST_SHARE else negligible
+        """Return a text on the fraction of a grasp's quality that is left.
+
+        ``mu`` is the certified quality, ``label`` the name of the measure.
+        """
+        fraction = self.share(mu)
+        negligible = f"less than {100.0 * LEAST_SHARE:g} %" if fraction > 0.0 else "nothing"
+        remaining = f"{100.0 * fraction:.2g} %" if fraction >= LEAST_SHARE else negligible
         disturbance = f"contacts are {1e3 * self.offset:g} mm off and friction {100.0 * self.friction_share:g} % less"
         return f"fragile: {remaining} of {label} is left when {disturbance}"
 
     def beside(self, mu: Bounds) -> Robustness:
-        """Return the record with share and fragility for a grasp of this certified quality."""
+        """Return a copy that also stores remaining fraction and fragility for a grasp of certified quality ``mu``."""
         return replace(self, stated_share=self.share(mu), stated_fragile=self.is_fragile(mu))
 
     @classmethod
@@ -94,7 +97,7 @@ class Robustness(Record):
 
 
 def fragility_warning(robust: Robustness | None, mu: Bounds, label: str) -> str:
-    """Return a warning that a grasp is fragile; empty where it is not, or where its robustness is unknown.
+    """Return a warning that a grasp is fragile, or an empty text if it is not or its robustness is unknown.
 
     Parameters
     ----------
@@ -134,12 +137,12 @@ class Conflict(Record):
 
     @property
     def excess(self) -> float:
-        """Violation: the distance of the value beyond the bound."""
+        """Violation of the bound: distance of the value beyond it."""
         return abs(self.value - self.bound)
 
     @property
     def amount(self) -> str:
-        """The violation with its unit as text, lengths in millimetres."""
+        """Violation with its unit as text, lengths in millimetres."""
         return self._text(self.excess, 3)
 
     def __str__(self) -> str:
@@ -202,13 +205,16 @@ class ShadowPrice(Record):
 
     @property
     def what(self) -> str:
-        """The step as text."""
+        """Step of the limit as text, such as ``"raising Spread.max by 1 mm"``."""
         if self.unit.endswith(RANGE):
             return f"{self.unit.removesuffix(RANGE)} more at {self.name}"
         return f"raising {self.name} by {self.unit}"
 
     def words(self, label: str) -> str:
-        """Return the effect of the step on the measure of this name, as text."""
+        """Return the effect of the step on a quality measure as text.
+
+        ``label`` is the name of the measure.
+        """
         return f"{self.what} changes {label} by {self.gain:+.3g}"
 
     def __str__(self) -> str:
@@ -217,7 +223,7 @@ class ShadowPrice(Record):
 
 @dataclass(frozen=True)
 class JointMargins:
-    """Distances of joints from their limits, against required margins.
+    """Required joint-limit margins, and the joints' distances from their limits.
 
     Parameters
     ----------
@@ -238,7 +244,7 @@ class JointMargins:
 
     @property
     def joints_near_limit(self) -> dict[str, float]:
-        """Distance from the nearer limit, for the joints that lack their margin."""
+        """Distance from the nearer limit of each joint that lacks its required margin."""
         required = {name: (1.0 - SMALL) * margin for name, margin in self.margins.items()}
         return {name: distance for name, distance in self.left.items() if distance < required[name]}
 
@@ -253,13 +259,16 @@ class JointMargins:
 
 
 def mu_before_margins(margins: Json) -> float:
-    """Return the mu before the search for joint-limit margins, from a file of an earlier version; 0 in later ones."""
+    """Return the mu before the search for joint-limit margins, from a file of an earlier version; else 0."""
     bounds = margins.get("mu_without")
     return 0.0 if bounds is None else float(bounds["upper"])
 
 
 def format_joint_margins(margins: Json) -> list[str]:
-    """Return the joints near a limit as text lines, from ``hand.room``; of earlier versions also the cost in mu."""
+    """Return text lines about the joints near a limit, from the data in ``hand.room``.
+
+    For files of earlier versions, also about the loss of mu.
+    """
     lines = []
     if margins["near"]:
         distances = (

@@ -1,4 +1,4 @@
-"""Solution file input and output: atomic writing, validated reading."""
+"""Reading and writing of solution files: validated reading, atomic writing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEEPEST = 50
 
 
 def write_solution(data: Json, path: str | Path) -> Path:
-    """Write a solution's data to ``path`` atomically: a failure leaves the old file.
+    """Write a solution's data to a file atomically, so that a failure leaves the old file.
 
     Raises
     ------
@@ -33,7 +33,10 @@ def write_solution(data: Json, path: str | Path) -> Path:
 
 
 def solution_json(data: Json) -> str:
-    """Return a solution's data as indented JSON text, with each kept grasp and the drawing on one line."""
+    """Return a solution's data as indented JSON text.
+
+    Each kept grasp and the drawing are on one line.
+    """
     outline = json.dumps({k: v for k, v in data.items() if k not in ("grasps", "drawing")}, indent=1, allow_nan=False)
     grasps = ",\n  ".join(map(_json_line, data.get("grasps", [])))
     grasp_lines = f' "grasps": [\n  {grasps}\n ],\n' if grasps else ""
@@ -41,16 +44,20 @@ def solution_json(data: Json) -> str:
 
 
 def _json_line(data: object) -> str:
+    """Return data as JSON text on one line."""
     return json.dumps(data, separators=(",", ":"), allow_nan=False)
 
 
 def read_solution_data(path: str | Path) -> Json:
-    """Return the validated data of a solution file; raise ``InputError`` on any invalid file."""
+    """Return the validated data of a solution file; raise ``InputError`` if the file is invalid."""
     return parse(read_text(path, "a solution file", LARGEST_FILE), str(path))
 
 
 def parse(text: str, name: str) -> Json:
-    """Return the validated data of a JSON text; ``name`` is shown in messages."""
+    """Return the validated data of a solution in JSON text.
+
+    ``name`` is shown in messages.
+    """
     import jsonschema
 
     if depth(text) > DEEPEST:
@@ -71,7 +78,7 @@ def solution_schema() -> Json:
 
 
 def check_kinds(data: Json, name: str) -> None:
-    """Refuse schema-valid data with contacts, a task or a budget of an unregistered kind.
+    """Raise ``InputError`` for contacts, a task or a budget of an unregistered kind.
 
     Parameters
     ----------
@@ -88,24 +95,25 @@ def check_kinds(data: Json, name: str) -> None:
                 raise InputError(f"{name}: {field}.contacts.{i}.model", value, EXPECTED)
     task = data["problem"]["task"]
     if not _known_task(task):
-        raise InputError(f"{name}: problem.task", _misfit(task), EXPECTED)
+        raise InputError(f"{name}: problem.task", _unregistered_message(task), EXPECTED)
     budget = data["problem"]["force_budget"]
     if not (budget in NAMED if isinstance(budget, str) else BUDGETS.find(budget["type"])):
-        raise InputError(f"{name}: problem.force_budget", _misfit(budget), EXPECTED)
+        raise InputError(f"{name}: problem.force_budget", _unregistered_message(budget), EXPECTED)
 
 
 def _known_task(task: Json) -> bool:
-    """Return whether a task and all its parts are of known kinds."""
+    """Return whether a task and, for a sum, all its terms are of registered kinds."""
     terms = task["tasks"] if task["type"] == "sum" else ()
     return TASKS.find(task["type"]) is not None and all(_known_task(term) for term in terms)
 
 
-def _misfit(value: object) -> str:
+def _unregistered_message(value: object) -> str:
+    """Return the message about data of an unregistered kind."""
     return f"{value!r} is not valid under any of the given schemas"
 
 
 def depth(text: str) -> int:
-    """Return the deepest nesting of brackets outside strings, without parsing the text."""
+    """Return the largest nesting depth of brackets in JSON text."""
     depth = deepest = 0
     in_string = escaped = False
     for character in text:

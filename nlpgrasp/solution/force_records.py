@@ -1,4 +1,4 @@
-"""Finger forces of a grasp: for wrenches of the scaled task, and for the task at its full size."""
+"""Records of a grasp's finger forces: for wrenches of the scaled task, and for the task at full size."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class HeldWrench(Record):
 
 
 def held_wrenches(forces: Forces, moments: Moments) -> list[HeldWrench]:
-    """Return one record per wrench from the separate forces and moments of a solution."""
+    """Return one record for each wrench, from the forces and moments of a solution."""
     moment_arrays = moments if len(moments) else [None] * len(forces)
     return [HeldWrench(w, f, m) for (w, f), m in zip(forces, moment_arrays, strict=True)]
 
 
 def forces_and_moments(data: Sequence[Json], name: str) -> tuple[Forces, Moments]:
-    """Return the forces of a file, and the moments where contacts exert any.
+    """Return the finger forces of a file, and the finger moments; no moments if no contact exerts any.
 
     Raises
     ------
@@ -61,14 +61,14 @@ def forces_and_moments(data: Sequence[Json], name: str) -> tuple[Forces, Moments
 
 
 def finger_entries(**columns: FloatArray | None) -> list[Json]:
-    """Return the JSON entries of each finger from arrays with a row for each; None for what no finger has."""
+    """Return JSON entries by finger, from named arrays with one row per finger; arrays that are None are left out."""
     lists = {name: values.tolist() for name, values in columns.items() if values is not None}
     return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
 
 
 @dataclass(frozen=True)
 class ForcesNeeded:
-    """Finger forces that the task at its full size requires.
+    """Finger forces that the task at full size requires.
 
     ``budget`` is certified: for every wrench of the task, the least forces use at most its upper bound of the budget.
     The forces of single fingers are computed for the hardest wrench found and the task's extreme wrenches.
@@ -113,7 +113,7 @@ class ForcesNeeded:
         others: Sequence[FloatArray],
         mu: Bounds,
     ) -> ForcesNeeded:
-        """Return the record for the least forces of a grasp.
+        """Return the record for a grasp's least forces.
 
         Parameters
         ----------
@@ -137,38 +137,38 @@ class ForcesNeeded:
 
     @property
     def total(self) -> float:
-        """Sum of the sizes of the fingers' forces for the hardest wrench, newtons."""
+        """Sum of the fingers' force magnitudes for the hardest wrench, newtons."""
         return float(np.sum(self.size))
 
     @property
     def finger(self) -> int:
-        """The finger with the largest force."""
+        """Index of the finger with the largest force."""
         return int(np.argmax(self.largest))
 
     @property
     def summary(self) -> tuple[float, int, float]:
-        """Largest force of any finger, that finger's index, and the sum for the hardest wrench; newtons."""
+        """Largest finger force, newtons, that finger's index, and ``total``."""
         return float(np.max(self.largest)), self.finger, self.total
 
     def is_within(self, max_force: float | None) -> bool | None:
-        """Return whether no finger's largest force exceeds a limit, newtons; None without one."""
+        """Return whether no finger's largest force exceeds ``max_force``, newtons; None without a limit."""
         return None if max_force is None else bool(np.max(self.largest) <= max_force)
 
     def finger_words(self) -> str:
-        """Return the fingers' forces for the hardest wrench, and their sum, as text."""
+        """Return the fingers' forces for the hardest wrench, with their normal components, as text."""
         forces, normal = (", ".join(format_number(f) for f in values) for values in (self.size, self.normal))
         last = len(self.size) - 1
         subject = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
         return f"{subject} {forces} {FORCE_UNIT} (normal {normal})"
 
     def too_much_words(self, max_force: float) -> str:
-        """Return the finger whose force exceeds a limit, newtons, and the force, as text."""
+        """Return a text on the finger whose force exceeds ``max_force``, newtons."""
         largest = f"{format_number(float(np.max(self.largest)))} {FORCE_UNIT}"
         limit = f"max_force = {format_number(max_force)} {FORCE_UNIT}"
         return f"finger {self.finger} needs {largest} for the task, above {limit}"
 
     def limit_words(self, max_force: float, budget: ForceBudget) -> str:
-        """Return the largest force compared with a limit of each finger's force, newtons, as text."""
+        """Return a text that compares the largest finger force with the limit ``max_force``, newtons."""
         limit = f"max_force = {format_number(max_force)} {FORCE_UNIT}"
         if not self.is_within(max_force):
             return f"ABOVE {limit}"
@@ -177,7 +177,7 @@ class ForcesNeeded:
         return f"within {limit} for the wrenches computed: the ends of the task's axes and the hardest one"
 
     def lines(self, budget: ForceBudget, max_force: float | None, fingers: Sequence[str] = ()) -> list[str]:
-        """Return the required forces as text lines: certified budget, hardest wrench, largest force.
+        """Return text lines about the required forces: budget, hardest wrench and largest force.
 
         Parameters
         ----------
@@ -219,7 +219,9 @@ class ForcesNeeded:
 
     @classmethod
     def from_dict(cls, data: Json, name: str) -> ForcesNeeded:
-        """Return the record that ``to_dict`` wrote; ``name`` is shown in messages.
+        """Return the record that ``to_dict`` wrote.
+
+        ``name`` is shown in messages.
 
         Raises
         ------
@@ -242,7 +244,7 @@ class ForcesNeeded:
 
 
 def excess_force_warning(needed: ForcesNeeded | None, max_force: float | None) -> str:
-    """Return a warning that the task needs more than a limit of each finger's force, newtons; empty if unknown."""
+    """Return a warning that the task needs finger forces above a limit, newtons; else an empty text."""
     if needed is None or max_force is None or needed.is_within(max_force):
         return ""
     return needed.too_much_words(max_force)

@@ -1,4 +1,4 @@
-"""Record of the grip force of parallel jaws: the force to set, and the same with a margin."""
+"""Record of the grip force that parallel jaws need, without and with a safety margin."""
 
 from __future__ import annotations
 
@@ -44,16 +44,19 @@ class GripForce(Record):
         return bool(np.isfinite(self.force.upper))
 
     def is_within(self, limit: float | None) -> bool | None:
-        """Return whether the least force is at most a limit of each jaw's normal force, newtons; None without one."""
+        """Return whether the least grip force is at most ``limit``, newtons; None without a limit."""
         return None if limit is None else self.force.upper <= limit
 
     def setting(self, limit: float | None) -> float:
-        """Return the force to set, newtons: with its margin as far as a limit allows, at least the least force."""
+        """Return the grip force to set, newtons.
+
+        With its margin as far as the limit allows, but at least the least force.
+        """
         safe = self.with_margin.upper if np.isfinite(self.with_margin.upper) else self.force.upper
         return max(self.force.upper, safe if limit is None else min(safe, limit))
 
     def words(self, limit: float | None) -> str:
-        """Return the force to set, its margin and its limit as text.
+        """Return a text on the grip force to set, with its margin and its limit.
 
         Parameters
         ----------
@@ -67,7 +70,7 @@ class GripForce(Record):
         return f"{force} (normal force of each jaw; {self._margin_text()}){end}"
 
     def warning(self, limit: float | None) -> str:
-        """Return what the jaws lack for the task as text; empty where the limit leaves the margin."""
+        """Return a warning that the jaws cannot hold the task with margin; an empty text if they can."""
         if not self.holds:
             return "no force of the jaws holds the whole task"
         if limit is None:
@@ -75,17 +78,16 @@ class GripForce(Record):
         force, most = format_upper(self.force.upper, DIGITS), f"{format_number(limit)} {FORCE_UNIT}"
         if self.force.upper > limit:
             excess = f"{format_upper(self.force.upper - limit, DIGITS)} {FORCE_UNIT}"
-            share = f"it holds {format_percent(limit / self.force.upper)} of the task"
+            shortfall = f"each jaw needs {force} {FORCE_UNIT} for the task, {excess} above max_force = {most}"
+            result = f"it holds {format_percent(limit / self.force.upper)} of the task"
             helps = "more friction, a lighter part or a smaller task would help"
-            return (
-                f"each jaw needs {force} {FORCE_UNIT} for the task, {excess} above max_force = {most}: {share}; {helps}"
-            )
+            return f"{shortfall}: {result}; {helps}"
         if self.with_margin.upper > limit:
             return f"max_force = {most} leaves too little margin: {self._margin_text()}"
         return ""
 
     def _margin_text(self) -> str:
-        """Return the force with margin, its factor and friction loss as text."""
+        """Return a text on the grip force with margin: force, safety factor and friction loss."""
         factor, loss = f"{self.safety_factor:g}", f"friction {format_percent(self.friction_loss)} lower"
         if not np.isfinite(self.with_margin.upper):
             return f"with {loss} no force holds the task"
@@ -94,13 +96,16 @@ class GripForce(Record):
 
 
 def read_grip(hand: Json | None) -> GripForce | None:
-    """Return the grip force that a hand's JSON data state; None where they state none."""
+    """Return the grip force in a hand's JSON data, or None if the data have none."""
     data = (hand or {}).get("grip")
     return None if data is None else GripForce.from_dict(data, "hand.grip")
 
 
 def force_limit(problem: Json) -> float | None:
-    """Return the least of the limits of each finger's force that problem and hand state, newtons; None without any."""
+    """Return the lower of the force limits, newtons, of problem and hand; None if neither has one.
+
+    It limits the force of each finger.
+    """
     limits = problem.get("max_force"), (problem.get("hand") or {}).get("max_force")
     stated = [float(limit) for limit in limits if limit is not None]
     return min(stated, default=None)

@@ -1,4 +1,4 @@
-"""Records of the grasps that a solve kept, their selection and table."""
+"""Records of the grasps that a solve kept, with their selection and their table."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Accepts = Callable[["FoundGrasp"], bool]  # whether a kept grasp may be the answ
 
 @dataclass(frozen=True)
 class FoundGrasp:
-    """One of the grasps that a solve kept.
+    """Grasp that a solve kept: the answer or an alternative.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ class FoundGrasp:
 
     @property
     def grip_force(self) -> float | None:
-        """Normal force of each of two parallel jaws that holds the task, newtons; None for other hands."""
+        """Least grip force of parallel jaws that holds the task, newtons; None for other hands."""
         grip = read_grip(self.hand)
         return None if grip is None else grip.force.upper
 
     @property
     def is_fragile(self) -> bool:
-        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
+        """Whether less than a fifth of the quality is left under contact displacement; False if unknown."""
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
     def to_dict(self) -> Json:
@@ -98,7 +98,9 @@ class FoundGrasp:
 
     @classmethod
     def from_dict(cls, data: Json, name: str) -> FoundGrasp:
-        """Return the grasp that ``to_dict`` wrote; ``name`` is shown in messages.
+        """Return the grasp that ``to_dict`` wrote.
+
+        ``name`` is shown in messages.
 
         Raises
         ------
@@ -125,7 +127,9 @@ class FoundGrasp:
 
 
 def read_kept_grasps(data: Json, name: str) -> list[FoundGrasp]:
-    """Return the kept grasps of a file; ``name`` is shown in messages.
+    """Return the kept grasps in a file's data.
+
+    ``name`` is shown in messages.
 
     Raises
     ------
@@ -139,7 +143,7 @@ def read_kept_grasps(data: Json, name: str) -> list[FoundGrasp]:
 
 
 def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:
-    """Return the first grasp that a function accepts.
+    """Return the first grasp for which a function returns True.
 
     Raises
     ------
@@ -162,17 +166,20 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
 
 
 def _format_approach(grasp: FoundGrasp) -> str:
-    """Return the approach of parallel jaws as text of fixed width: direction, free or blocked, flip, share of pads."""
+    """Return a text of fixed width on the approach of parallel jaws: direction, state and pads on the face."""
     data = (grasp.hand or {}).get("approach") or {}
     direction = ", ".join(f"{x + 0.0:.2f}" for x in np.round(data.get("direction") or (), 2))
     state = "blocked" if jaws_depth(grasp.hand) else "free, flipped" if data.get("flip") else "free"
-    shares = (grasp.hand or {}).get("pads")
-    pads = f", {format_percent(min(shares))} on the face" if shares else ""
-    return f"{f'[{direction}] {state}{pads}':{56 if shares else 37}}  "
+    pad_fractions = (grasp.hand or {}).get("pads")
+    pads = f", {format_percent(min(pad_fractions))} on the face" if pad_fractions else ""
+    return f"{f'[{direction}] {state}{pads}':{56 if pad_fractions else 37}}  "
 
 
 def angle_between_poses(a: Json | None, b: Json | None) -> float:
-    """Return the rotation between the palm poses of two hands, radians, rounded up; 0 where one states none."""
+    """Return the angle of rotation between the palms of two hands, radians; 0 if a pose is missing.
+
+    It is rounded up.
+    """
     p, q = ((hand or {}).get("palm_pose") for hand in (a, b))
     if p is None or q is None:
         return 0.0
@@ -181,7 +188,7 @@ def angle_between_poses(a: Json | None, b: Json | None) -> float:
 
 
 def grasp_table(grasps: Sequence[FoundGrasp], requested: int = 1) -> list[str]:
-    """Return a table of several grasps as text lines: certified quality, remaining quality at worst, faces.
+    """Return a table of the kept grasps as text lines: certified and remaining quality, faces.
 
     Where there are fewer grasps than requested, the first line says so.
     """

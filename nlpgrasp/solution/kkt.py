@@ -1,4 +1,4 @@
-"""First-order optimality (KKT) residuals of a solved program, in the solver's scaled units."""
+"""First-order optimality (KKT) residuals of a nonlinear program, in the solver's scaled units."""
 
 from __future__ import annotations
 
@@ -67,26 +67,26 @@ class KKT(Record):
 
     @property
     def words(self) -> str:
-        """Interpretation of the residuals, as text."""
+        """Interpretation of the residuals as text, such as ``"locally optimal"``."""
         if self.is_small:
             return f"locally optimal (KKT residuals at most {self.largest:.0e})"
         return f"not shown to be locally optimal (KKT residuals up to {self.largest:.0e}: {self.why})"
 
     @property
     def why(self) -> str:
-        """Reason for residuals that are not small; empty where they are small."""
+        """Reason why the residuals are not small, as text; empty if they are small."""
         if self.is_small:
             return ""
         return self.reason or "the last steps did not settle"
 
     @property
     def largest(self) -> float:
-        """The largest of the three residuals."""
+        """Largest of the three residuals."""
         return max(self.stationarity, self.feasibility, self.complementarity)
 
     @property
     def is_small(self) -> bool:
-        """The same as ``locally_optimal``."""
+        """Whether all three residuals are small, as ``locally_optimal``."""
         return self.locally_optimal
 
 
@@ -98,7 +98,7 @@ def kkt_residuals(
     multipliers: FloatArray,
     bound_multipliers: FloatArray,
 ) -> tuple[float, float, float]:
-    """Return stationarity, feasibility and complementarity at a point of ``maximise f``.
+    """Return the stationarity, feasibility and complementarity residuals of ``maximise f`` at a point.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Link penetrations and obstructions of a hand in its grasp and on the straight approach."""
+"""Obstructions of a hand in its grasp and on its straight approach, read from its JSON data."""
 
 from __future__ import annotations
 
@@ -46,56 +46,56 @@ class LinkPenetration(Record):
 
     @property
     def is_free(self) -> bool:
-        """Whether no link is deeper than the tolerance."""
+        """Whether the penetration is at most the tolerance."""
         return self.depth <= self.tolerance
 
     @property
     def other_link(self) -> str:
-        """The link that is penetrated; empty where it is the body, a table or an obstacle."""
+        """Name of the link that is penetrated; empty if it is the body, a table or an obstacle."""
         return self.thing.removeprefix(LINK) if self.thing.startswith(LINK) else ""
 
     @property
     def words(self) -> str:
-        """The penetration as text."""
+        """The penetration as text: link, depth and penetrated object."""
         return f"link {self.link} is {format_number(1e3 * self.depth, 2)} mm inside {self.thing}"
 
 
 def link_name(link: str) -> str:
-    """Return the name of a link among the things that other links penetrate."""
+    """Return the name of a link as a penetrated object."""
     return LINK + link
 
 
 def grasp_penetration(hand: Json | None) -> LinkPenetration | None:
-    """Return the links' penetration in the grasp; None without links, or where unknown."""
-    return _stated_depth(hand, "link_depth")
+    """Return the links' deepest penetration in the grasp; None if unknown or without links."""
+    return _stored_penetration(hand, "link_depth")
 
 
 def approach_penetration(hand: Json | None) -> LinkPenetration | None:
-    """Return the links' penetration on the approach path; None where no path is known."""
-    return _stated_depth(hand, "way_in")
+    """Return the links' deepest penetration on the approach; None if no path is known."""
+    return _stored_penetration(hand, "way_in")
 
 
 def links_are_free(hand: Json | None) -> bool:
-    """Return whether no link is inside anything by more than its tolerance, in the grasp or on the way in, if known."""
+    """Return whether no link is known to penetrate anything beyond its tolerance, in the grasp or on the approach."""
     penetrations = grasp_penetration(hand), approach_penetration(hand)
     return all(penetration is None or penetration.is_free for penetration in penetrations)
 
 
 def tip_deviations(hand: Json | None) -> dict[int, float]:
-    """Return the distances of contacts from their fingertips' links, metres, by finger, where above a millimetre."""
+    """Return the distances of contacts from their fingertips' links, metres, by finger, above a millimetre."""
     gaps = (hand or {}).get("tip_gaps") or ()
     return {i: float(gap) for i, gap in enumerate(gaps) if gap is not None and gap > TOLERANCE}
 
 
 def jaws_depth(hand: Json | None) -> float:
-    """Return the penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
+    """Return the penetration depth of parallel jaws on their straight approach, metres; 0 if it is free."""
     approach = (hand or {}).get("approach") or {}
     depth = float(approach.get("depth", 0.0))
     return depth if depth > (0.0 if "clearance" in approach else TOLERANCE) else 0.0
 
 
 def jaws_way_in(hand: Json | None) -> str:
-    """Return as text how deep parallel jaws get into what on their straight approach; empty where it is free."""
+    """Return a text on what parallel jaws penetrate on their straight approach; empty if it is free."""
     depth = jaws_depth(hand)
     if not depth:
         return ""
@@ -106,31 +106,31 @@ def jaws_way_in(hand: Json | None) -> str:
 
 
 def jaws_obstacles(hand: Json | None) -> dict[str, float]:
-    """Return the depths of parallel jaws in what blocks their straight approach, metres, by name, deepest first."""
+    """Return the penetration depths, metres, of parallel jaws on their approach, by object, deepest first."""
     depths = ((hand or {}).get("approach") or {}).get("blocked_by") or {}
     return dict(sorted(depths.items(), key=lambda entry: -entry[1]))
 
 
 def jaws_cross_thin_part(hand: Json | None) -> bool:
-    """Return whether parallel jaws pass through something thin on their straight approach."""
+    """Return whether parallel jaws pass through a thin solid on their straight approach."""
     return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
 
 
 def pad_overhang(hand: Json | None) -> str:
-    """Return the share of a gripper's pad that is on its face as text, where that is less than 90 %; else empty."""
-    shares = (hand or {}).get("pads") or ()
-    least = min(shares, default=1.0)
+    """Return a text on the fraction of a gripper's pad that is on its face; empty if at least 90 %."""
+    pad_fractions = (hand or {}).get("pads") or ()
+    least = min(pad_fractions, default=1.0)
     return "" if least >= LEAST_PAD_SHARE else f"{format_percent(least)} of the pad on the face"
 
 
 def missing_approach_reason(hand: Json | None) -> str:
-    """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
+    """Return a text on why there is no straight approach; empty if there is one or the reason is unknown."""
     reason = ((hand or {}).get("approach") or {}).get("reason")
     return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
 
 
 def grasp_obstructions(hand: Json | None) -> list[str]:
-    """Return the obstructions in the grasp itself as text: links that penetrate something, contacts off their links."""
+    """Return texts on the obstructions in the grasp: penetrating links and contacts off their links."""
     penetration, links = grasp_penetration(hand), (hand or {}).get("fingertips") or ()
     obstructions = []
     if penetration is not None and penetration.depth > min(penetration.tolerance, TOLERANCE):
@@ -145,7 +145,7 @@ def grasp_obstructions(hand: Json | None) -> list[str]:
 
 
 def closing_obstructions(hand: Json | None) -> list[str]:
-    """Return as text the links that penetrate something on the way in, where they do not in the grasp."""
+    """Return texts on links that penetrate something on the approach but not in the grasp."""
     grasp, approach = grasp_penetration(hand), approach_penetration(hand)
     if approach is None or approach.is_free or not (grasp is None or grasp.is_free):
         return []
@@ -153,12 +153,12 @@ def closing_obstructions(hand: Json | None) -> list[str]:
 
 
 def link_obstructions(hand: Json | None) -> list[str]:
-    """Return as text the obstructions in the grasp itself, and the links that penetrate something on the way in."""
+    """Return texts on the obstructions of links in the grasp and on the approach."""
     return [*grasp_obstructions(hand), *closing_obstructions(hand)]
 
 
 def warn_of_touching(name: str, hand: Json | None) -> str:
-    """Warn of penetrating links and of contacts off their links, and return them as text; empty without any.
+    """Warn of penetrating links and contacts off their links; return the warning, or an empty text.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
 
 
 def format_unshaped_links(hand: Json | None) -> str:
-    """Return as text the contacts whose links lack shapes where other links have some; empty without any."""
+    """Return a text on contacts whose links have no collision shapes; empty if all links or none have shapes."""
     gaps = (hand or {}).get("tip_gaps") or ()
     unshaped = [str(i) for i, gap in enumerate(gaps) if gap is None]
     if not unshaped or grasp_penetration(hand) is None:
@@ -185,7 +185,7 @@ def format_unshaped_links(hand: Json | None) -> str:
 
 
 def approach_obstructions(hand: Json | None) -> list[str]:
-    """Return the obstructions on the straight approach, and pads that overhang, as text."""
+    """Return texts on the obstructions of the straight approach, and on overhanging pads."""
     obstructions, jaws = [], jaws_way_in(hand)
     if jaws:
         obstructions.append(f"the gripper's way in leads {jaws}")
@@ -196,7 +196,7 @@ def approach_obstructions(hand: Json | None) -> list[str]:
 
 
 def format_link_penetrations(hand: Json | None) -> str:
-    """Return the links' penetration in the grasp and on the approach as text; empty where unknown."""
+    """Return a text on the links' penetration in the grasp and on the approach; empty if unknown."""
     penetration, approach = grasp_penetration(hand), approach_penetration(hand)
     if penetration is None:
         is_posed = "tip_gaps" in (hand or {})
@@ -212,7 +212,7 @@ def format_link_penetrations(hand: Json | None) -> str:
 
 
 def format_jaw_approach(hand: Json | None) -> str:
-    """Return the approach of parallel jaws as text; empty for other hands."""
+    """Return a text on the approach of parallel jaws; empty for other hands."""
     data = hand or {}
     if "opening" not in data or "direction" not in (data.get("approach") or {}):
         return ""
@@ -220,14 +220,14 @@ def format_jaw_approach(hand: Json | None) -> str:
     tilt = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
     course = f"[{vector(direction)}], {format_number(tilt, 2, 0.5)} degrees off straight down"
     text = f"the jaws are {format_number(1e3 * data['opening'])} mm apart and come in along {course}"
-    shares = " and ".join(format_percent(share) for share in data.get("pads") or ())
-    text = f"{text}; {shares} of the pads on their faces" if shares else text
+    pads_text = " and ".join(format_percent(fraction) for fraction in data.get("pads") or ())
+    text = f"{text}; {pads_text} of the pads on their faces" if pads_text else text
     jaws = jaws_way_in(hand)
     return f"{text}; that way leads {jaws}" if jaws else text
 
 
 def format_gripper_frame(hand: Json | None, gripper: Json | None) -> str:
-    """Return the frame of a gripper's pose as text; empty for other hands, and for files without its ``tcp``."""
+    """Return a text on the frame of a gripper's pose; empty for other hands and files without it."""
     stated = gripper or {}
     if "palm_pose" not in (hand or {}) or "tcp" not in stated:
         return ""
@@ -240,6 +240,7 @@ def format_gripper_frame(hand: Json | None, gripper: Json | None) -> str:
     return f"the pose is that of the gripper's own frame: {axes}"
 
 
-def _stated_depth(hand: Json | None, key: str) -> LinkPenetration | None:
+def _stored_penetration(hand: Json | None, key: str) -> LinkPenetration | None:
+    """Return the penetration under a key of a hand's JSON data, or None if there is none."""
     data = (hand or {}).get(key)
     return None if data is None else LinkPenetration.from_dict(data, f"hand.{key}")

@@ -1,4 +1,4 @@
-"""Phase of a hand's motion: approach, pregrasp, grasp, squeeze or lift."""
+"""Keyframes of a hand's motion: approach, pregrasp, grasp, squeeze and lift."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ class Phase:
         return {"name": self.name, "palm_pose": pose, "joint_positions": joints, "clearance": self.clearance}
 
     def in_frame(self, pose: FloatArray) -> Phase:
-        """Return the keyframe with its palm in the frame in which the body has a pose (4, 4)."""
+        """Return the keyframe in a world frame, given the pose (4, 4) of the body."""
         frame = pose @ self.palm_frame
         return replace(self, palm_position=frame[:3, 3], palm_quaternion=quaternion_wxyz(frame[:3, :3]))
 
     @classmethod
     def of(cls, name: str, posture: Json, clearance: float | None = None) -> Phase:
-        """Return the keyframe for a posture with ``palm_pose`` and ``joint_positions``."""
+        """Return the keyframe of a posture, given ``palm_pose`` and ``joint_positions``."""
         pose = posture["palm_pose"]
         position, quaternion = (np.asarray(pose[key], float) for key in ("position", "quaternion_wxyz"))
         return cls(name, position, quaternion, dict(posture["joint_positions"]), clearance)
@@ -75,7 +75,7 @@ class Phase:
 def jaw_phases(
     hand: Json, stroke: float, distance: float = START_DISTANCE, lift: float = LIFT_DISTANCE
 ) -> tuple[Phase, ...]:
-    """Return the phases of parallel jaws: approach, pregrasp, grasp and lift, with the opening as their joint.
+    """Return the keyframes of parallel jaws, with the opening as their joint: approach, pregrasp, grasp, lift.
 
     The gripper comes in along its stated approach, as far open as is free there, closes, and rises along the last axis
     of the body's frame, the table's normal.
@@ -102,7 +102,9 @@ def jaw_phases(
 
 
 def read_phases(data: Sequence[Json], name: str) -> tuple[Phase, ...]:
-    """Return the keyframes of a file; ``name`` is shown in messages.
+    """Return the keyframes in a file's data.
+
+    ``name`` is shown in messages.
 
     Raises
     ------

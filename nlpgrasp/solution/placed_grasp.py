@@ -1,4 +1,4 @@
-"""Grasp on its body: contacts, faces and the match of smooth surface and mesh."""
+"""Grasp on its body: contacts, their faces, and deviations between smoothed surface and mesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MISLED = 0.01  # share of the contacts' spread: larger distances of smooth surfa
 
 @dataclass(frozen=True)
 class PlacedGrasp:
-    """A grasp with the face of each contact and its match with the mesh.
+    """Grasp with the face of each contact, and deviations between smoothed surface and mesh.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class PlacedGrasp:
     surface: SurfaceMatch | None = None
 
     def lines(self, fingers: Sequence[str] = ()) -> list[str]:
-        """Return the contacts as text, one a line, with the fingers' links if any."""
+        """Return text lines about the contacts, one for each, with the fingers' links if any."""
         result = []
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
             label = f"{i} ({fingers[i]})" if fingers else f"{i}"
@@ -89,7 +89,7 @@ class PlacedGrasp:
 
 @dataclass(frozen=True)
 class SurfaceMatch:
-    """Deviation of the solver's smooth surface from the mesh at each contact.
+    """Deviations of the solver's smoothed surface from the mesh at each contact.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ class SurfaceMatch:
 
     @property
     def along(self) -> FloatArray:
-        """Approximate sliding distance of each contact along the mesh, (k,), metres, by Pythagoras."""
+        """Approximate distance that each contact slid along the mesh, (k,), metres."""
         return np.sqrt(np.maximum(self.moved**2 - self.distances**2, 0.0))
 
     def lines(self, size: float) -> list[str]:
-        """Return differences of contacts and normals between smooth surface and mesh, as text lines.
+        """Return text lines about the deviations of contacts and normals between smoothed surface and mesh.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class SurfaceMatch:
 
     @property
     def kept(self) -> dict[int, float]:
-        """Angles between stated and mesh normals, radians, for contacts whose stated normal is not the mesh's."""
+        """Angle between stored normal and mesh normal, radians, by contact, where they differ."""
         angles = np.zeros(0) if self.stated is None else self.stated
         return {i: float(angles[i]) for i in np.flatnonzero(angles > OWN_NORMAL).tolist()}
 
@@ -152,7 +152,7 @@ class SurfaceMatch:
         return "the positions and normals stated are of the mesh"
 
     def at(self, i: int) -> dict[str, float]:
-        """Return the JSON entry of contact ``i``."""
+        """Return the deviations at contact ``i`` as JSON data."""
         return {
             "surface_distance": float(self.distances[i]),
             "surface_angle": float(self.angles[i]),
@@ -162,7 +162,7 @@ class SurfaceMatch:
 
     @classmethod
     def of(cls, contacts: Sequence[Json]) -> SurfaceMatch | None:
-        """Return the match from the contacts' JSON entries; None where one of them states nothing."""
+        """Return the deviations in the contacts' JSON entries; None if any entry lacks them."""
         if not all("surface_distance" in c and "surface_angle" in c and "moved" in c for c in contacts):
             return None
         return cls(
@@ -176,12 +176,12 @@ class SurfaceMatch:
 
 
 def _worst_contact(values: FloatArray) -> str:
-    """Return the contact with the largest of values (k,), as text."""
+    """Return the name of the contact with the largest of the values (k,)."""
     return f"contact {int(np.argmax(values))}"
 
 
 def deviating_normals_message(angles: Mapping[int, float]) -> str:
-    """Return the message that lists contacts with deviating normals and their angles in degrees.
+    """Return the message about contacts whose normals are not the mesh's, with the angles in degrees.
 
     Parameters
     ----------

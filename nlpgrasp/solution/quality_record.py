@@ -1,4 +1,4 @@
-"""Quality measures of a grasp and its global bound, as stored in a solution file."""
+"""Records of a grasp's quality measures and of the global bound."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Quality:
 
 
 def _read_mu(data: Json, dimension: int | None, name: str) -> Bounds:
-    """Return the certified interval with its worst direction."""
+    """Return the certified interval of mu with its worst direction, from JSON data."""
     components, direction = data.get("worst_direction"), None
     if components is not None:
         direction = array(f"{name}.worst_direction", components, (dimension,))
@@ -120,7 +120,7 @@ def _read_mu(data: Json, dimension: int | None, name: str) -> Bounds:
 
 
 def format_quality(quality: Quality, task_beta: float | None, budget: ForceBudget) -> list[str]:
-    """Return certified quality and optimality gap of a grasp as text lines.
+    """Return text lines about a grasp's certified quality and optimality gap.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def format_quality(quality: Quality, task_beta: float | None, budget: ForceBudge
 
 
 def measure_meaning(kind: str, budget: ForceBudget) -> str:
-    """Return the meaning of a measure of this kind, ``"mu"`` or ``"mu_tilde"``, under a budget, as text."""
+    """Return a text that explains a quality measure, ``"mu"`` or ``"mu_tilde"``, under a force budget."""
     task = "the task, its centre included," if kind == "mu_tilde" else "the task"
     if budget.absolute:
         return f"the joints' torque limits hold {task} scaled by this factor"
@@ -148,7 +148,7 @@ def measure_meaning(kind: str, budget: ForceBudget) -> str:
 
 
 def check_beta(data: Json, beta: Bounds | None, name: str) -> None:
-    """Refuse an interval of the paper's beta that differs from mu times the task's beta.
+    """Raise ``InputError`` if an interval of the paper's beta is not mu times the task's beta.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def check_beta(data: Json, beta: Bounds | None, name: str) -> None:
 
 @dataclass(frozen=True)
 class GlobalBound:
-    """A bound on mu over all placements of a problem's contacts (docs/how_close.md).
+    """Certified upper bound on mu over all placements of a problem's contacts (docs/how_close.md).
 
     Parameters
     ----------
@@ -192,11 +192,14 @@ class GlobalBound:
     stated_gap: float | None = field(default=None, repr=False, compare=False)
 
     def gap(self, mu: float) -> float:
-        """Return the relative optimality gap ``upper / mu - 1`` of a grasp of this certified quality."""
+        """Return the relative optimality gap ``upper / mu - 1`` of a grasp with certified quality ``mu``."""
         return max(0.0, self.upper / mu - 1.0) if mu > 0.0 else math.inf
 
     def to_dict(self, mu: float) -> Json:
-        """Return the bound as JSON data, with the gap of a grasp of this quality; an infinite gap is null."""
+        """Return the bound as JSON data, with the gap of a grasp with quality ``mu``.
+
+        An infinite gap is null.
+        """
         gap = self.gap(mu) if self.stated_gap is None else self.stated_gap
         data: Json = {
             "upper": self.upper,
@@ -207,7 +210,9 @@ class GlobalBound:
         return {**data, "certificate": self.certificate} if self.certificate and is_small(self.certificate) else data
 
     def saved_beside(self, problem: Mapping[str, object], path: Path) -> GlobalBound:
-        """Write a certificate that is too large for a solution file to a bound file; return a bound that names it.
+        """Write a large certificate to a bound file, and return the bound with a reference to the file.
+
+        A small certificate is not written.
 
         Parameters
         ----------
@@ -239,13 +244,16 @@ class GlobalBound:
 
     @classmethod
     def from_dict(cls, data: Json, name: str) -> GlobalBound:
-        """Return the bound that ``to_dict`` wrote; the stated gap is checked by ``verify``."""
+        """Return the bound that ``to_dict`` wrote.
+
+        The gap in the data is not checked here, but by ``verify``.
+        """
         upper, gap = number(f"{name}.upper", data["upper"], at_least=0.0), data.get("gap")
         dropped, certificate = tuple(data.get("dropped", ())), data.get("certificate", {})
         return cls(upper, int(data.get("nodes", 0)), dropped, certificate, math.inf if gap is None else gap)
 
     def line(self, mu: float, label: str = "mu") -> str:
-        """Return the optimality gap of a grasp of this certified quality, as text.
+        """Return a text on the optimality gap of a grasp with certified quality ``mu``.
 
         Parameters
         ----------
@@ -262,18 +270,18 @@ class GlobalBound:
         return f"{format_headroom(gap)}{self.ignored()}: {bound}"
 
     def is_loose(self, gap: float) -> bool:
-        """Return whether the bound relaxes parts of the problem and its gap is too wide to rate a grasp."""
+        """Return whether the bound ignores parts of the problem and its gap is too wide to rate a grasp."""
         return bool(self.dropped) and LOOSE < gap < math.inf
 
     def ignored(self) -> str:
-        """Return the end of a sentence that names the relaxed parts of the problem; empty without any."""
+        """Return the end of a sentence that names the ignored parts of the problem; empty if there are none."""
         *others, last = self.dropped or ("",)
         names = " and ".join(filter(None, (", ".join(others), last)))
         return f", even ignoring {names}" if names else ""
 
 
 def is_small(certificate: Json) -> bool:
-    """Return whether a certificate is small enough to be stored inside another file."""
+    """Return whether a certificate is small enough to be stored in a solution file."""
     return len(json.dumps(certificate, separators=(",", ":"))) <= SMALL
 
 
@@ -289,7 +297,7 @@ def write_bound(data: Json, path: str | Path) -> Path:
 
 
 def bound_file_reference(path: str | Path) -> Json:
-    """Return the name and SHA-256 of a bound file, for reference from files beside it.
+    """Return name and SHA-256 of a bound file, by which a solution file refers to it.
 
     Raises
     ------

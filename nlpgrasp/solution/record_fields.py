@@ -1,4 +1,4 @@
-"""Records of a solution file: JSON data, their reading and their JSON Schema from the fields of a dataclass."""
+"""Base class of records in solution files: JSON data and JSON Schema from the fields of a dataclass."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RESOLVED: dict[type, dict[str, Any]] = {}  # types of the fields, by class
 
 
 class Form:
-    """JSON form of an annotated type.
+    """JSON form of an annotated type: axes of an array and keywords of the JSON Schema.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ Matrix: TypeAlias = Annotated[FloatArray, Form(2)]
 
 @dataclass(frozen=True)
 class Record:
-    """Base class of dataclasses that are an object of a file: each field is an entry, in the order of the fields.
+    """Base class of dataclasses that are stored as JSON objects, with one entry for each field.
 
     Enumerations are stored as names in lower case. A computed field (``init=False``) is written, not read.
     """
@@ -74,7 +74,9 @@ class Record:
 
     @classmethod
     def from_dict(cls, data: Json, name: str = "") -> Self:
-        """Return the record that ``to_dict`` wrote; ``name`` is shown in messages.
+        """Return the record that ``to_dict`` wrote.
+
+        ``name`` is shown in messages.
 
         Raises
         ------
@@ -92,20 +94,20 @@ class Record:
 
     @classmethod
     def json_schema(cls) -> Json:
-        """Return the JSON Schema of ``to_dict``, described by the docstring of the class."""
+        """Return the JSON Schema of ``to_dict``, with descriptions from the docstring of the class."""
         text = (inspect.getdoc(cls) or "").replace("``", "")
-        found = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)+)", text, re.MULTILINE)
-        words = {name: " ".join(lines.split()) for names, lines in found for name in names.split(", ")}
+        parameters = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)+)", text, re.MULTILINE)
+        descriptions = {name: " ".join(lines.split()) for names, lines in parameters for name in names.split(", ")}
         properties = {}
         for field in fields(cls):
-            described = {"description": words[field.name]} if field.name in words else {}
+            described = {"description": descriptions[field.name]} if field.name in descriptions else {}
             properties[_key(field)] = {**_field_schema(field, _types(cls)[field.name]), **described}
         required = [_key(field) for field in fields(cls) if "optional" not in field.metadata]
         return {"type": "object", "required": required, "description": text.split("\n")[0], "properties": properties}
 
 
 def to_json(value: object) -> Any:
-    """Return a value of a record as JSON data: arrays and tuples as lists, records as objects."""
+    """Return a record's value as JSON data: arrays and tuples as lists, records as objects."""
     if isinstance(value, Enum):
         return value.name.lower()
     if isinstance(value, np.ndarray):
@@ -118,7 +120,7 @@ def to_json(value: object) -> Any:
 
 
 def _read(kind: Any, data: Any, name: str) -> Any:
-    """Return the value of a type that ``to_json`` wrote."""
+    """Return the value of a given type that ``to_json`` wrote."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         return None if data is None else _read(arguments[0], data, name)
@@ -137,7 +139,7 @@ def _read(kind: Any, data: Any, name: str) -> Any:
 
 
 def _schema(kind: Any) -> Json:
-    """Return the JSON Schema of a type's values."""
+    """Return the JSON Schema of the values of a type."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         return nullable(_schema(arguments[0]))
@@ -167,26 +169,29 @@ def _array_schema(axes: int) -> Json:
 
 
 def nullable(schema: Json) -> Json:
-    """Return the JSON Schema of the values of another one, and of null."""
+    """Return the JSON Schema that also allows null."""
     if "type" in schema:
         return {**schema, "type": [schema["type"], "null"]}
     return {"oneOf": [schema, {"type": "null"}]}
 
 
 def _field_schema(field: Field[Any], kind: Any) -> Json:
-    """Return the JSON Schema of a field's entry; null is not allowed where a default of None is not written."""
+    """Return the JSON Schema of a field's entry.
+
+    Null is not allowed if a default of None is not written.
+    """
     if "null" in field.metadata:
         return nullable(_schema(kind))
     return _schema(get_args(kind)[0] if "left_out" in field.metadata and NoneType in get_args(kind) else kind)
 
 
 def _key(field: Field[Any]) -> str:
-    """Return the name of a field's entry."""
+    """Return the name of a field's entry in the JSON object."""
     return str(field.metadata.get("key", field.name))
 
 
 def _types(cls: type[Record]) -> dict[str, Any]:
-    """Return the types of a class's fields, resolved once."""
+    """Return the types of a class's fields, cached by class."""
     if cls not in RESOLVED:
         RESOLVED[cls] = get_type_hints(cls, include_extras=True)
     return RESOLVED[cls]

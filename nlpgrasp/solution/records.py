@@ -1,4 +1,4 @@
-"""Records of a solve: status, starts and constraint values at the answer."""
+"""Records of a solve: status, starts, and constraint values at the solution."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ UNKNOWN = Bounds(0.0, math.inf)  # quality without a grasp
 
 
 class Status(Enum):
-    """Outcome of a solve or of one of its starts. The value says what it means and what to do."""
+    """Outcome of a solve or of one of its starts.
+
+    The value says what it means and what to do.
+    """
 
     SOLVED = "Solved: a grasp with a certified quality above zero, a local optimum at best."
     OPTIMAL = "Optimal: a grasp with a certified quality within the gap asked for of the best that any placement has."
@@ -40,7 +43,7 @@ class Status(Enum):
 
 
 class CandidateOrigin(Enum):
-    """Kind of initial candidate of a start; the value is the message of a start without another."""
+    """Kind of a start's initial candidate; the value is the default message of the start."""
 
     RANDOM = "random surface samples, exchanged, or random poses"
     BOUND = "from the search of all placements"
@@ -91,7 +94,7 @@ class StartRecord(Record):
 
     @property
     def has_grasp(self) -> bool:
-        """Whether the start ended with a certified, feasible grasp, with free links or not."""
+        """Whether the start ended with a certified, feasible grasp, even if links penetrate something."""
         return self.status in (Status.SOLVED, Status.TOUCHES)
 
 
@@ -127,11 +130,11 @@ class ConstraintReport:
 
     @property
     def is_equation(self) -> bool:
-        """Whether the constraint is an equation: always met, and no limit that a user could move."""
+        """Whether the constraint is an equation, with equal limits."""
         return self.lower == self.upper
 
     def to_dict(self) -> Json:
-        """Return the report as JSON data, None for no limit."""
+        """Return the report as JSON data, with None for an infinite limit."""
         data: Json = {
             "name": self.name,
             "value": self.value,
@@ -160,7 +163,7 @@ class ConstraintReport:
 
 
 def read_starts(data: Json, name: str) -> tuple[tuple[StartRecord, ...], int | None, Json]:
-    """Return the starts of a file, the index of the start of its answer if stated, and its other ``solver`` data.
+    """Return the starts, the index of the winning start (or None), and the other solver data of a file.
 
     Raises
     ------
@@ -179,14 +182,14 @@ def read_starts(data: Json, name: str) -> tuple[tuple[StartRecord, ...], int | N
 
 
 def status_message(status: Status, optimality: str) -> str:
-    """Return the meaning of a status; for a solved grasp, with the interpretation of its KKT residuals if known."""
+    """Return the meaning of a status as text; for a solved grasp, with its local optimality if known."""
     if status is not Status.SOLVED or not optimality:
         return str(status.value)
     return str(status.value).replace("a local optimum at best", optimality)
 
 
 def format_status(status: Status, message: str, gap: float, caveats: Sequence[str]) -> str:
-    """Return a status as text, with a closed optimality gap and the warnings about the grasp.
+    """Return a status as text, with the optimality gap if it is closed and warnings about the grasp.
 
     Parameters
     ----------
@@ -207,4 +210,5 @@ def format_status(status: Status, message: str, gap: float, caveats: Sequence[st
 
 
 def _finite_or_none(value: float) -> float | None:
+    """Return a number if it is finite, else None."""
     return value if math.isfinite(value) else None

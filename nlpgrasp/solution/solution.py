@@ -1,4 +1,4 @@
-"""Grasp solution: frozen result of a solve, with its JSON form."""
+"""Solution of a grasp problem: immutable result of a solve, with its JSON form."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ LIVE = ("nlpgrasp.report.live_viewer", "show_live")
 
 @dataclass(frozen=True, repr=False)
 class GraspSolution(InNotebook):
-    """A grasp with its certified quality and the evidence, or an infeasibility diagnosis.
+    """Grasp with certified quality and the data that support it, or an infeasibility diagnosis.
 
     Parameters
     ----------
@@ -192,7 +192,10 @@ class GraspSolution(InNotebook):
 
     @cached_property
     def budget(self) -> ForceBudget:
-        """Force budget: the meaning of one unit of finger force; for joint torques, in the solution's posture."""
+        """Force budget of the problem.
+
+        For joint torques, in the solution's posture.
+        """
         return budget_from_dict(self.problem["force_budget"])
 
     @property
@@ -202,41 +205,44 @@ class GraspSolution(InNotebook):
 
     @property
     def max_force(self) -> float | None:
-        """Least stated limit of each finger's force, newtons, of parallel jaws the normal force; None without one."""
+        """Lowest limit of each finger's force, newtons; None if there is none.
+
+        For parallel jaws, of the normal force.
+        """
         return force_limit(self.problem)
 
     @property
     def finger_limit(self) -> float | None:
-        """The limit that ``needed`` is compared with; None where the grip force of parallel jaws is compared."""
+        """Force limit for ``needed``, newtons; None if the grip force of parallel jaws is limited instead."""
         return self.max_force if self.grip is None else None
 
     @property
     def fingers(self) -> tuple[str, ...]:
-        """The link of each contact's fingertip; empty for hands without links."""
+        """Names of the links of the contacts' fingertips; empty for hands without links."""
         return fingertip_links(self.problem)
 
     @property
     def palm(self) -> str:
-        """The root link of the hand; ``"palm"`` where it is not stated."""
+        """Name of the hand's root link, ``"palm"`` if the file has none."""
         return palm_link(self.problem)
 
     @property
     def objective(self) -> str:
-        """What the solve maximised: ``"mu"``, ``"nu"``, or ``"delta"`` as mu of the unit ball of wrenches."""
+        """Objective of the solve: ``"mu"``, ``"nu"``, or ``"delta"`` as mu of the unit ball of wrenches."""
         return str(self.problem.get("objective", "mu"))
 
     def task_line(self) -> str:
-        """Return the ranges of the components of the task's wrenches, and another objective than mu, as text."""
+        """Return a text on the ranges of the task's wrench components, and on an objective other than mu."""
         text = f"the task: exert {format_ranges(*component_ranges(self.task))}"
         return text if self.objective == "mu" else f"{objective_text(self.problem)}; {text}"
 
     @property
     def known_problem(self) -> GraspProblem | None:
-        """The solved problem, from a file as far as it holds it: None with a mesh, a hand or an expression."""
+        """The solved problem; None if the file lacks data of its mesh, hand or expression."""
         return self.source if self.source is not None else restore_problem(self.problem, self.grasp)
 
     def check_against(self, grasp: Grasp | None, name: str) -> None:
-        """Refuse an invalid task or force budget, or one that does not fit the grasp.
+        """Raise ``InputError`` if task or force budget are invalid or do not fit a grasp.
 
         Raises
         ------
@@ -255,11 +261,11 @@ class GraspSolution(InNotebook):
 
     @cached_property
     def squeeze(self) -> Squeeze | None:
-        """The squeeze that ``hand`` states; None without one."""
+        """Squeeze forces and commands of the hand; None if there is no squeeze."""
         return read_squeeze(self.hand, self.problem.get("hand"), self.grasp)
 
     def require_squeeze(self) -> Squeeze:
-        """Return the squeeze that ``hand`` states.
+        """Return the squeeze, or raise ``InputError`` if there is none.
 
         Raises
         ------
@@ -272,47 +278,50 @@ class GraspSolution(InNotebook):
 
     @cached_property
     def grip(self) -> GripForce | None:
-        """The grip force of parallel jaws with its margin; None for other hands, and in files of earlier versions."""
+        """Grip force of parallel jaws with its margin; None for other hands and in files of earlier versions."""
         return read_grip(self.hand)
 
     @property
     def grip_force(self) -> float | None:
-        """Normal force of each of two parallel jaws that holds the task, newtons; None where ``grip`` is."""
+        """Least normal force of each of two parallel jaws that holds the task, newtons; None without ``grip``."""
         return None if self.grip is None else self.grip.force.upper
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
-        """The keyframes of the hand, from approach to lift; empty without a hand with links, or in older files."""
+        """Keyframes of the hand's motion, from approach to lift.
+
+        Empty without a hand with links, and in older files.
+        """
         return read_phases((self.hand or {}).get("phases", ()), "hand.phases")
 
     @property
     def link_depth(self) -> LinkPenetration | None:
-        """Penetration of the hand's links into body and surroundings; None where unknown or without links."""
+        """Deepest penetration of the hand's links in the grasp; None if unknown or without links."""
         return grasp_penetration(self.hand)
 
     @property
     def way_in(self) -> LinkPenetration | None:
-        """Penetration of the hand's links along the approach path; None where no path is known."""
+        """Deepest penetration of the hand's links on the approach; None if no path is known."""
         return approach_penetration(self.hand)
 
     @property
     def way_blocked(self) -> float:
-        """Penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
+        """Penetration depth of parallel jaws on their straight approach, metres; 0 if it is free."""
         return jaws_depth(self.hand)
 
     @property
     def touches(self) -> bool:
-        """Whether a link penetrates anything by more than its tolerance, in the grasp or on the way in, if known."""
+        """Whether a link is known to penetrate something beyond its tolerance, in the grasp or on the approach."""
         return not links_are_free(self.hand)
 
     @property
     def has_free_way(self) -> bool:
-        """Whether no known obstruction blocks the straight approach path."""
+        """Whether no obstruction of the straight approach is known."""
         return not approach_obstructions(self.hand)
 
     @property
     def beyond_effort(self) -> str:
-        """The joints whose effort limit the task exceeds, as text; empty without such joints, or where unknown.
+        """Text on the joints whose effort limit the task exceeds; empty if there are none or unknown.
 
         Other finger forces for the same wrench may need less.
         """
@@ -320,34 +329,34 @@ class GraspSolution(InNotebook):
         return "" if efforts is None or not efforts.exceeded else f"the task takes {efforts.words()}"
 
     def effort_line(self) -> str:
-        """Return the joint efforts for the hardest wrench of the task as text; empty where unknown.
+        """Return a text on the joint efforts for the task's hardest wrench; empty if unknown.
 
         By virtual work from the stated finger forces: other forces for the same wrench may need smaller efforts.
         """
         return "" if self._efforts is None else f"these forces take {self._efforts.words()}"
 
     def squeeze_line(self) -> str:
-        """Return forces and friction of the squeeze, or why there is none, as text; empty where neither is known."""
+        """Return a text on the squeeze, or on why there is none; empty if neither is known."""
         return format_squeeze(self.squeeze, self.hand, self.max_force)
 
     def links_line(self) -> str:
-        """Return the links' penetration in the grasp and on the approach as text; empty where unknown."""
+        """Return a text on the links' penetration in the grasp and on the approach; empty if unknown."""
         return format_link_penetrations(self.hand)
 
     def gripper_line(self) -> str:
-        """Return the approach of parallel jaws as text; empty for other hands."""
+        """Return a text on the approach of parallel jaws; empty for other hands."""
         return format_jaw_approach(self.hand)
 
     def gripper_frame_line(self) -> str:
-        """Return axes and tool centre point of a gripper's own frame as text; empty for other hands."""
+        """Return a text on axes and tool centre point of a gripper's frame; empty for other hands."""
         return format_gripper_frame(self.hand, self.problem.get("hand"))
 
     def approach_line(self) -> str:
-        """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
+        """Return a text on why there is no straight approach; empty if there is one or the reason is unknown."""
         return missing_approach_reason(self.hand)
 
     def lines_by_hand(self) -> list[str]:
-        """Return the results on joints, squeeze and approach as text lines."""
+        """Return text lines about the hand: joint efforts, squeeze, links and approach."""
         gripper = self.gripper_line(), self.gripper_frame_line()
         return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), *gripper)))
 
@@ -355,49 +364,49 @@ class GraspSolution(InNotebook):
 
     @property
     def success(self) -> bool:
-        """Whether there is a grasp of certified quality above zero whose hand's links are free."""
+        """Whether there is a grasp with certified quality above zero and no penetrating link."""
         return self.is_certified and not self.touches
 
     @property
     def is_certified(self) -> bool:
-        """Whether there is a grasp of certified quality above zero, whether its hand's links are free or not."""
+        """Whether there is a grasp with certified quality above zero, even if links penetrate something."""
         return self.grasp is not None and self.mu.lower > 0.0
 
     @property
     def label(self) -> str:
-        """Name of the measure in ``mu``: ``"mu"`` or ``"mu-tilde"``."""
+        """Name of the quality measure: ``"mu"`` or ``"mu-tilde"``."""
         return format_measure(self.kind)
 
     @property
     def beta(self) -> Bounds | None:
-        """The paper's mu, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
+        """Certified interval of the paper's mu, (3.3-4a); None unless the task is a centred ellipsoid."""
         return self._quality.mu.beta
 
     @property
     def best_possible(self) -> float:
-        """Certified upper bound on mu over all placements of the contacts; inf where there is none."""
+        """Certified upper bound on mu over all placements of the contacts; inf without a bound."""
         return math.inf if self.bound is None else self.bound.upper
 
     @property
     def gap(self) -> float:
-        """Relative optimality gap ``best_possible / mu.lower - 1``, an upper bound."""
+        """Upper bound on the relative optimality gap, ``best_possible / mu.lower - 1``."""
         return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
 
     @property
     def is_fragile(self) -> bool:
-        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
+        """Whether less than a fifth of the quality is left under contact displacement; False if unknown."""
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
     @property
     def is_too_weak(self) -> bool:
-        """Whether the task at full size needs more than ``max_force`` at a finger; false where either is unknown."""
+        """Whether the task at full size needs a finger force above ``max_force``; False if either is unknown."""
         if self.grip is not None:
             return self.grip.is_within(self.max_force) is False
         return self.needed is not None and self.needed.is_within(self.max_force) is False
 
     @property
     def winner(self) -> StartRecord | None:
-        """The start whose grasp is the answer; None without a grasp or starts.
+        """Record of the start that found the grasp; None without a grasp or starts.
 
         In files of earlier versions, which do not state it, the start with the largest certified upper bound.
         """
@@ -407,12 +416,12 @@ class GraspSolution(InNotebook):
 
     @property
     def message(self) -> str:
-        """Meaning of the status; for a solved grasp, whether it is a local optimum."""
+        """Meaning of the status as text; for a solved grasp, with its local optimality."""
         return status_message(self.status, "" if self.kkt is None else self.kkt.words)
 
     @property
     def told(self) -> str:
-        """Status as text, with the gap if it was closed, and warnings about the grasp."""
+        """Status as text, with the optimality gap if it is closed and warnings about the grasp."""
         return format_status(self.status, self.message, self.gap, self.caveats)
 
     @property
@@ -433,25 +442,25 @@ class GraspSolution(InNotebook):
 
     @property
     def title(self) -> str:
-        """Name and status in one line."""
+        """Name of the problem and status as one line of text."""
         return f"{self.name}: {self.told}"
 
     def quality_lines(self) -> list[str]:
-        """Return certified quality, optimality gap, forces and hand results as text lines."""
+        """Return text lines about certified quality, optimality gap, forces and hand."""
         lines = [*filter(None, [self.grip_line()]), *format_quality(self._quality, self.task.paper_beta, self.budget)]
         margins = [] if self._joint_margins is None else format_joint_margins(self._joint_margins)
         return [f"  {line}" for line in (*lines, *self.needed_lines(), *self.lines_by_hand(), *margins)]
 
     def needed_lines(self) -> list[str]:
-        """Return the finger forces for the task at full size as text lines; empty where unknown."""
+        """Return text lines about the finger forces for the task at full size; empty if unknown."""
         return [] if self.needed is None else self.needed.lines(self.budget, self.finger_limit, self.fingers)
 
     def grip_line(self) -> str:
-        """Return the force to set parallel jaws to, its margin and its limit as text; empty where unknown."""
+        """Return a text on the grip force to set, its margin and its limit; empty if unknown."""
         return "" if self.grip is None else self.grip.words(self.max_force)
 
     def starts_lines(self) -> list[str]:
-        """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
+        """Return text lines about how the starts ended, better starts passed over, and failed IPOPT calls."""
         mu = 0.0 if self._joint_margins is None else mu_before_margins(self._joint_margins)
         by_remaining = bool(self.solver.get("options", {}).get("maximise_robust"))
         if self.objective == "nu":  # no start was passed over for its mu
@@ -485,11 +494,14 @@ class GraspSolution(InNotebook):
 
     @property
     def grasps(self) -> tuple[FoundGrasp, ...]:
-        """All kept grasps, best first: the first is the answer itself; empty without a grasp."""
+        """All kept grasps, best first; the first is the answer.
+
+        Empty without a grasp.
+        """
         return () if self.grasp is None else (self._answer, *self.others)
 
     def require_grasp(self) -> Grasp:
-        """Return the grasp, or raise ``InputError`` where there is none.
+        """Return the grasp, or raise ``InputError`` if there is none.
 
         Raises
         ------
@@ -502,7 +514,7 @@ class GraspSolution(InNotebook):
         return self.grasp
 
     def select(self, accepts: Accepts) -> GraspSolution:
-        """Return a solution whose answer is the best kept grasp that a function accepts.
+        """Return a copy whose answer is the best kept grasp that a function accepts.
 
         Parameters
         ----------
@@ -517,7 +529,10 @@ class GraspSolution(InNotebook):
         return self.with_answer(first_accepted(self.grasps, accepts))
 
     def with_answer(self, found: FoundGrasp) -> GraspSolution:
-        """Return a solution with a kept grasp as its answer, without data that hold for the first answer alone."""
+        """Return a copy with a given kept grasp as its answer.
+
+        Data that hold for the first answer alone are removed.
+        """
         if found.grasp is self.grasp:
             return replace(self, others=(), stated_first=None)
         return replace(
@@ -537,7 +552,7 @@ class GraspSolution(InNotebook):
         )
 
     def in_frame(self, pose: Pose) -> SolutionInFrame:
-        """Return the grasp in a world frame, given the pose of the body: contacts, forces, task, palm and phases.
+        """Return the grasp in a world frame, given the body's pose in that frame.
 
         For an alternative grasp: ``solution.with_answer(solution.grasps[i]).in_frame(pose)``.
 
@@ -560,7 +575,7 @@ class GraspSolution(InNotebook):
     # Display
 
     def show(self, path: str | Path | None = None, port: int | None = None, hand: Hand | None = None) -> Path | str:
-        """Show the grasp in a browser, and return the address or file of the page.
+        """Show the grasp in a browser, and return the address or the file of its page.
 
         With the extra ``view`` (viser), a local server shows a page with sliders for the task's wrenches, their size
         and the hand's approach; a script waits until Ctrl-C. Without the extra, with a port in use, or without a
@@ -590,7 +605,7 @@ class GraspSolution(InNotebook):
         return show(self, self.name, PAGE, path) if address is None else address
 
     def drawn(self) -> Drawing | None:
-        """Return the stored drawing of the grasp, or a new one where the problem is known, else None."""
+        """Return the drawing of the grasp, stored or made from a known problem; None if neither is possible."""
         problem = None if self.drawing is not None or self.grasp is None else self.known_problem
         if problem is None:
             return self.drawing
@@ -599,7 +614,7 @@ class GraspSolution(InNotebook):
         return draw_problem(problem, self.hand)
 
     def require_drawing(self) -> Drawing:
-        """Return the drawing of the grasp, made anew where it is not stored.
+        """Return the drawing of the grasp, stored or made now; raise ``InputError`` if neither is possible.
 
         Raises
         ------
@@ -644,7 +659,9 @@ class GraspSolution(InNotebook):
 
     @classmethod
     def from_dict(cls, data: Json, name: str = "solution") -> GraspSolution:
-        """Return the solution that ``to_dict`` wrote; ``name`` is shown in messages: a file's path.
+        """Return the solution that ``to_dict`` wrote.
+
+        ``name`` is shown in messages, such as a file's path.
 
         Raises
         ------
@@ -657,7 +674,7 @@ class GraspSolution(InNotebook):
         return solution
 
     def save(self, path: str | Path) -> Path:
-        """Write the solution as JSON (schema 1), atomically; return the path.
+        """Write the solution to a JSON file (schema 1) atomically, and return its path.
 
         The file contains a drawing of what it does not state whole: a mesh, an expression or a hand. A certificate of
         the global bound above 200 kB goes to a bound file beside it, ``F.bound.json`` for ``F.json``, which the
@@ -675,7 +692,7 @@ class GraspSolution(InNotebook):
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:
-        """Read a solution written by ``save``.
+        """Return the solution in a file that ``save`` wrote.
 
         Raises
         ------
@@ -688,7 +705,7 @@ class GraspSolution(InNotebook):
 
     @property
     def _answer(self) -> FoundGrasp:
-        """The answer as a record of the kept grasps."""
+        """The answer in the form of a kept grasp."""
         return FoundGrasp(
             self.require_grasp(),
             self.faces,
@@ -706,24 +723,24 @@ class GraspSolution(InNotebook):
 
     @property
     def _quality(self) -> Quality:
-        """The quality measures, mu with the paper's scale of the task."""
+        """Quality measures as a record; mu with the paper's scale of the task."""
         scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
         mu = self.mu.of_measure(self.kind, scale)
         return Quality(mu, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed)
 
     @property
     def _efforts(self) -> JointSqueeze | None:
-        """Joint efforts for the hardest wrench of the task; None where they, or a limit, are unknown."""
+        """Joint efforts for the task's hardest wrench; None if these or all effort limits are unknown."""
         return None if self.needed is None else task_efforts(self.squeeze, self.needed, self.budget)
 
     @property
     def _joint_margins(self) -> Json | None:
-        """Joint-limit margins as ``hand`` states them."""
+        """Joint-limit margins as JSON data of the hand; None if there are none."""
         return (self.hand or {}).get("room")
 
 
 def _read_solution(data: Json, name: str) -> GraspSolution:
-    """Return the solution of a file's data, unchecked as a whole."""
+    """Return the solution of a file's data, without checks that its parts fit each other."""
     placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
     dimension = None if placed is None else placed.grasp.dimension
     quality = Quality.from_dict(data["quality"], dimension, f"{name}: quality")
@@ -754,7 +771,10 @@ def _read_solution(data: Json, name: str) -> GraspSolution:
 
 
 def _check_parts(solution: GraspSolution, name: str) -> None:
-    """Refuse parts of a file that do not fit each other, under its name."""
+    """Raise ``InputError`` if parts of a solution do not fit each other.
+
+    ``name``, that of the file, is put before the field.
+    """
     kept_grasps = (solution.stated_first, *solution.others) if solution.stated_first is not None else ()
     for grasp in (solution.grasp, *(entry.grasp for entry in kept_grasps)):
         solution.check_against(grasp, name)
@@ -763,14 +783,14 @@ def _check_parts(solution: GraspSolution, name: str) -> None:
 
 
 def _status_with(status: Status, hand: Json | None) -> Status:
-    """Return the status of a solution after choosing another grasp, by that grasp's hand data."""
+    """Return the status of a solution after its answer is replaced by a grasp with this hand data."""
     if status not in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES):
         return status
     return Status.SOLVED if links_are_free(hand) else Status.TOUCHES
 
 
 def require_solution(value: object) -> GraspSolution:
-    """Return the argument if it is a solution, else raise ``InputError`` that says how to get one."""
+    """Return the argument if it is a solution, else raise ``InputError`` with advice."""
     if isinstance(value, GraspSolution):
         return value
     if isinstance(value, SolutionInFrame):

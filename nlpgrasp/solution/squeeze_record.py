@@ -1,4 +1,4 @@
-"""Record of a squeeze: internal finger forces, joint torques, position commands, warnings."""
+"""Record of a squeeze: internal finger forces, joint torques, position commands."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Gain = float | Mapping[str, float]
 
 @dataclass(frozen=True)
 class Squeeze:
-    """Balanced finger forces of least friction, with the joint torques and commands that exert them.
+    """Balanced finger forces that need the least friction, with joint torques and position commands.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Squeeze:
 
     @classmethod
     def of(cls, grasp: Grasp, x: FloatArray, share: float, wrench: FloatArray, normal_force: float) -> Squeeze:
-        """Return the squeeze of force components x (n,) in the contact frames."""
+        """Return the squeeze of given force components x (n,) in the contact frames."""
         space, wrenches = grasp.space, grasp.contact_wrenches(x)
         forces = wrenches[:, :space]
         turning = any(axis >= space for model in grasp.contacts for axis in model.axes(space))
@@ -92,17 +92,17 @@ class Squeeze:
 
     @property
     def largest(self) -> float:
-        """The largest force of a finger, newtons."""
+        """Largest finger force, newtons."""
         return float(np.max(np.linalg.norm(self.forces, axis=1)))
 
     @property
     def friction_needed(self) -> float:
-        """Largest friction that a contact needs: with a smaller coefficient it slips."""
+        """Largest ratio of tangential to normal force: with less friction, a contact slips."""
         return float(np.max(self.friction))
 
     @property
     def torques(self) -> dict[str, float]:
-        """Actuator torques, newton-metres, by joint; empty for a hand without joints."""
+        """Joint torques, newton-metres, by joint; empty for a hand without joints."""
         return {} if self.joints is None else dict(self.joints.torques)
 
     def positions(self, gain: Gain | None = None) -> dict[str, float]:
@@ -123,7 +123,7 @@ class Squeeze:
         return self.joints.positions(gain)
 
     def line(self) -> str:
-        """Return normal force, needed and available friction, and the most loaded joint, as text."""
+        """Return a text on normal force, needed and available friction, and the most loaded joint."""
         normal_forces = f"normal forces {', '.join(format_number(force) for force in self.normal)} N"
         text = (
             f"a squeeze with at least {format_number(self.normal_force)} N a finger ({normal_forces}) needs friction "
@@ -205,7 +205,7 @@ class Squeeze:
 
 
 def read_squeeze(hand: Json | None, problem_hand: object, grasp: Grasp | None) -> Squeeze | None:
-    """Return the squeeze that a solution's ``hand`` states; None without one, or without a grasp.
+    """Return the squeeze in a solution's ``hand`` data; None if there is no squeeze or no grasp.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def read_squeeze(hand: Json | None, problem_hand: object, grasp: Grasp | None) -
 
 
 def missing_squeeze(hand: Json | None) -> InputError:
-    """Return the error of a solution without a squeeze, with the reason that its ``hand`` states."""
+    """Return the error for a solution without a squeeze, with the reason if known."""
     reason = _no_squeeze_reason(hand)
     value = f"a grasp without a squeeze: {reason}" if reason else "a grasp without a squeeze"
     advice = PUSHES_ADVICE if reason else "ng.squeeze says why"
@@ -235,7 +235,7 @@ def missing_squeeze(hand: Json | None) -> InputError:
 
 
 def format_squeeze(squeeze: Squeeze | None, hand: Json | None, max_force: float | None) -> str:
-    """Return forces and friction of a squeeze, or why there is none, as text; empty where neither is known.
+    """Return a text on a squeeze, or on why there is none; empty if neither is known.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def format_squeeze(squeeze: Squeeze | None, hand: Json | None, max_force: float 
 
 
 def task_efforts(squeeze: Squeeze | None, needed: ForcesNeeded, budget: ForceBudget) -> JointSqueeze | None:
-    """Return the joint efforts for the hardest wrench of a task, by virtual work; None where a part is unknown.
+    """Return the joint efforts for the task's hardest wrench by virtual work; None if data are missing.
 
     Parameters
     ----------
@@ -273,29 +273,32 @@ def task_efforts(squeeze: Squeeze | None, needed: ForcesNeeded, budget: ForceBud
 
 
 def _no_squeeze_reason(hand: Json | None) -> str | None:
-    """Return the reason stated in ``hand`` for having no squeeze; None where there is none."""
+    """Return the reason in ``hand`` data why there is no squeeze; None if there is no reason."""
     return ((hand or {}).get("no_squeeze") or {}).get("reason")
 
 
 def finger_wrenches(forces: FloatArray, moments: FloatArray | None) -> FloatArray:
-    """Return the fingers' wrenches (k, d) from forces (k, space) and moments (k, d - space) or None."""
+    """Return finger wrenches (k, d) from forces (k, space) and moments (k, d - space).
+
+    Moments of None are zero.
+    """
     count, space = forces.shape
     turn = np.zeros((count, 3 if space == 3 else 1)) if moments is None else moments
     return np.concatenate([forces, turn], axis=1)
 
 
 def friction_warning(squeeze: Squeeze | None) -> str:
-    """Return a warning that a squeeze needs nearly all of the friction; empty where it does not, or none is known."""
+    """Return a warning that a squeeze needs nearly all the friction; an empty text if it does not or is missing."""
     if squeeze is None or squeeze.share <= SPENT:
         return ""
-    share = f"{format_percent(squeeze.share)} of the friction there is"
-    return f"the squeeze alone needs {share}: little is left against pushes, however hard the fingers press"
+    used_friction = f"{format_percent(squeeze.share)} of the friction there is"
+    return f"the squeeze alone needs {used_friction}: little is left against pushes, however hard the fingers press"
 
 
 def weak_squeeze_warning(
     squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None
 ) -> str:
-    """Return a warning that a squeeze is too weak for the task at full size; empty where it is not, or unknown.
+    """Return a warning that a squeeze is too weak for the task at full size; an empty text if not, or unknown.
 
     Parameters
     ----------
@@ -326,7 +329,7 @@ def weak_squeeze_warning(
 
 @dataclass(frozen=True)
 class JointSqueeze:
-    """Static joint torques of a squeeze, without the links' own weight.
+    """Static joint torques of finger forces, without the weight of the links.
 
     By virtual work ``tau^T dq = sum_i f_i^T dx_i``: ``tau = sum_i J_i^T (f_i, m_i)`` with the forces and moments that
     the fingers exert on the body. A positive torque drives its joint towards larger positions. Mimic joints count as
@@ -362,7 +365,7 @@ class JointSqueeze:
         positions: Mapping[str, float],
         gain: Gain | None,
     ) -> JointSqueeze:
-        """Return the torques for finger forces and moments (k, 6), body frame.
+        """Return the joint torques for finger forces and moments (k, 6), body frame.
 
         Raises
         ------
@@ -382,7 +385,9 @@ class JointSqueeze:
         return replace(self, torques=dict(zip(self.torques, tau.tolist(), strict=True)))
 
     def positions(self, gain: Gain | None = None) -> dict[str, float]:
-        """Return position commands ``grasp + tau / gain``; joints left out stay in the grasp.
+        """Return position commands ``grasp + tau / gain`` by joint.
+
+        Joints that are not included stay in the grasp.
 
         Raises
         ------
@@ -397,38 +402,38 @@ class JointSqueeze:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Torque over limit of each joint that has a limit, at least zero."""
+        """Ratio of torque to limit of each joint that has a limit, at least zero."""
         return {name: abs(self.torques[name]) / limit for name, limit in self.limits.items()}
 
     @property
     def worst(self) -> tuple[str, float] | None:
-        """The joint with the largest torque over limit, and that share; None without limits."""
+        """Joint with the largest ratio of torque to limit, and this ratio; None without limits."""
         return max(self.shares.items(), key=lambda pair: pair[1], default=None)
 
     @property
     def exceeded(self) -> dict[str, float]:
-        """Excess of torques over their limits, newton-metres, for the joints that have any."""
+        """Torque minus limit, newton-metres, of each joint whose torque exceeds its limit."""
         excess = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
         return {name: amount for name, amount in excess.items() if amount > 0.0}
 
     def amount(self, name: str, value: float) -> str:
-        """Return a joint's torque as text; a force for a sliding joint."""
+        """Return a torque of a joint as text with its unit; newtons for a sliding joint."""
         turns = self.jacobians[:, 3:, list(self.torques).index(name)]
         return f"{format_number(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
 
     def words(self) -> str:
-        """Return the joint with the largest share of its limit, and exceeded limits, as text."""
+        """Return a text on the most loaded joint, or on the joints whose limit is exceeded."""
         if self.worst is None:
             strongest = max(self.torques, key=lambda name: abs(self.torques[name]))
             return f"at most {self.amount(strongest, abs(self.torques[strongest]))} at a joint ({strongest})"
-        name, share = self.worst
+        name, ratio = self.worst
         if not self.exceeded:
-            return f"at most {100.0 * share:.3g} % of a joint's effort ({name})"
+            return f"at most {100.0 * ratio:.3g} % of a joint's effort ({name})"
         weak = ", ".join(f"{joint} (by {self.amount(joint, excess)})" for joint, excess in self.exceeded.items())
         return f"MORE than the effort of {weak}"
 
     def to_dict(self) -> Json:
-        """Return torques, Jacobians and, with a gain, positions as JSON data; limits and grasp are the hand's."""
+        """Return torques, Jacobians and, with a gain, position commands as JSON data."""
         data: Json = {"torques": dict(self.torques), "jacobians": self.jacobians.tolist()}
         if self.worst is not None:
             data = {**data, "worst_joint": self.worst[0], "worst_share": self.worst[1]}
@@ -439,7 +444,7 @@ class JointSqueeze:
 
     @classmethod
     def from_dict(cls, data: Json, count: int, hand: Json, problem_hand: Json, name: str) -> JointSqueeze:
-        """Return the record that ``to_dict`` wrote, for ``count`` contacts; ``name`` is shown in messages.
+        """Return the record that ``to_dict`` wrote, for ``count`` contacts.
 
         Parameters
         ----------
@@ -476,7 +481,7 @@ class JointSqueeze:
 
 
 def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
-    """Return a validated gain."""
+    """Return a gain, validated to be above zero for every joint; None if it is None."""
     if gain is None:
         return None
     if not isinstance(gain, Mapping):
@@ -490,7 +495,7 @@ def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
 
 
 def default_gain(sliding: Mapping[str, bool]) -> Gain:
-    """Return the default gain of the joints' position control, N m / rad, or N / m for sliding joints.
+    """Return the default gain of position control, N m / rad, or N / m for sliding joints.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Text summaries of the starts of a solve, and the start whose grasp is the answer."""
+"""Text summaries of the starts of a solve, and selection of the winning start."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ ERROR, CUT = "ended with an error", "ended before a grasp was found"
 
 
 def solver_words(message: str) -> str:
-    """Return a start's message with IPOPT's status names as plain text."""
+    """Return a start's message with IPOPT's status names in plain words."""
     return SOLVER_WORD.sub(lambda word: WORDS.get(word[0], word[0].replace("_", " ").lower()), message)
 
 
 def failure_reason(start: StartRecord) -> str:
-    """Return the reason why a start is not solved, as text, links that penetrate included; empty for a solved one."""
+    """Return a text on why a start is not solved; empty for a solved start."""
     ending = _failure_kind(start)
     if ending is None:
         return ""
@@ -58,7 +58,10 @@ def failure_reason(start: StartRecord) -> str:
 
 
 def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
-    """Return how many starts found a grasp and how the others ended, as text lines; empty for one that succeeded."""
+    """Return text lines about how many starts found a grasp and how the others ended.
+
+    Empty for a single start that found one.
+    """
     failures = [s for s in starts if _failure_kind(s) is not None]
     count, successes = len(starts), len(starts) - len(failures)
     if count == successes:
@@ -75,7 +78,7 @@ def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
 
 
 def ipopt_lines(solver: Json) -> list[str]:
-    """Return in a line the number of a solve's calls in which IPOPT did not run; empty where it always did.
+    """Return a text line on the calls of a solve in which IPOPT did not run; empty if it always did.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def ipopt_lines(solver: Json) -> list[str]:
 
 
 def answer_start(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
-    """Return the start whose grasp is the answer; by default that with the largest certified upper bound."""
+    """Return the winning start; by default, the start with the largest certified upper bound."""
     if best_start is not None:
         return next((s for s in starts if s.index == best_start), None)
     solved = [s for s in starts if s.has_grasp and s.mu != UNKNOWN]
@@ -107,7 +110,9 @@ def better_start_text(
     by_remaining_quality: bool = False,
     squeezed: bool = False,
 ) -> list[str]:
-    """Return as text the start with a larger mu than the answer, and why it is not the answer.
+    """Return a text line on a start with a larger mu than the answer, and on why it did not win.
+
+    Empty if there is none.
 
     Parameters
     ----------
@@ -140,7 +145,7 @@ def better_start_text(
 
 
 def _failure_kind(start: StartRecord) -> str | None:
-    """Return how a start that is not solved ended, with a colliding grasp or without; None for a solved one."""
+    """Return how a start failed; None for a solved start."""
     if start.status is Status.SOLVED:
         return None
     if start.status is Status.TOUCHES:
@@ -155,7 +160,7 @@ def _failure_kind(start: StartRecord) -> str | None:
 
 
 def _group_by_reason(starts: Sequence[StartRecord]) -> dict[str, list[StartRecord]]:
-    """Return starts without a grasp by the way they ended."""
+    """Return failed starts, grouped by how they failed."""
     groups: dict[str, list[StartRecord]] = {}
     for start in starts:
         groups.setdefault(_failure_kind(start) or "", []).append(start)
@@ -163,7 +168,7 @@ def _group_by_reason(starts: Sequence[StartRecord]) -> dict[str, list[StartRecor
 
 
 def _count_ended(ending: str, starts: Sequence[StartRecord]) -> str:
-    """Return how many starts ended in this way, with the size of constraint violations, as text."""
+    """Return a text on how many starts failed in this way, with the range of constraint violations."""
     if ending != BROKEN:
         return f"{len(starts)} {ending}"
     violations = [f"{extreme(s.violation for s in starts):.2g}" for extreme in (min, max)]

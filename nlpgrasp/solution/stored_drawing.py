@@ -16,19 +16,20 @@ BODY, LINK = 2000, 320  # largest numbers of triangles
 
 
 def draw_body_and_hand(body: Body, hand: Hand | None, values: Values) -> Drawing:
-    """Return the body's surface and the links' collision shapes in the hand's posture, as triangles."""
+    """Return the triangles of the body's surface and of the links' collision shapes in a posture."""
     links = _draw_links(hand, values) if isinstance(hand, URDFHand) else ()
     return Drawing(Triangles(*triangles(body, BODY)), links)
 
 
 def draw_problem(problem: GraspProblem, hand_data: Json | None) -> Drawing:
-    """Return the drawing of a problem's body, and of its hand in the posture of a solution's ``hand``."""
+    """Return the drawing of a problem's body, and of its hand in the posture of a solution."""
     if hand_data is None or not isinstance(problem.hand, PosedHand):
         return draw_body_and_hand(problem.body, None, {})
     return draw_body_and_hand(problem.body, problem.hand, problem.hand.values_of(hand_data))
 
 
 def _draw_links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:
+    """Return the collision shapes of each link in a posture, simplified, by link name."""
     import trimesh
 
     result = []

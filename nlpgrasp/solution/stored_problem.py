@@ -1,4 +1,4 @@
-"""Problem data of a solution: fingertip links, palm link, restored problem."""
+"""Problem data in a solution file: fingertip links, palm link, restored problem."""
 
 from __future__ import annotations
 
@@ -15,20 +15,23 @@ if TYPE_CHECKING:
 
 
 def fingertip_links(problem: Json) -> tuple[str, ...]:
-    """Return the link of each contact's fingertip; empty for hands without links."""
+    """Return the names of the links of the contacts' fingertips; empty for hands without links."""
     hand = problem.get("hand")
     tips = hand.get("fingertips", ()) if isinstance(hand, Mapping) else ()
     return tuple(str(tip["link"]) for tip in tips) if isinstance(tips, list) else ()
 
 
 def palm_link(problem: Json) -> str:
-    """Return the root link of the hand; ``"palm"`` where it is not stated."""
+    """Return the name of the hand's root link, ``"palm"`` if the data have none."""
     hand = problem.get("hand")
     return str(hand.get("palm", "palm")) if isinstance(hand, Mapping) else "palm"
 
 
 def restore_problem(problem: Json, grasp: Grasp | None) -> GraspProblem | None:
-    """Return the problem of a file about the grasp's torque origin; None with a mesh, a hand or an expression."""
+    """Return the problem of a file's data; None if it has a mesh, a hand or an expression.
+
+    It is about the torque origin of the grasp.
+    """
     if grasp is None or problem.get("hand") is not None:
         return None
     from nlpgrasp.problem.problem import problem_from_dict
@@ -40,7 +43,7 @@ def restore_problem(problem: Json, grasp: Grasp | None) -> GraspProblem | None:
 
 
 def objective_text(problem: Json) -> str:
-    """Return the objective of a problem, delta or nu, with its torque scale as text."""
+    """Return a text on an objective other than mu, with its torque scale."""
     meaning = "mu of the unit ball of wrenches"
     if problem["objective"] == "nu":
         meaning = "the volume of the wrench set, among grasps that exert the task"
@@ -48,7 +51,7 @@ def objective_text(problem: Json) -> str:
 
 
 def check_dimension(task: Task, grasp: Grasp | None, name: str) -> None:
-    """Refuse a task of another dimension than the grasp's.
+    """Raise ``InputError`` if task and grasp differ in dimension.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Trajectory of a hand through the phases of a grasp, sampled in time."""
+"""Trajectory of a hand through the keyframes of a grasp, sampled in time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Trajectory(Record):
     joints: Matrix
 
     def to_csv(self) -> str:
-        """Return the trajectory as CSV text: time, phase, palm position and quaternion, joints."""
+        """Return the trajectory as CSV text with time, phase, palm position and quaternion, and joints."""
         text = io.StringIO(newline="")
         writer = csv.writer(text)
         writer.writerow(["time", "phase", *PALM, *self.joint_names])
@@ -110,22 +110,22 @@ def trajectory(
         max(float(np.linalg.norm(b.palm_position - a.palm_position)) / speed, float(np.max(abs(r - q) / fastest)))
         for (a, b), (q, r) in zip(pairwise(frames), pairwise(joints), strict=True)
     ]
-    times, start_frames, share = _sample_legs(durations, rate)
+    times, start_frames, fractions = _sample_legs(durations, rate)
     end_frames = np.minimum(start_frames + 1, len(frames) - 1)
     phases = (frames[0].name, *(frames[i].name for i in end_frames[1:]))
     palms, postures = np.array([frame.palm_position for frame in frames]), np.array(joints)
     return Trajectory(
         times,
         phases,
-        (1.0 - share) * palms[start_frames] + share * palms[end_frames],
+        (1.0 - fractions) * palms[start_frames] + fractions * palms[end_frames],
         frames[0].palm_quaternion,
         names,
-        (1.0 - share) * postures[start_frames] + share * postures[end_frames],
+        (1.0 - fractions) * postures[start_frames] + fractions * postures[end_frames],
     )
 
 
 def require_jaws(solution: GraspSolution, allowed: str) -> ParallelJaw:
-    """Return the parallel jaws of a solution with a grasp in space.
+    """Return the parallel jaws of a spatial grasp, or raise ``InputError`` if it has none.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def require_jaws(solution: GraspSolution, allowed: str) -> ParallelJaw:
 
 
 def _sample_legs(durations: Sequence[float], rate: float) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-    """Return the samples of consecutive legs: times (m,), index of each leg (m,) and covered share of it (m, 1).
+    """Return samples of consecutive motions: times (m,), index of the motion (m,), completed fraction (m, 1).
 
     The first sample is the start of the first leg; all others end at most ``1 / rate`` seconds after the previous one.
 
@@ -150,17 +150,17 @@ def _sample_legs(durations: Sequence[float], rate: float) -> tuple[FloatArray, N
     rate : float
         Samples a second, at least.
     """
-    shares, legs, times = [np.zeros(1)], [0], [np.zeros(1)]
+    fractions, legs, times = [np.zeros(1)], [0], [np.zeros(1)]
     for i, duration in enumerate(durations):
         count = max(int(np.ceil(duration * rate)), 1)
-        shares.append(np.arange(1, count + 1) / count)
-        times.append(times[-1][-1] + shares[-1] * duration)
+        fractions.append(np.arange(1, count + 1) / count)
+        times.append(times[-1][-1] + fractions[-1] * duration)
         legs += [i] * count
-    return np.concatenate(times), np.array(legs, dtype=np.intp), np.concatenate(shares)[:, None]
+    return np.concatenate(times), np.array(legs, dtype=np.intp), np.concatenate(fractions)[:, None]
 
 
 def _speeds(joint_speed: float | Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
-    """Return the speed of each joint, checked, (n,)."""
+    """Return the speeds of the joints, (n,), validated to be above zero."""
     if not isinstance(joint_speed, Mapping):
         return np.full(len(names), number("joint_speed", joint_speed, above=0.0))
     missing = [name for name in names if name not in joint_speed]

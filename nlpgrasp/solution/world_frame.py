@@ -1,4 +1,4 @@
-"""Grasp in a world frame: contacts, forces, task, palm and phases for a pose of the body."""
+"""Grasp of a solution in a world frame, given the pose of the body."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.tasks import Task
 
 @dataclass(frozen=True)
 class SolutionInFrame:
-    """The grasp of a solution in a world frame, given the pose of the body.
+    """Grasp of a solution in a world frame, given the pose of the body.
 
     It serves display and planning; the file and ``ng.verify`` use the solution in the body's frame.
 
@@ -72,7 +72,9 @@ def transform_grasp(
     hand: Json | None,
     phases: Sequence[Phase],
 ) -> SolutionInFrame:
-    """Return a solution's grasp for a pose of the body; the other arguments are the solution's own.
+    """Return a solution's grasp in a world frame, given the pose of the body.
+
+    The arguments except ``pose`` are the solution's.
 
     Raises
     ------
