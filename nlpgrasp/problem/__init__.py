@@ -1,4 +1,4 @@
-"""Grasp problem: immutable problem data, independent of solvers."""
+"""Grasp problems as immutable data, independent of solvers."""
 
 from nlpgrasp.problem.problem import GraspProblem
 

@@ -25,7 +25,7 @@ FITS = 0.99  # of a fingertip's radius: least distance of its centre from the bo
 
 @dataclass(frozen=True)
 class CandidateConstraints:
-    """Scalar constraints of a grasp candidate: expressions first, then clearances through a mesh distance.
+    """Scalar constraints of a grasp candidate: expressions, and clearances through a mesh distance.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class CandidateConstraints:
 
     @property
     def named(self) -> tuple[ScalarConstraint, ...]:
-        """All scalar constraints in order; clearances have no expression."""
+        """All scalar constraints in the NLP's order; the expression of a clearance is None."""
         return (*self.rows, *(c.row(None) for c in self.clearances))
 
 
 def hand_variable_name(variable: str) -> str:
-    """Return the displayed name of a hand's variable, such as ``"palm position"``."""
+    """Return the displayed name of a hand variable, such as ``"palm position"``."""
     return variable.replace("_", " ")
 
 
@@ -58,7 +58,7 @@ def symbolic_candidate(
     variables: dict[str, Expression],
     size: float,
 ) -> SymbolicCandidate:
-    """Return the symbolic grasp candidate that constraints take, from contacts and hand variables."""
+    """Return the symbolic grasp candidate of contacts and hand variables, as constraints take it."""
     if hand is None:
         return SymbolicCandidate(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
@@ -76,7 +76,7 @@ def build_candidate_constraints(
     normals: Sequence[Expression],
     variables: dict[str, Expression],
 ) -> CandidateConstraints:
-    """Return scalar constraints: of the given constraints and the hand, and the links' clearance from the body.
+    """Return all scalar constraints of a problem, from its constraints, its hand and link clearances.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def symbolic_constraints(
     placement: SymbolicCandidate,
     variables: dict[str, Expression],
 ) -> list[Sequence[ScalarConstraint | Clearance]]:
-    """Return the scalar constraints by source: each constraint, the hand, the links' clearance."""
+    """Return the scalar constraints by source: each constraint, the hand, the link clearances."""
     sources = [c.rows(placement) for c in constraints]
     if hand is not None:
         sources.append([*hand.rows(placement, variables), *_tip_clearances(body, hand, placement)])
@@ -109,28 +109,33 @@ def symbolic_constraints(
     return sources
 
 
-def collect_constraints(groups: Sequence[Sequence[ScalarConstraint | Clearance]], shared: bool) -> CandidateConstraints:
-    """Return all scalar constraints in the NLP's order: clearances through a mesh distance last."""
-    rows: list[ScalarConstraint] = []
+def collect_constraints(
+    groups: Sequence[Sequence[ScalarConstraint | Clearance]], eliminate: bool
+) -> CandidateConstraints:
+    """Return all scalar constraints in the NLP's order, with clearances through a mesh distance last."""
+    constraints: list[ScalarConstraint] = []
     clearances: list[Clearance] = []
     positions: list[list[tuple[bool, int]]] = []
     for part in groups:
         positions.append([])
         for item in part:
-            row = item.as_row() if isinstance(item, Clearance) else item
-            if row is not None:
-                positions[-1].append((True, len(rows)))
-                rows.append(row)
+            constraint = item.as_row() if isinstance(item, Clearance) else item
+            if constraint is not None:
+                positions[-1].append((True, len(constraints)))
+                constraints.append(constraint)
             elif isinstance(item, Clearance):
                 positions[-1].append((False, len(clearances)))
                 clearances.append(item)
-    sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in positions)
-    result = _share_subexpressions(rows, clearances) if shared else CandidateConstraints(tuple(rows), tuple(clearances))
+    sources = tuple(tuple(i if scalar else len(constraints) + i for scalar, i in part) for part in positions)
+    if eliminate:
+        result = _eliminate_subexpressions(constraints, clearances)
+    else:
+        result = CandidateConstraints(tuple(constraints), tuple(clearances))
     return replace(result, sources=sources)
 
 
 def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> list[Clearance]:
-    """Return clearances that keep round fingertips at their contacts from penetrating the body elsewhere.
+    """Return clearances that keep round fingertips out of the body away from their contacts.
 
     Empty for a mesh, whose roughness requires a check at each surface point instead.
     """
@@ -146,18 +151,18 @@ def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> lis
 
 
 def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:
-    """Return the clearance of a link's sphere from the body."""
+    """Return the clearance of a link's collision sphere from the body."""
     lower, fingers = sphere.radius + sphere.clearance, () if sphere.finger is None else (sphere.finger,)
     distance = body.distance_function
     return Clearance(CLEARANCE, distance, sphere.centre, lower, body.size, fingers=fingers, link=sphere.link)
 
 
-def _share_subexpressions(rows: list[ScalarConstraint], clearances: list[Clearance]) -> CandidateConstraints:
-    """Return the constraints with common subexpressions eliminated, such as the links' poses."""
-    expressions = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
-    scalars = ca.vertsplit(expressions[: len(rows)])
-    points = ca.vertsplit(expressions[len(rows) :], 3) if clearances else []
+def _eliminate_subexpressions(constraints: list[ScalarConstraint], clearances: list[Clearance]) -> CandidateConstraints:
+    """Return the constraints after elimination of common subexpressions, such as link poses."""
+    expressions = ca.cse(ca.vertcat(*[r.expression for r in constraints], *[c.point for c in clearances]))
+    scalars = ca.vertsplit(expressions[: len(constraints)])
+    points = ca.vertsplit(expressions[len(constraints) :], 3) if clearances else []
     return CandidateConstraints(
-        tuple(replace(r, expression=e) for r, e in zip(rows, scalars, strict=True)),
+        tuple(replace(r, expression=e) for r, e in zip(constraints, scalars, strict=True)),
         tuple(replace(c, point=p) for c, p in zip(clearances, points, strict=True)),
     )

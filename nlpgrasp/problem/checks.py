@@ -1,4 +1,4 @@
-"""Input validation of grasp problems before any solve: errors and warnings."""
+"""Validation of grasp problems before a solve: errors and warnings about user input."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def check_placements(
     faces: Sequence[tuple[str, ...]],
     margin: float = 0.0,
 ) -> None:
-    """Raise if constraints leave some contact no feasible point, or cannot be evaluated.
+    """Raise ``InputError`` if constraints leave some contact no feasible point.
 
     Parameters
     ----------
@@ -68,21 +68,21 @@ def check_placements(
     n = [ca.SX.sym("n", body.space) for _ in range(k)]
     symbols = {} if hand is None else hand.symbols(body.bounds)
     placement = symbolic_candidate(hand, p, n, symbols, body.size)
-    constraint_rows = [row for constraint in constraints for row in constraint.rows(placement)]
-    converted = [row.as_row() if isinstance(row, Clearance) else row for row in constraint_rows]
-    rows = [row for row in converted if row is not None]
-    if not rows and hand is None:
+    all_constraints = [scalar for constraint in constraints for scalar in constraint.rows(placement)]
+    converted = [scalar.as_row() if isinstance(scalar, Clearance) else scalar for scalar in all_constraints]
+    scalar_constraints = [scalar for scalar in converted if scalar is not None]
+    if not scalar_constraints and hand is None:
         return
     rng = np.random.default_rng(0)
     samples = {
         name: _sample_face(body, name, rng, margin)
-        for name in sorted({name for contact_rows in faces for name in contact_rows})
+        for name in sorted({name for contact_faces in faces for name in contact_faces})
     }
     for i in range(k):
-        contact_rows = [row for row in rows if _involves_only(row, p[i], n[i])]
+        contact_constraints = [scalar for scalar in scalar_constraints if _involves_only(scalar, p[i], n[i])]
         face_samples = {name: samples[name] for name in faces[i] if len(samples[name].points)}
-        if contact_rows and face_samples:
-            _check_contact(i, contact_rows, (p[i], n[i]), face_samples, body.size)
+        if contact_constraints and face_samples:
+            _check_contact(i, contact_constraints, (p[i], n[i]), face_samples, body.size)
     _check_distances(constraints, faces, samples)
 
 
@@ -103,40 +103,40 @@ class FaceSamples:
 
 
 def _sample_face(body: Body, name: str, rng: np.random.Generator, margin: float) -> FaceSamples:
-    """Return random points of a face with inward normals."""
+    """Return random points of a face with their inward normals."""
     points = body.sample(name, SAMPLES, rng, margin)
     return FaceSamples(points, -body.evaluate(name, points)[2])
 
 
-def _involves_only(row: ScalarConstraint, p: ca.SX, n: ca.SX) -> bool:
-    """Return whether an inequality constraint involves only the contact with these symbols."""
+def _involves_only(constraint: ScalarConstraint, p: ca.SX, n: ca.SX) -> bool:
+    """Return whether a scalar constraint is an inequality on no other variables than one contact's."""
     contact_symbols = {s.__hash__() for s in ca.vertsplit(ca.vertcat(p, n))}
-    symbols = [s.__hash__() for s in ca.symvar(ca.SX(row.expression))]
-    return bool(symbols) and all(s in contact_symbols for s in symbols) and row.lower < row.upper
+    symbols = [s.__hash__() for s in ca.symvar(ca.SX(constraint.expression))]
+    return bool(symbols) and all(s in contact_symbols for s in symbols) and constraint.lower < constraint.upper
 
 
 def _check_contact(
     i: int,
-    rows: Sequence[ScalarConstraint],
+    constraints: Sequence[ScalarConstraint],
     symbols: tuple[ca.SX, ca.SX],
     samples: Mapping[str, FaceSamples],
     size: float,
 ) -> None:
-    """Raise if every sample of contact i's faces violates its constraints by a wide margin."""
+    """Raise ``InputError`` if all samples of a contact's faces violate its constraints by a wide margin."""
     points = np.concatenate([s.points for s in samples.values()])
     normals = np.concatenate([s.normals for s in samples.values()])
-    rows_of = ca.vertcat(*[r.expression for r in rows])
-    slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, symbols[0])) for r in rows])
-    values, slopes = ca.Function("rows", list(symbols), [rows_of, slopes_of]).map(len(points))(points.T, normals.T)
+    values_of = ca.vertcat(*[r.expression for r in constraints])
+    slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, symbols[0])) for r in constraints])
+    values, slopes = ca.Function("rows", list(symbols), [values_of, slopes_of]).map(len(points))(points.T, normals.T)
     value, slope = np.asarray(values.full()), np.asarray(slopes.full())
-    lower, upper = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper"))
+    lower, upper = (np.array([getattr(r, key) for r in constraints])[:, None] for key in ("lower", "upper"))
     with np.errstate(all="ignore"):
         violation = np.maximum(lower - value, value - upper)
         # first-order distance to feasibility; a constraint that is NaN is never satisfied
         excess = np.where(violation > 0.0, violation / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
     least = float(np.min(np.max(excess, axis=0)))
     if least > WIDE_MARGIN:
-        names = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
+        names = ", ".join(dict.fromkeys(constraints[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
             "GraspProblem.constraints",
             f"{names}: kept nowhere on {_format_names(list(samples))}{_format_violation(least * size)}",
@@ -147,7 +147,7 @@ def _check_contact(
 def _check_distances(
     constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, FaceSamples]
 ) -> None:
-    """Raise if the faces are too small for the least distance between contacts."""
+    """Raise ``InputError`` if the faces are too small for the required distance between contacts."""
     least = max((c.least_distance() for c in constraints), default=0.0)
     k = len(faces)
     if least <= 0.0 or k < 2:
@@ -168,17 +168,17 @@ def _check_distances(
 
 
 def _format_violation(violation: float) -> str:
-    """Return a least violation, metres, as text in millimetres; empty if unknown."""
+    """Return a text on the least violation, metres, in millimetres; empty if the violation is not finite."""
     return f" (the nearest misses by {format_number(1e3 * violation)} mm)" if np.isfinite(violation) else ""
 
 
 def _format_names(names: list[str]) -> str:
-    """Return names of faces as text."""
+    """Return a text that lists names of faces."""
     return "faces " + ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
 
 def check_patches(models: Sequence[ContactModel], body: Body) -> None:
-    """Raise for a contact patch longer than the body, mostly due to swapped arguments."""
+    """Raise ``InputError`` for a contact patch longer than the body, mostly due to swapped arguments."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     for i, model in enumerate(models):
         for name in ("radius", "extents", "length"):
@@ -189,7 +189,7 @@ def check_patches(models: Sequence[ContactModel], body: Body) -> None:
 
 
 def check_volume_parts(budget: object, hand: Hand | None) -> None:
-    """Raise for a force budget and a hand for which the volume nu cannot be maximised."""
+    """Raise ``InputError`` for a force budget or a hand with which the volume nu cannot be maximised."""
     kind = budget if isinstance(budget, str) else getattr(budget, "kind", budget)
     if kind != "l2":
         expected = 'force_budget="l2", of which the volume is maximised'
@@ -200,14 +200,14 @@ def check_volume_parts(budget: object, hand: Hand | None) -> None:
 
 
 def check_size(body: Body) -> None:
-    """Raise for a body so large or small that its unit is probably not metres."""
+    """Raise ``InputError`` for a body so large or small that its unit is probably not metres."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     mistake = "its numbers are metres, and were probably given in a {} unit"
     check_body_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, mistake, hasattr(body, "unit"))
 
 
 def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
-    """Warn, once, about implausibly large friction coefficients.
+    """Warn once about an implausibly large friction coefficient.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
 def warn_of_lengths(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
 ) -> None:
-    """Warn, once, about a length that is implausibly large for the body.
+    """Warn once about a length that is implausibly large for the body.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def warn_of_lengths(
 def _lengths(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
 ) -> Iterator[tuple[str, float, float, float]]:
-    """Yield each length's name, given value, value to compare, and limit in body sizes."""
+    """Yield, for each length of a problem, name, given value, value to compare and limit in body sizes."""
     for i, model in enumerate(models):
         torsion = model.coefficients.get("torsional_friction", 0.0)
         yield f"contacts[{i}]: torsional friction", torsion, torsion, LARGE_LENGTH
@@ -262,7 +262,7 @@ def _lengths(
 
 
 def warn_of_point(task: Task, body: Body) -> None:
-    """Warn, once, about a disturbance without point on a body whose frame's origin is off its centroid.
+    """Warn once about a disturbance without a point if the frame's origin is far from the body's centroid.
 
     Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has a moment arm about
     the centroid, and requires far more torque than the disturbance states.
@@ -283,7 +283,7 @@ def warn_of_point(task: Task, body: Body) -> None:
 
 
 def _warn_of_arm(task: Task, body: Body) -> None:
-    """Warn, once, about moments whose arms are too long for the body.
+    """Warn once about moments whose lever arms are too long for the body.
 
     Typical causes are a point in millimetres and moments in newton-millimetres.
     """
@@ -295,7 +295,7 @@ def _warn_of_arm(task: Task, body: Body) -> None:
 
 
 def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
-    """Warn about a table that intersects the body, and a hand too small for any side of the body.
+    """Warn about a table that intersects the body, and about a hand of another size than the body.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint],
 
 
 def _warn_of_sizes(body: Body, hand: Hand | None) -> None:
-    """Warn, once, of a body that does not fit into the hand on any side, or that is far smaller than the hand."""
+    """Warn once about a body that is too large or too small for the hand."""
     sides = body.bounds[1] - body.bounds[0]
     shortest, longest = float(np.min(sides)), float(np.max(sides))
     if isinstance(hand, URDFHand):
@@ -335,7 +335,7 @@ def _warn_of_sizes(body: Body, hand: Hand | None) -> None:
 
 
 def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
-    """Warn, once, if a fifth of a mesh is far from the smoothed surface that the solver sees.
+    """Warn once if a fifth of a mesh is far from the smoothed surface that the solver uses.
 
     Parameters
     ----------
@@ -363,7 +363,7 @@ def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
 
 
 def body_advice(value: object) -> str:
-    """Return the advice of the error for an invalid body, such as a file name or a mesh."""
+    """Return advice for the error about an invalid body, such as a file name."""
     if isinstance(value, str | Path):
         return f'a body: ng.Mesh.load("{value}", unit="mm"), in the unit of the file'
     if type(value).__module__.split(".")[0] == "trimesh":
@@ -372,14 +372,14 @@ def body_advice(value: object) -> str:
 
 
 def task_advice(value: object) -> str:
-    """Return the advice of the error for an invalid task, such as a list of tasks."""
+    """Return advice for the error about an invalid task, such as a list of tasks."""
     if isinstance(value, list | tuple) and value and all(isinstance(part, Task) for part in value):
         return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
     return "a task, such as ng.TaskEllipsoid(semi_axes)"
 
 
 def hand_advice(value: object) -> str:
-    """Return the advice of the error for an invalid hand, such as a preset's name."""
+    """Return advice for the error about an invalid hand, such as a preset's name."""
     if isinstance(value, str):
         return f"a hand: ng.hands.{value}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
     return "a hand such as ng.Fingertips, or None"

@@ -1,4 +1,4 @@
-"""Text description of a grasp problem, and its display."""
+"""Text description of a grasp problem, and display of the problem as a page."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ PAGE, CARD = ("nlpgrasp.report.body_page", "write_problem"), ("nlpgrasp.report.b
 
 
 class DisplayedProblem(InNotebook):
-    """Mixin that displays a grasp problem."""
+    """Mixin for the display of a grasp problem as text and as a page."""
 
     _card: ClassVar[tuple[str, str]] = CARD
     name: str
 
     def show(self, path: str | Path | None = None) -> Path:
-        """Write an HTML page that shows the problem, open it in a browser if possible, and return its path.
+        """Write a page that shows the problem, open it in a browser if possible, and return its path.
 
         It shows the body with its axes and allowed faces, tables and obstacles, and describes contacts, task, hand and
         constraints. It opens from disk and needs no network. Without a browser or a display, the path is printed.
@@ -69,11 +69,11 @@ class DisplayedProblem(InNotebook):
 
 
 class ProblemView(Protocol):
-    """Protocol of the parts of a ``GraspProblem`` that its display needs, without importing it."""
+    """Protocol of the parts of a grasp problem that its description needs."""
 
     @property
     def name(self) -> str:
-        """Name for prints."""
+        """Name of the problem, for messages."""
 
     @property
     def body(self) -> Body:
@@ -85,7 +85,7 @@ class ProblemView(Protocol):
 
     @property
     def task(self) -> Task:
-        """Wrenches to exert, about ``origin``."""
+        """Set of wrenches to exert, about ``origin``."""
 
     @property
     def hand(self) -> Hand | None:
@@ -97,7 +97,7 @@ class ProblemView(Protocol):
 
     @property
     def budget(self) -> ForceBudget:
-        """Force budget: the meaning of one unit of finger force."""
+        """Force budget that limits the finger forces."""
 
     @property
     def margin(self) -> float:
@@ -109,26 +109,29 @@ class ProblemView(Protocol):
 
     @property
     def torque_origin(self) -> ArrayLike | None:
-        """Torque origin as given, or None."""
+        """Torque origin as the user gave it, or None."""
 
     @property
     def max_force(self) -> float | None:
-        """Limit of each finger's force, newtons."""
+        """Limit of each finger's force, newtons, or None."""
 
     @property
     def objective(self) -> str:
-        """What a solve maximises."""
+        """Name of the measure that a solve maximises."""
 
     @property
     def torque_scale(self) -> float | None:
-        """Length by which torques count as forces in the objective delta, metres."""
+        """Length that converts torques to forces in the objectives delta and nu, metres, or None."""
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return the names of a contact's allowed faces."""
 
 
 def describe_problem(problem: ProblemView) -> list[DescribedPart]:
-    """Return the parts of a problem's description, in millimetres, but metres in quoted reprs."""
+    """Return the parts of a problem's description.
+
+    Lengths are in millimetres, but in metres in quoted reprs.
+    """
     constraints = tuple(_shorten_text(repr(constraint)) for constraint in problem.constraints)
     extents = vector(1e3 * np.ptp(problem.body.bounds, axis=0)).replace(", ", f" {TIMES} ")
     return [
@@ -145,21 +148,24 @@ def describe_problem(problem: ProblemView) -> list[DescribedPart]:
 
 
 class DescribedPart(NamedTuple):
-    """A part of a problem's description: title, short value and notes."""
+    """Part of a problem's description: title, short value and notes."""
 
     title: str
     value: str
     notes: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
-        """Return the part as lines of text: a single note beside the value, several below it."""
+        """Return the part as text lines.
+
+        A single note is beside the value, several are below it.
+        """
         if len(self.notes) <= 1:
             return [f"{self.title.lower()}: {'; '.join([self.value, *self.notes])}"]
         return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
 
 
 def _describe_task(problem: ProblemView) -> DescribedPart:
-    """Return the task, and another objective than mu, as text."""
+    """Return the description of the task, and of an objective other than mu."""
     exert, origin = f"exert {task_range(problem)}", _describe_torque_origin(problem)
     if problem.objective == "mu":
         return DescribedPart("Task", exert, (origin,))
@@ -169,7 +175,7 @@ def _describe_task(problem: ProblemView) -> DescribedPart:
 
 
 def task_range(problem: ProblemView) -> str:
-    """Return the ranges of the task's wrench components as text."""
+    """Return a text on the ranges of the task's wrench components."""
     return format_ranges(*component_ranges(problem.task))
 
 
@@ -180,7 +186,7 @@ def usable_faces(problem: ProblemView) -> tuple[str, ...]:
 
 
 def _describe_contacts(problem: ProblemView) -> list[str]:
-    """Return the contacts as text, with equal neighbours combined."""
+    """Return texts on the contacts, with equal neighbouring contacts combined."""
     faces = [_faces_above_tables(problem, problem.allowed_faces(i)) for i in range(len(problem.models))]
     groups = groupby(zip(map(_describe_model, problem.models), faces, strict=True))
     return [
@@ -189,17 +195,17 @@ def _describe_contacts(problem: ProblemView) -> list[str]:
 
 
 def _describe_model(model: ContactModel) -> str:
-    """Return a contact model as text, without its faces."""
+    """Return a text on a contact model, without its faces."""
     return FACES.sub("", repr(model))
 
 
 def _shorten_text(text: str) -> str:
-    """Return a text, truncated if long."""
+    """Return a text, truncated if it is long."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def _describe_faces(problem: ProblemView, faces: tuple[str, ...]) -> str:
-    """Return the allowed faces as text."""
+    """Return a text on the allowed faces."""
     count = len(problem.body.face_names)
     if len(faces) == count:
         return ", on any face" if count > 1 else ""
@@ -218,7 +224,7 @@ def _faces_above_tables(problem: ProblemView, faces: Sequence[str]) -> tuple[str
 
 
 def _describe_torque_origin(problem: ProblemView) -> str:
-    """Return the torque origin as text."""
+    """Return a text on the torque origin."""
     remark = ", the body's centroid" if problem.torque_origin is None else ""
     least = ROUNDING * problem.body.size
     coordinates = ", ".join(format_number(1e3 * v, least=1e3 * least) for v in problem.origin)

@@ -52,7 +52,7 @@ LARGEST_MARGIN_SHARE = 0.5  # of the largest possible margin: upper limit
 
 @dataclass(frozen=True, repr=False)
 class GraspProblem(DisplayedProblem):
-    """A grasp planning problem: body, contact models, task, hand, constraints and force budget.
+    """Grasp planning problem: body, contact models, task, hand, constraints and force budget.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class GraspProblem(DisplayedProblem):
         check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
 
     def _set_objective(self) -> None:
-        """Validate the objective, and set the task of delta, or of nu without one, to the unit ball of wrenches."""
+        """Validate the objective; set a missing task for delta or nu to the unit ball of wrenches."""
         if self.objective not in OBJECTIVES:
             raise InputError("GraspProblem.objective", self.objective, " or ".join(map(repr, OBJECTIVES)))
         if self.objective == "mu":
@@ -181,7 +181,7 @@ class GraspProblem(DisplayedProblem):
             raise InputError("GraspProblem.task", self.task, expected)
 
     def _check_dimension(self) -> None:
-        """Raise if task and body differ in dimension."""
+        """Raise ``InputError`` if task and body differ in dimension."""
         dimension = wrench_dimension(self.body.space)
         if self.task.dimension != dimension:
             components = "f_x, f_y, m_z" if dimension == 3 else "f_x, f_y, f_z, m_x, m_y, m_z"
@@ -189,7 +189,7 @@ class GraspProblem(DisplayedProblem):
             raise InputError("GraspProblem.task", f"dimension {self.task.dimension}", expected)
 
     def _set_contacts(self) -> None:
-        """Set the contacts to a tuple of models, validated."""
+        """Validate the contact models, and set them as a tuple."""
         contacts = self.contacts
         if self.hand is not None and not isinstance(self.hand, Hand):
             raise InputError("GraspProblem.hand", self.hand, hand_advice(self.hand))
@@ -223,7 +223,9 @@ class GraspProblem(DisplayedProblem):
         object.__setattr__(self, "contacts", models)
 
     def _pad_contacts(self) -> tuple[ContactModel, ...]:
-        """Return the contacts of a gripper's pads, lengthwise along the axis of an ``Approach`` or downwards.
+        """Return the contacts of a gripper's pads, with their long sides along the approach direction.
+
+        By default the approach is downwards.
 
         Empty without pads.
         """
@@ -237,7 +239,7 @@ class GraspProblem(DisplayedProblem):
         return (pad, pad)
 
     def _set_constraint_tuple(self) -> None:
-        """Set the constraints to a tuple."""
+        """Set the constraints as a tuple."""
         constraints = self.constraints
         if isinstance(constraints, PlacementConstraint):
             constraints = (constraints,)
@@ -247,7 +249,10 @@ class GraspProblem(DisplayedProblem):
             raise InputError("GraspProblem.constraints", constraints, "a sequence of constraints") from None
 
     def _set_constraints(self) -> None:
-        """Set the constraints to a tuple, validated; raise if they leave some contact no face."""
+        """Validate the constraints, and set them as a tuple.
+
+        Raise ``InputError`` if they leave some contact no face.
+        """
         self._set_constraint_tuple()
         for item in self.constraints:
             if not isinstance(item, PlacementConstraint):
@@ -270,7 +275,7 @@ class GraspProblem(DisplayedProblem):
 
     @property
     def budget(self) -> ForceBudget:
-        """Force budget as an object, also if given by name."""
+        """Force budget as an object, even if it was given by name."""
         return force_budget(self.force_budget)
 
     @property
@@ -284,11 +289,11 @@ class GraspProblem(DisplayedProblem):
         return wrench_dimension(self.body.space)
 
     def unchecked(self, **changes: object) -> GraspProblem:
-        """Return a copy with changed parts, without validation."""
+        """Return a copy with some parts replaced, without validation."""
         return replace_unchecked(self, **changes)
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
-        """Return the names of a contact's allowed faces that are large enough for the margin."""
+        """Return the names of a contact's allowed faces that are large enough for the edge margin."""
         faces = allowed_face_names(self.body, self.models, self.constraints, contact)
         return tuple(f for f in faces if self.body.room(f) > self.margin) if self.margin > 0.0 else faces
 
@@ -310,7 +315,7 @@ class GraspProblem(DisplayedProblem):
 
 
 def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body: Body | None = None) -> GraspProblem:
-    """Return the problem from the data of ``GraspProblem.to_dict``, without its hand.
+    """Return the problem that ``GraspProblem.to_dict`` wrote, without its hand.
 
     Parameters
     ----------
@@ -353,7 +358,9 @@ def _read_contact(data: Json) -> ContactModel:
 def allowed_face_names(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], contact: int
 ) -> tuple[str, ...]:
-    """Return the names of a contact's allowed faces: its own or all, without forbidden ones.
+    """Return the names of a contact's allowed faces.
+
+    These are the faces of its model, by default all, without forbidden ones.
 
     Raises
     ------
@@ -370,7 +377,9 @@ def allowed_face_names(
 
 
 def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]]) -> float:
-    """Return the validated or default margin of contacts from sharp edges (above 30 degrees), metres.
+    """Return the margin between contacts and sharp edges, metres: given and validated, or the default.
+
+    An edge above 30 degrees is sharp.
 
     Parameters
     ----------
