@@ -1,1 +1,1 @@
-"""Shared utilities: validation, files, frames, numerics, display."""
+"""Shared utilities: validation, files, frames, numerical methods, display."""

@@ -1,4 +1,4 @@
-"""Content-addressed cache of expensive results in the user's cache folder.
+"""Cache of expensive results in the user's cache folder, addressed by a hash of their inputs.
 
 An entry is a file named by the SHA-256 of all its inputs: content, settings, the code that computes it, and the
 versions of this package and its libraries. It begins with the SHA-256 of the rest, so that truncated or foreign files
@@ -40,7 +40,7 @@ Arrays = Mapping[str, FloatArray]
 
 
 def folder() -> Path | None:
-    """Return the folder of the cache, None if it is off."""
+    """Return the cache folder, or None if the cache is off."""
     setting = os.environ.get(SETTING, "")
     if setting.lower() == "off":
         return None
@@ -73,7 +73,7 @@ def cached_arrays(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], m
 
 
 def _key(kind: str, made_from: Sequence[bytes]) -> str:
-    """Return the key of an entry, a SHA-256 in hexadecimal digits."""
+    """Return the key of a cache entry: a SHA-256 in hexadecimal digits."""
     digest = hashlib.sha256()
     for part in [*(text.encode() for text in (kind, __version__, *_library_versions())), *made_from]:
         digest.update(len(part).to_bytes(8, "big"))
@@ -88,18 +88,18 @@ def _library_versions() -> tuple[str, ...]:
 
 
 def _bytes(part: bytes | NDArray[np.generic]) -> bytes:
-    """Return the bytes of an array, or given bytes unchanged."""
+    """Return the bytes of an array; bytes are returned unchanged."""
     return part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
 
 
 def _source_of(make: Callable[[], Arrays]) -> bytes:
-    """Return the source of a function's module; empty without a file."""
+    """Return the source of a function's module as bytes, empty if the module has no file."""
     path = getattr(sys.modules.get(make.__module__), "__file__", None)
     return b"" if path is None else Path(path).read_bytes()
 
 
 def _read_entry(file: Path) -> dict[str, FloatArray] | None:
-    """Return the arrays of an entry, None if it is missing or corrupt."""
+    """Return the arrays of a cache entry, or None if the entry is missing or corrupt."""
     try:
         data = file.read_bytes()
     except FileNotFoundError:
@@ -118,7 +118,7 @@ def _read_entry(file: Path) -> dict[str, FloatArray] | None:
 
 
 def _write_entry(file: Path, arrays: Arrays) -> None:
-    """Write an entry and limit the cache's size; warn if that is not possible."""
+    """Write a cache entry and limit the cache's size; warn if that is not possible."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **{name: np.asarray(array) for name, array in arrays.items()})
     content = buffer.getvalue()
@@ -132,7 +132,7 @@ def _write_entry(file: Path, arrays: Arrays) -> None:
 
 
 def _remove_oldest(cache_folder: Path) -> None:
-    """Remove the oldest entries beyond the cache's maximal size, and no other files."""
+    """Remove the oldest cache entries while the cache is above its maximal size."""
     entries = []
     for file in cache_folder.iterdir():
         if ENTRY.fullmatch(file.name):

@@ -39,7 +39,10 @@ class Deadline:
         return self.flag is not None and self.flag.exists()
 
     def certificate_deadline(self, grace: float = GRACE) -> float | None:
-        """Return a certificate's deadline, at least a grace period from now; None without deadline and stop request."""
+        """Return the deadline of a certificate, at least ``grace`` seconds from now.
+
+        None if the solve has no deadline and was not interrupted.
+        """
         now = time.monotonic()
         if self.should_stop():
             return now + grace
@@ -47,7 +50,7 @@ class Deadline:
 
 
 class InterruptHandler:
-    """Context manager in which Ctrl-C sets the stop flag, so that a solve ends early and returns its result.
+    """Context manager in which Ctrl-C ends a solve early, so that it still returns its result.
 
     Pressing it again has no effect; a stopped solve returns within seconds.
     """
@@ -72,7 +75,7 @@ class InterruptHandler:
 
 
 class Stopwatch:
-    """Stopwatch that adds wall time to stages, from one mark to the next.
+    """Stopwatch that adds up wall time by stage.
 
     Attributes
     ----------
@@ -85,17 +88,17 @@ class Stopwatch:
         self._last = time.perf_counter()
 
     def restart(self) -> None:
-        """Count the time since the last mark to no stage."""
+        """Restart the measurement, so that the time since the last mark counts for no stage."""
         self._last = time.perf_counter()
 
     def mark(self, stage: str) -> None:
-        """Count the time since the last mark to a stage."""
+        """Add the time since the last mark to a stage."""
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now
 
     def mark_with(self, parts: Mapping[str, float], rest: str) -> None:
-        """Count the time since the last mark to stages that were timed elsewhere, and what is left to ``rest``."""
+        """Add known times to their stages, and the remaining time since the last mark to ``rest``."""
         now = time.perf_counter()
         for stage, seconds in {**parts, rest: max(0.0, now - self._last - sum(parts.values()))}.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds

@@ -1,4 +1,4 @@
-"""Display of objects as HTML pages in a browser or notebook."""
+"""Display of objects as pages in a browser or notebook."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Serve = Callable[..., str | None]
 
 
 def show(item: object, name: str, writer: tuple[str, str], path: str | Path | None = None) -> Path:
-    """Write an object's HTML page, open it in a browser if possible, and return its path.
+    """Write an object's page, open it in a browser if possible, and return its path.
 
     The writer is imported by name on demand, since it belongs to a higher layer.
 
@@ -57,7 +57,7 @@ def show(item: object, name: str, writer: tuple[str, str], path: str | Path | No
 
 
 def live(item: object, server: tuple[str, str], *arguments: object) -> str | None:
-    """Serve an object's page and return its address, or None if that is not possible.
+    """Start a local server for an object's page and return its address, or None if that is not possible.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def live(item: object, server: tuple[str, str], *arguments: object) -> str | Non
 
 
 def inline(item: object, card: tuple[str, str]) -> str:
-    """Return an object's small page as HTML for a notebook, isolated in an iframe.
+    """Return an object's page for a notebook, as HTML in an iframe.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def inline(item: object, card: tuple[str, str]) -> str:
 
 
 def open_page(page: Path) -> Path:
-    """Open a page in a browser, or print its path if that is not possible; return the path."""
+    """Open a page in a browser, or print its path if that is not possible; return the page's path."""
     path = page.resolve()
     if not (has_display() and open_browser(path.as_uri())):
         sys.stdout.write(f"No browser was opened; the page is {path}\n")
@@ -93,7 +93,10 @@ def open_page(page: Path) -> Path:
 
 
 def has_display() -> bool:
-    """Return whether a display is available, so that no text browser takes over the terminal."""
+    """Return whether a graphical display is available.
+
+    Without one, a text browser could take over the terminal.
+    """
     if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -108,13 +111,13 @@ def open_browser(address: str) -> bool:
 
 
 def _import_function(name: tuple[str, str]) -> object:
-    """Import a function by its module and name."""
+    """Return a function, imported by the names of its module and itself."""
     module, function = name
     return getattr(import_module(module), function)
 
 
 class InNotebook:
-    """Mixin that displays an object in notebooks as a small HTML page.
+    """Mixin that displays an object in a notebook as a small page.
 
     Attributes
     ----------
@@ -125,5 +128,5 @@ class InNotebook:
     _card: ClassVar[tuple[str, str]]
 
     def _repr_html_(self) -> str:
-        """Return the page in an iframe, as HTML."""
+        """Return the object's page as HTML in an iframe."""
         return inline(self, self._card)

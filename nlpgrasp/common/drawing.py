@@ -1,4 +1,4 @@
-"""Triangulated drawings of body and hand, for pictures and scenes."""
+"""Triangulated drawings of body and hand, for pictures and 3D scenes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # drawn lengths at a contact, of the body
 
 @dataclass(frozen=True)
 class Triangles:
-    """A triangulated surface.
+    """Triangulated surface with vertices and faces.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Triangles:
     faces: NDArray[np.int64]
 
     def to_dict(self) -> Json:
-        """Return the triangles as JSON data, rounded for display."""
+        """Return the triangles as JSON data, with coordinates rounded for display."""
         longest = np.max(self.vertices, axis=0, initial=-np.inf) - np.min(self.vertices, axis=0, initial=np.inf)
         largest = max(min(float(np.max(np.abs(self.vertices), initial=0.0)), float(np.max(longest))), 1e-12)
         decimals = DIGITS - 1 - int(np.floor(np.log10(largest)))
@@ -40,7 +40,7 @@ class Triangles:
 
     @classmethod
     def from_dict(cls, data: object, name: str) -> Triangles:
-        """Return validated triangles from JSON data."""
+        """Return triangles from JSON data, validated."""
         if not isinstance(data, Mapping):
             raise InputError(name, data, "vertices and faces")
         vertices = array(f"{name}.vertices", data.get("vertices", ()), (None, 3))
@@ -52,7 +52,7 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Drawing of the body and the hand in its posture.
+    """Triangulated drawing of the body and the hand in its posture.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Drawing:
 
     @classmethod
     def from_dict(cls, data: object, name: str) -> Drawing | None:
-        """Return the drawing from JSON data, None for None."""
+        """Return the drawing from JSON data; None if the data are None."""
         if data is None:
             return None
         if not isinstance(data, Mapping) or not isinstance(data.get("links", []), list):
@@ -89,7 +89,9 @@ class Drawing:
 
 
 def drawing_size(drawing: Drawing | None, points: FloatArray | None) -> float:
-    """Return half the diagonal of the drawn body, metres, the reference length of arrows and cones.
+    """Return half the diagonal of the drawn body's bounding box, metres.
+
+    It is the reference length for arrows and cones.
 
     Parameters
     ----------

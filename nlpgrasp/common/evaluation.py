@@ -14,7 +14,7 @@ BLOCK = 1024  # points that are evaluated together, at most
 
 
 class Evaluator:
-    """A CasADi function evaluated on numpy arrays through preallocated buffers.
+    """CasADi function that is evaluated on numpy arrays through preallocated buffers.
 
     Parameters
     ----------
@@ -51,13 +51,13 @@ class Evaluator:
 
 
 def _nonzero_indices(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
-    """Return shape, row indices and column indices of an output's nonzeros."""
+    """Return the shape of a sparsity pattern, and the row and column indices of its nonzeros."""
     rows, columns = sparsity.get_triplet()
     return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
 
 
 class BatchEvaluator:
-    """A CasADi function evaluated at many points, in blocks whose sizes are powers of two.
+    """CasADi function that is evaluated at many points, in blocks whose sizes are powers of two.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ class BatchEvaluator:
         return [result[:, :, 0] if result.shape[2] == 1 else result for result in results]
 
     def _evaluator(self, size: int) -> Evaluator:
-        """Return the evaluator of a block."""
+        """Return the evaluator for blocks of ``size`` points."""
         if size not in self._evaluators:
             self._evaluators[size] = Evaluator(self._function if size == 1 else self._function.map(size))
         return self._evaluators[size]
 
 
 def _padded(values: FloatArray, size: int) -> FloatArray:
-    """Return values (b, m) as one array, (size m,), with zeros at its end."""
+    """Return the values (b, m) flattened and padded with zeros, (size m,)."""
     result = np.zeros(size * values.shape[1])
     result[: values.size] = values.ravel()
     return result

@@ -1,4 +1,4 @@
-"""Atomic writing, checked reading, strict JSON and locks of files."""
+"""Input and output of files: atomic writing, checked reading, strict JSON, locks."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ WAIT, RETRY = 60.0, 0.005  # s, time-out and interval of attempts
 
 
 def file_kind(path: str | Path) -> str | None:
-    """Return the kind of file by its extension, such as ``"a mesh"``; None if unknown."""
+    """Return the kind of a file by its extension, such as ``"a mesh"``; None if unknown."""
     ending = Path(path).suffix.lower()
     return next((kind for kind, endings in KINDS.items() if ending in endings), None)
 
 
 def json_round_trip(data: Any) -> Any:
-    """Return JSON data after a round trip through text."""
+    """Return JSON data after conversion to text and back."""
     return json.loads(json.dumps(data))
 
 
@@ -59,7 +59,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_bytes(path: str | Path, content: bytes) -> Path:
-    """Write a binary file atomically, as ``write_text`` does."""
+    """Write a binary file atomically."""
     target = Path(path)
     try:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=".nlpgrasp-", suffix=".tmp")
@@ -80,7 +80,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
 
 
 def refuse_overwriting_source(field: str, target: Path, ending: str = "") -> None:
-    """Raise if a write would replace an existing mesh, hand file or script with another kind of file.
+    """Raise ``InputError`` if a write would replace an existing mesh, hand file or script.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def refuse_overwriting_source(field: str, target: Path, ending: str = "") -> Non
 
 
 def writable_place(field: str, target: Path, ending: str = "") -> Path:
-    """Return the absolute path of an output file, checked for writing.
+    """Return the absolute path of an output file, after checks that it can be written.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def writable_place(field: str, target: Path, ending: str = "") -> Path:
 
 
 def read_text(path: str | Path, content: str, largest: int) -> str:
-    """Read a text file of limited size.
+    """Return the text of a file, after checks of its kind and size.
 
     Parameters
     ----------
@@ -155,7 +155,10 @@ def read_text(path: str | Path, content: str, largest: int) -> str:
 
 
 def file_name(name: str) -> str:
-    """Return a readable file name without extension, distinct for distinct names on any file system."""
+    """Return a readable file name for a name, without extension.
+
+    Distinct names have distinct file names on any file system.
+    """
     readable = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
     if readable == name and not HASHED.search(name):
         return readable
@@ -163,7 +166,7 @@ def file_name(name: str) -> str:
 
 
 def _umask() -> int:
-    """Return the process's umask."""
+    """Return the file-mode creation mask of the process."""
     current = os.umask(0)
     os.umask(current)
     return current
@@ -189,7 +192,7 @@ else:
 
 @contextmanager
 def hold_lock(path: Path) -> Iterator[None]:
-    """Hold an exclusive lock file, created if needed, against other processes and threads.
+    """Hold an exclusive lock on a file, created if needed, in a ``with`` block.
 
     Raises
     ------
@@ -210,7 +213,7 @@ def hold_lock(path: Path) -> Iterator[None]:
 
 
 def read_object(text: str, name: str) -> Json:
-    """Parse a JSON text that must be an object.
+    """Return the object in a JSON text, or raise ``InputError`` if the text is not one.
 
     Parameters
     ----------
@@ -235,7 +238,7 @@ def read_object(text: str, name: str) -> Json:
 
 
 def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: str, expected: str) -> None:
-    """Raise for data with numbers too large for a float, or that violate a schema, naming the first such field.
+    """Raise ``InputError`` if data violate a JSON Schema or have too large numbers, naming the first such field.
 
     Parameters
     ----------
@@ -257,19 +260,19 @@ def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: s
 
 
 def _refuse_constant(text: str) -> NoReturn:
-    """Raise for NaN and infinities, which JSON does not have."""
+    """Raise ``ValueError`` for NaN and infinities, which JSON does not have."""
     raise ValueError(f"{text} is not a number in JSON")
 
 
 def _bounded_int(text: str) -> int:
-    """Return a whole number; raise for more than 18 digits."""
+    """Return the integer in a text; raise ``ValueError`` if it has more than 18 digits."""
     if len(text) > 18:
         raise ValueError(f"a whole number of {len(text)} digits")
     return int(text)
 
 
 def _check_finite(value: object, name: str, location: str = "") -> None:
-    """Raise for numbers too large for a float, which JSON parses as infinity."""
+    """Raise ``InputError`` if data contain an infinite number, as JSON parses too large numbers."""
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"{name}: {location or 'top level'}", "a number too large for a float", "finite numbers")
     if isinstance(value, Mapping):

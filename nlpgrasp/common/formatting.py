@@ -50,7 +50,7 @@ def format_number(value: float, digits: int = DIGITS, least: float = 0.0) -> str
 
 
 def vector(values: Iterable[float], digits: int = DIGITS, relative: float = 1e-4) -> str:
-    """Format numbers as a comma-separated list; those below a share of the largest are 0."""
+    """Format numbers as a comma-separated list, with 0 for relatively small ones."""
     numbers = [float(v) for v in values]
     least = relative * max((abs(v) for v in numbers), default=0.0)
     return ", ".join(format_number(v, digits, least) for v in numbers)
@@ -84,9 +84,9 @@ def format_upper(value: float, digits: int = DIGITS) -> str:
     return _round_towards(value, digits, ROUND_CEILING)
 
 
-def format_percent(share: float, digits: int = 2) -> str:
-    """Format a share as a percentage, such as ``33 %``."""
-    return f"{format_number(100.0 * share, digits)} %"
+def format_percent(fraction: float, digits: int = 2) -> str:
+    """Format a fraction as a percentage, such as ``33 %``."""
+    return f"{format_number(100.0 * fraction, digits)} %"
 
 
 def typeset(text: str) -> str:
@@ -97,7 +97,7 @@ def typeset(text: str) -> str:
 
 
 def _round_towards(value: float, digits: int, rounding: str) -> str:
-    """Format a number with significant digits, rounded down or up."""
+    """Format a number with few significant digits, rounded down or up."""
     if not math.isfinite(value) or value == 0.0:
         return format_number(value)
     exact = Decimal(f"{value:.12g}")  # 0.3 is meant to be 0.3
@@ -116,7 +116,7 @@ def _plain_decimal(value: Decimal) -> str:
 
 
 def error_line(error: BaseException) -> str:
-    """Return an error's message as one nonempty line of printable characters."""
+    """Return the message of an error as one nonempty line of printable characters."""
     text = str(error)
     if not isinstance(error, NlpgraspError) or not text.strip():
         text = f"{type(error).__name__}: {text}" if text.strip() else type(error).__name__
@@ -135,7 +135,10 @@ def capitalise(text: str) -> str:
 
 
 def columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return lines with aligned columns; long entries are truncated, empty columns omitted."""
+    """Return the lines of a table with aligned columns.
+
+    Long entries are truncated, empty columns omitted.
+    """
     table = [list(heads), *([_shorten_entry(entry) for entry in row] for row in rows)]
     filled = [i for i in range(len(heads)) if any(row[i] for row in table[1:])]
     widths = [max(len(row[i]) for row in table) for i in filled]
@@ -143,7 +146,7 @@ def columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _shorten_entry(entry: str) -> str:
-    """Return a table entry, truncated to the widest column."""
+    """Return a table entry, truncated to the largest column width."""
     return entry if len(entry) <= WIDEST else entry[: WIDEST - 3] + "..."
 
 
@@ -153,7 +156,9 @@ def format_measure(kind: str) -> str:
 
 
 def format_headroom(gap: float, digits: int = DIGITS) -> str:
-    """Return a text on the largest possible improvement over a grasp, rounded up.
+    """Return a text on the largest possible improvement over a grasp.
+
+    The number is rounded up.
 
     Parameters
     ----------
@@ -170,17 +175,17 @@ def format_headroom(gap: float, digits: int = DIGITS) -> str:
 
 
 def unit_of(component: str) -> str:
-    """Return the unit of a wrench component of ``COMPONENTS``."""
+    """Return the unit of a wrench component, given its name."""
     return FORCE_UNIT if component.startswith("f") else MOMENT_UNIT
 
 
 def axis_labels(dimension: int) -> list[str]:
-    """Return the axis labels of wrench components, with units."""
+    """Return the axis labels of the wrench components, with units."""
     return [f"{name} [{unit_of(name)}]" for name in COMPONENTS[dimension]]
 
 
 def format_wrench(wrench: FloatArray) -> str:
-    """Return the significant components of a wrench (d,) as text, with units."""
+    """Return the significant components of a wrench (d,) as text with units."""
     components = list(zip(COMPONENTS[len(wrench)], map(float, wrench), strict=True))
     force, moment = (
         max(abs(value) for name, value in components if unit_of(name) == u) for u in (FORCE_UNIT, MOMENT_UNIT)
@@ -191,7 +196,7 @@ def format_wrench(wrench: FloatArray) -> str:
 
 
 def format_ranges(low: FloatArray, high: FloatArray) -> str:
-    """Return the ranges of wrench components as text with units, from smallest (d,) and largest values (d,).
+    """Return the ranges of wrench components as text with units, given least (d,) and largest values (d,).
 
     Components with equal ranges are combined: ``"f_x, f_y ±5 N; f_z 2.1 to 5.7 N"``; those that are always zero are
     omitted.
@@ -209,14 +214,17 @@ def format_ranges(low: FloatArray, high: FloatArray) -> str:
 
 
 def _range(low: str, high: str) -> str:
-    """Return a range as text from its formatted ends."""
+    """Return a range as text, given its formatted ends."""
     if low == high:
         return low
     return f"±{high}" if low == f"-{high}" else f"{low} to {high}"
 
 
 def format_wrench_direction(wrench: FloatArray, length: float) -> str:
-    """Return a direction (d,) of wrench space as text of its largest components, moments multiplied by a length, m."""
+    """Return a direction (d,) of wrench space as text, by its largest components.
+
+    Moments are multiplied by ``length``, metres, to compare them with forces.
+    """
     forces = [unit_of(name) == FORCE_UNIT for name in COMPONENTS[len(wrench)]]
     weight = np.abs(wrench) * np.where(forces, 1.0, length)
     parts = [
@@ -224,5 +232,5 @@ def format_wrench_direction(wrench: FloatArray, length: float) -> str:
         for i, label in enumerate(DIRECTIONS[len(wrench)])
         if weight[i] >= MINOR * np.max(weight)
     ]
-    numbers = vector(wrench / max(float(np.linalg.norm(wrench)), 1e-300))
-    return f"{' with '.join(parts)} (direction [{numbers}])"
+    components = vector(wrench / max(float(np.linalg.norm(wrench)), 1e-300))
+    return f"{' with '.join(parts)} (direction [{components}])"

@@ -1,4 +1,4 @@
-"""Batched LDL^T factorisation of small symmetric systems."""
+"""Batched solution of small symmetric linear systems by LDL^T factorisation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FEW = 48  # number of systems up to which LAPACK is faster
 
 
 def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve ``(H + shift I) s = right`` for m positive semidefinite matrices H.
+    """Return the solutions of ``(H + shift I) s = right`` for m positive semidefinite matrices H.
 
     Every operation runs over all systems: with d at most 6, one LAPACK call per system costs mostly overhead.
 
@@ -53,7 +53,10 @@ def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArr
 
 
 def solve_batch(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve as ``solve_columns``, by LAPACK if there are few systems, which then is faster and rounds differently."""
+    """Return the solutions as ``solve_columns`` does, but by LAPACK if there are few systems.
+
+    LAPACK is then faster, and rounds differently.
+    """
     d, m = right.shape
     if m > FEW:
         return solve_columns(entries, shift, right)
@@ -66,7 +69,7 @@ def solve_batch(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray
 
 
 def solve_matrices(matrix: FloatArray, shift: float, right: FloatArray) -> FloatArray:
-    """Solve as ``solve_batch`` for full matrices (d, d, m) with one common shift."""
+    """Return the solutions as ``solve_batch`` does, for full matrices (d, d, m) with one common shift."""
     d, m = right.shape
     if m <= FEW:
         shifted = matrix.transpose(2, 0, 1).copy()
@@ -79,7 +82,7 @@ def solve_matrices(matrix: FloatArray, shift: float, right: FloatArray) -> Float
 
 
 def _solve_by_lapack(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Return the solutions (d, m) for matrices (m, d, d); None if any is singular."""
+    """Return the solutions (d, m) for matrices (m, d, d), or None if any matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, right.T[..., None])[..., 0].T)
     except np.linalg.LinAlgError:

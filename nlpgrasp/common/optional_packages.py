@@ -1,4 +1,4 @@
-"""Optional packages, imported on demand: MuJoCo, viser, Matplotlib with its helpers."""
+"""Optional packages that are imported on demand: MuJoCo, viser, Matplotlib with drawing functions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ZOOM = 1.4  # matplotlib leaves wide margins
 
 
 def import_mujoco(feature: str) -> ModuleType:
-    """Import the package ``mujoco``.
+    """Return the package ``mujoco``, imported on demand.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def import_mujoco(feature: str) -> ModuleType:
 
 
 def import_viser(feature: str) -> ModuleType:
-    """Import the package ``viser``.
+    """Return the package ``viser``, imported on demand.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def import_viser(feature: str) -> ModuleType:
 
 
 def pyplot(feature: str) -> ModuleType:
-    """Import matplotlib's pyplot with a file-only backend.
+    """Return matplotlib's pyplot with a backend that only writes files, imported on demand.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def pyplot(feature: str) -> ModuleType:
 
 
 def write_figure(figure: Figure, path: str | Path, dpi: int = 130) -> Path:
-    """Write a figure as PNG atomically, close it, and return the path.
+    """Write a figure to a PNG file atomically, close the figure, and return the file's path.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) ->
 
 
 def draw_solids(ax: Axes3D, solids: Sequence[tuple[FloatArray, str]]) -> None:
-    """Draw opaque triangulated surfaces together, those in front before others, with directional shading.
+    """Draw opaque triangulated surfaces that hide each other correctly, with directional shading.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def draw_solids(ax: Axes3D, solids: Sequence[tuple[FloatArray, str]]) -> None:
 
 
 def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
-    """Set equal axis scales that show all points (n, 3), and hide the axes."""
+    """Set equal scales on all axes so that points (n, 3) are visible, and hide the axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.5 * float(np.max(high - low)) or 1.0
     for setter, middle in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), 0.5 * (low + high), strict=True):
@@ -136,7 +136,7 @@ def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
 
 
 def _shade(corners: FloatArray, colour: str) -> FloatArray:
-    """Return a shaded colour (m, 3) for each triangle."""
+    """Return the shaded colour (m, 3) of each triangle."""
     base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)

@@ -1,4 +1,4 @@
-"""Colour palette of pages, pictures and scenes, colour-blind safe (Okabe, Ito)."""
+"""Colour palette of pages, pictures and 3D scenes, colour-blind safe (Okabe, Ito)."""
 
 from __future__ import annotations
 

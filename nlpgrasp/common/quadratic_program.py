@@ -33,8 +33,8 @@ class Slack(Protocol):
     at_least_zero: ClassVar[bool]  # whether s >= 0
     keeps_equations: ClassVar[bool]  # or takes an equation as two inequalities
 
-    def columns(self, rows: IntArray) -> FloatArray:
-        """Return the columns (m, slacks) of the slack variables for these constraints."""
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return the columns (m, slacks) of the slack variables in the constraints with given indices."""
 
     def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the linear and quadratic penalties of the slacks, (count,) each."""
@@ -42,18 +42,18 @@ class Slack(Protocol):
 
 @dataclass(frozen=True)
 class NoSlack:
-    """Hard constraints, without slack."""
+    """Hard constraints without slack variables."""
 
     tolerance: ClassVar[float] = TOLERANCE
     at_least_zero: ClassVar[bool] = False
     keeps_equations: ClassVar[bool] = True
 
-    def columns(self, rows: IntArray) -> FloatArray:
-        """Return an empty matrix, (m, 0)."""
-        return np.zeros((len(rows), 0))
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return a matrix without columns, (m, 0)."""
+        return np.zeros((len(indices), 0))
 
     def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return empty penalties, (0,) each."""
+        """Return two empty arrays."""
         return np.zeros(0), np.zeros(0)
 
 
@@ -62,7 +62,7 @@ NO_SLACK = NoSlack()  # default of quadratic programs
 
 @dataclass(frozen=True)
 class ConstraintSlack:
-    """One slack per constraint, with a quadratic penalty.
+    """One slack variable per constraint, with a quadratic penalty.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ class ConstraintSlack:
     at_least_zero: ClassVar[bool] = False
     keeps_equations: ClassVar[bool] = True
 
-    def columns(self, rows: IntArray) -> FloatArray:
-        """Return one column per constraint."""
-        return -np.eye(len(rows))
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return one column for each of the constraints."""
+        return -np.eye(len(indices))
 
     def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return zero linear penalties and the quadratic penalty for each slack, (count,) each."""
@@ -86,7 +86,7 @@ class ConstraintSlack:
 
 @dataclass(frozen=True)
 class GroupSlack:
-    """One slack per group of constraints: its largest violation, with a linear penalty.
+    """One slack variable per group of constraints, their largest violation, with a linear penalty.
 
     Parameters
     ----------
@@ -101,10 +101,10 @@ class GroupSlack:
     at_least_zero: ClassVar[bool] = True
     keeps_equations: ClassVar[bool] = False
 
-    def columns(self, rows: IntArray) -> FloatArray:
-        """Return one column per group, also for groups without a constraint here."""
-        columns = np.zeros((len(rows), len(self.weights)))
-        columns[np.arange(len(rows)), self.member[rows]] = -1.0
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return one column for each group, even if none of its constraints is given."""
+        columns = np.zeros((len(indices), len(self.weights)))
+        columns[np.arange(len(indices)), self.member[indices]] = -1.0
         return columns
 
     def penalties(self, count: int) -> tuple[FloatArray, FloatArray]:
@@ -114,7 +114,7 @@ class GroupSlack:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Linearised constraints ``lower <= values + jacobian d <= upper`` on a step d, and its bounds.
+    """Linearised constraints ``lower <= values + jacobian d <= upper`` and bounds on a step d.
 
     Parameters
     ----------
@@ -135,12 +135,12 @@ class Linearised:
 
     @property
     def violations(self) -> FloatArray:
-        """Violation of each constraint by the zero step, (m,), at least zero."""
+        """Violation of each constraint without a step, (m,), at least zero."""
         return np.maximum(np.maximum(self.lower - self.values, self.values - self.upper), 0.0)
 
     @property
     def violation(self) -> float:
-        """Largest violation; inf where one is unknown."""
+        """Largest violation; inf if any violation is not finite."""
         worst = float(np.max(self.violations, initial=0.0))
         return worst if np.isfinite(worst) else np.inf
 
@@ -148,7 +148,7 @@ class Linearised:
 def step_bounds(
     z: FloatArray, bounds: tuple[FloatArray, FloatArray], longest: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper bounds of a step, (n,) each, from the variables' bounds and the longest step."""
+    """Return the bounds of a step, (n,) each, given the variables' bounds and the longest step."""
     lower, upper = bounds
     least, most = np.maximum(lower - z, -longest), np.minimum(upper - z, longest)
     return np.minimum(least, 0.0), np.maximum(most, 0.0)  # z may be a little out of bounds
@@ -156,7 +156,7 @@ def step_bounds(
 
 @dataclass(frozen=True)
 class QuadraticStep:
-    """Solution of the quadratic program: step and multipliers.
+    """Solution of the quadratic program: step and Lagrange multipliers.
 
     Parameters
     ----------
@@ -173,13 +173,13 @@ class QuadraticStep:
 
 
 def quadratic_step(
-    rows: Linearised,
+    constraints: Linearised,
     cost: FloatArray | None = None,
     damping: float = 1.0,
     slack: Slack = NO_SLACK,
     curvature: FloatArray | None = None,
 ) -> QuadraticStep | None:
-    """Return the step d that minimises cost, damping, curvature and slack penalty; None if infeasible.
+    """Return the step d that solves the quadratic program, with multipliers; None if it is infeasible.
 
     It minimises ``cost d + damping |d|^2 / 2 + d curvature d / 2`` and the penalty. Most rows are far from their
     limits: the program begins with equations and with rows that a short step can break, and takes in others where its
@@ -187,7 +187,7 @@ def quadratic_step(
 
     Parameters
     ----------
-    rows : Linearised
+    constraints : Linearised
     cost : (n,) array, optional
         Zero when left out.
     damping : float
@@ -196,29 +196,29 @@ def quadratic_step(
     curvature : (n, n) array, optional
         Positive semidefinite; zero when left out.
     """
-    g, J = rows.values, rows.jacobian
+    g, J, lower, upper = constraints.values, constraints.jacobian, constraints.lower, constraints.upper
     square = damping * np.eye(J.shape[1]) + (0.0 if curvature is None else curvature)
-    reach = STEP_SHARE * np.abs(J) @ np.maximum(-rows.least, rows.most)
-    included = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
+    reach = STEP_SHARE * np.abs(J) @ np.maximum(-constraints.least, constraints.most)
+    included = (lower == upper) | (g - reach < lower) | (g + reach > upper)
     while True:
-        step = _solve_subset(rows, included, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
+        step = _solve_subset(constraints, included, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
         if step is None:
             return None
         trial = g + J @ step.d
-        violated = ~included & ((trial < rows.lower - BROKEN) | (trial > rows.upper + BROKEN))
+        violated = ~included & ((trial < lower - BROKEN) | (trial > upper + BROKEN))
         if not np.any(violated):
             return step
         included |= violated
 
 
 def _solve_subset(
-    rows: Linearised, included: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
+    constraints: Linearised, included: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
 ) -> QuadraticStep | None:
-    """Return the solution with a subset of the constraints; None if infeasible."""
-    g, J = rows.values, rows.jacobian
+    """Return the solution of the quadratic program with a subset of the constraints; None if infeasible."""
+    g, J, lower, upper = constraints.values, constraints.jacobian, constraints.lower, constraints.upper
     n = J.shape[1]
-    equal = included & (rows.lower == rows.upper) & slack.keeps_equations
-    below, above = included & ~equal & np.isfinite(rows.lower), included & ~equal & np.isfinite(rows.upper)
+    equal = included & (lower == upper) & slack.keeps_equations
+    below, above = included & ~equal & np.isfinite(lower), included & ~equal & np.isfinite(upper)
     indices = [np.flatnonzero(mask) for mask in (equal, below, above)]
     count = sum(map(len, indices))
     columns = slack.columns(np.concatenate(indices))
@@ -228,7 +228,7 @@ def _solve_subset(
     A[:count, n:] = columns
     A[count : count + n, :n] = np.eye(n)
     A[count + n : count + 2 * n, :n] = -np.eye(n)
-    b = [(rows.lower - g)[equal], (g - rows.lower)[below], (rows.upper - g)[above], rows.most, -rows.least]
+    b = [(lower - g)[equal], (g - lower)[below], (upper - g)[above], constraints.most, -constraints.least]
     if slack.at_least_zero:
         A[count + 2 * n :, n:] = -np.eye(m)
         b.append(np.zeros(m))
@@ -250,19 +250,22 @@ def _solve_subset(
 
 
 def _sparse(matrix: FloatArray) -> sparse.csc_matrix:
-    """Return a matrix in sparse columns (scipy's own conversion takes longer than the solver)."""
+    """Return a matrix in compressed sparse columns.
+
+    scipy's own conversion takes longer than the solver.
+    """
     column, row = np.nonzero(matrix.T)
     ends = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=matrix.shape[1]))])
     return sparse.csc_matrix((matrix[row, column], row, ends), shape=matrix.shape)
 
 
 def cone_of(matrix: FloatArray) -> object:
-    """Return the cone of ``M x``: a second-order cone, or for a single row the nonnegative numbers."""
+    """Return the cone in which ``M x`` has to be: second-order, or nonnegative for a single row."""
     return clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix))
 
 
 def quiet_settings(tolerance: float, step: float = LONG) -> clarabel.DefaultSettings:
-    """Return silent settings with a tolerance for gap and feasibility."""
+    """Return solver settings without output, with a tolerance for gap and feasibility."""
     options = clarabel.DefaultSettings()
     options.verbose = False
     options.max_step_fraction = step
@@ -318,12 +321,12 @@ class NewtonResult(Generic[R]):
 
     @property
     def violation(self) -> float:
-        """Least violation reached."""
+        """Least violation that was reached."""
         return self.rows.violation
 
 
 def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> NewtonResult[R]:
-    """Reduce the violation by Newton steps; return the variables of least violation and the last ones.
+    """Return the result of Newton steps that reduce the violation of the constraints.
 
     Parameters
     ----------
@@ -332,26 +335,26 @@ def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rul
     z : (n,) array
     rules : NewtonRules
     """
-    rows = linearise(z)
-    best, best_rows, stalled, contradicted = z, rows, 0, False
-    step, share = None, 1.0
+    constraints = linearise(z)
+    best, best_constraints, stalled, contradicted = z, constraints, 0, False
+    step, fraction = None, 1.0
     for remaining in reversed(range(rules.steps)):
-        if rows.violation <= rules.enough or stalled > rules.patience:
+        if constraints.violation <= rules.enough or stalled > rules.patience:
             break
         if step is None:
-            step, share = quadratic_step(rows, slack=rules.slack), 1.0
+            step, fraction = quadratic_step(constraints, slack=rules.slack), 1.0
         if step is None:
             contradicted = True
             break
-        moved_z = z + share * step.d
+        moved_z = z + fraction * step.d
         if remaining:
             moved = linearise(moved_z)
-            stalled = 0 if moved.violation < STALLED * best_rows.violation else stalled + 1
-            if moved.violation < best_rows.violation:
-                best, best_rows = moved_z, moved
-            if moved.violation > OVERSHOT * rows.violation and share > LEAST_SHARE:
-                share *= SHORTER
+            stalled = 0 if moved.violation < STALLED * best_constraints.violation else stalled + 1
+            if moved.violation < best_constraints.violation:
+                best, best_constraints = moved_z, moved
+            if moved.violation > OVERSHOT * constraints.violation and fraction > LEAST_SHARE:
+                fraction *= SHORTER
                 continue
-            rows, step = moved, None
+            constraints, step = moved, None
         z = moved_z
-    return NewtonResult(best, best_rows, z, contradicted)
+    return NewtonResult(best, best_constraints, z, contradicted)

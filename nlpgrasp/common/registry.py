@@ -1,4 +1,4 @@
-"""Registries of classes by their names in JSON files."""
+"""Registries of classes by their names in JSON data."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ StatedKind = TypeVar("StatedKind", bound=FromJson)
 
 
 class Registry(Generic[Kind]):
-    """Registry of classes by their names in JSON, in order of registration.
+    """Registry of classes by their names in JSON data, in order of registration.
 
     Parameters
     ----------
@@ -87,21 +87,21 @@ class Registry(Generic[Kind]):
         self._kinds[name] = kind
 
     def find(self, name: object) -> type[Kind] | None:
-        """Return the class with a name, or ``None``."""
+        """Return the class with a given name, or ``None``."""
         return self._kinds.get(name) if isinstance(name, str) else None
 
     def unknown(self, name: object, addition: str = "") -> InputError:
-        """Return the error for an unknown name, with the known names and ``addition``."""
+        """Return the error for an unknown name, which lists the known names."""
         return InputError(self._field, name, "one of " + ", ".join([*self._kinds]) + addition)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all classes, in order of registration."""
+        """Names of all registered classes, in order of registration."""
         return tuple(self._kinds)
 
 
 def from_registered(registry: Registry[StatedKind], part: str, data: object) -> StatedKind:
-    """Return an object of the registered class given by the data's ``type``.
+    """Return the object of JSON data, of the registered class that the entry ``type`` names.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def from_registered(registry: Registry[StatedKind], part: str, data: object) -> 
 
 
 def from_fields(kind: type[Kind], data: Json) -> Kind:
-    """Return a dataclass instance from the entries of JSON data with its field names.
+    """Return a dataclass instance whose fields are the entries of JSON data with the same names.
 
     Raises
     ------
@@ -145,21 +145,21 @@ def from_fields(kind: type[Kind], data: Json) -> Kind:
 
 
 def incomplete_data(part: str, missing: str) -> InputError:
-    """Return the error for JSON data that are not sufficient to construct an object."""
+    """Return the error for JSON data that lack what is needed to construct an object."""
     return InputError(part, "JSON data alone", missing)
 
 
 @runtime_checkable
 class SolidBody(Protocol):
-    """Protocol of bodies as constraints use them: dimension and signed distance."""
+    """Protocol of bodies as constraints use them, with dimension and signed distance."""
 
     @property
     def space(self) -> int:
-        """Dimension of the body's points: 2 or 3."""
+        """Dimension of space: 2 or 3."""
 
     @property
     def distance_function(self) -> ca.Function:
-        """Compiled signed distance: a ``casadi.Function`` of a point, in metres."""
+        """Signed distance of a point, metres, as a compiled ``casadi.Function``."""
 
     def to_dict(self) -> Json:
         """Return the body as JSON data."""
@@ -177,7 +177,7 @@ SOLIDS: Registry[JsonSolid] = Registry("body.type")  # filled by nlpgrasp.bodies
 
 
 def solid_from_dict(data: object) -> SolidBody:
-    """Return a body of any registered type from the data of its ``to_dict``.
+    """Return a body of any registered type from its JSON data.
 
     Raises
     ------

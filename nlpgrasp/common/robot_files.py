@@ -1,4 +1,4 @@
-"""Files of robot descriptions: expansion of xacro, location of meshes, units."""
+"""Files that describe robots: units, expansion of xacro, search for mesh files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RADIANS_PER_DEGREE = float(np.pi / 180.0)
 
 @dataclass(frozen=True)
 class UrdfUnits:
-    """Units of a URDF's numbers, where they are not metres and radians.
+    """Units of the numbers in a URDF, if these are not metres and radians.
 
     Parameters
     ----------
@@ -33,17 +33,17 @@ class UrdfUnits:
     degrees: bool = False
 
     def to_dict(self) -> dict[str, float | bool]:
-        """Return what differs from the format's units, as JSON data."""
+        """Return the units that differ from metres and radians as JSON data."""
         return ({} if self.scale == 1.0 else {"scale": self.scale}) | ({"degrees": True} if self.degrees else {})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, object]) -> UrdfUnits:
-        """Return the units in a hand's JSON data; the format's where they state none."""
+        """Return the units in a hand's JSON data, by default metres and radians."""
         scale = data.get("scale", 1.0)
         return cls(float(scale) if isinstance(scale, int | float) else 1.0, data.get("degrees") is True)
 
     def convert(self, root: ET.Element) -> ET.Element:
-        """Return a URDF's root element with all numbers in metres and radians, changed in place."""
+        """Convert all numbers of a URDF to metres and radians in place, and return its root element."""
         if self.scale != 1.0:
             for mesh in root.iter("mesh"):
                 mesh.set("scale", _times(mesh.get("scale", "1 1 1"), self.scale))
@@ -64,14 +64,17 @@ SI = UrdfUnits()  # metres and radians, the format's own
 
 
 def _scale_attributes(element: ET.Element, factors: Mapping[str, float]) -> None:
-    """Multiply the numbers of an element's attributes by factors, in place; other attributes stay as they are."""
+    """Multiply the numbers in given attributes of an element by factors, in place."""
     for key, factor in factors.items():
         if (text := element.get(key)) is not None:
             element.set(key, _times(text, factor))
 
 
 def _times(text: str, factor: float) -> str:
-    """Return the numbers in a text times a factor, as text; text that is no number is left to its reader."""
+    """Return the numbers in a text multiplied by a factor, as text.
+
+    A text that contains anything else is returned unchanged.
+    """
     try:
         return " ".join(repr(factor * float(value)) for value in text.split())
     except ValueError:
@@ -79,7 +82,7 @@ def _times(text: str, factor: float) -> str:
 
 
 def expand_xacro(source: Path) -> bytes:
-    """Expand a xacro file and return the URDF.
+    """Return the URDF to which a xacro file expands.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def expand_xacro(source: Path) -> bytes:
 
 
 def find_mesh(source: Path, name: str) -> Path | None:
-    """Return the path of a URDF's mesh file, or None.
+    """Return the path of a mesh file that a URDF names, or None if it is not found.
 
     It is searched relative to the URDF; for ``package://`` and ``model://``, below its parent folders and in the
     packages of ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
@@ -123,7 +126,7 @@ def find_mesh(source: Path, name: str) -> Path | None:
 
 
 def _packages() -> list[Path]:
-    """Return the folders of ROS packages."""
+    """Return the folders in which ROS packages are searched."""
     first, second = (os.environ.get(name, "") for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
     folders = [Path(folder) for folder in first.split(os.pathsep) if folder]
     return folders + [Path(folder) / "share" for folder in second.split(os.pathsep) if folder]

@@ -1,4 +1,4 @@
-"""Labelled scalar constraints of a symbolic grasp candidate."""
+"""Scalar constraints of a symbolic grasp candidate, with labels."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """Label alone: kind, contacts, link and part of the constraint, without its expression and limits."""
+        """Label of a constraint alone, without its expression and limits."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 
 @dataclass(frozen=True)
 class ScalarConstraint(Label):
-    """A labelled scalar constraint ``lower <= expression <= upper``.
+    """Labelled scalar constraint ``lower <= expression <= upper``.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class ScalarConstraint(Label):
 
 @dataclass(frozen=True)
 class Clearance(Label):
-    """A labelled clearance constraint ``lower <= distance(point)`` of a point from a body.
+    """Labelled clearance constraint ``lower <= distance(point)`` of a point from a body.
 
     Kept apart from ``ScalarConstraint`` because the distance to a mesh is a spline, which exists as ``MX`` only.
 
@@ -121,7 +121,7 @@ class Clearance(Label):
     scale: float = 1.0
 
     def row(self, expression: Expression) -> ScalarConstraint:
-        """Return the clearance as a scalar constraint on a given expression."""
+        """Return the clearance as a scalar constraint on a given distance expression."""
         return ScalarConstraint(
             self.kind,
             expression,
@@ -134,7 +134,7 @@ class Clearance(Label):
         )
 
     def as_row(self) -> ScalarConstraint | None:
-        """Return the clearance as a scalar constraint, or None if the distance is not an ``SX`` expression."""
+        """Return the clearance as a scalar constraint, or None if its distance is no ``SX`` function."""
         return self.row(self.distance(self.point)) if self.distance.is_a("SXFunction") else None
 
 
@@ -165,7 +165,7 @@ class LinkSphere:
 
     @property
     def is_tip(self) -> bool:
-        """Whether it is a fingertip's sphere."""
+        """Whether the sphere belongs to a fingertip."""
         return self.finger is not None
 
 
@@ -190,7 +190,7 @@ class PalmPose:
 
 @dataclass(frozen=True)
 class SymbolicCandidate:
-    """Symbolic grasp candidate: contacts and hand, on which constraints are stated.
+    """Symbolic grasp candidate: expressions of contacts and hand, for use in constraints.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class SymbolicCandidate:
 
     @property
     def links(self) -> list[LinkSphere]:
-        """Spheres of links other than fingertips."""
+        """Collision spheres of the links, without fingertips."""
         return [s for s in self.spheres if not s.is_tip]
 
     @property

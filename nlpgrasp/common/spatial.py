@@ -39,7 +39,7 @@ def space_dimension(wrench_size: int) -> int:
 
 
 def in_space(vectors: FloatArray) -> FloatArray:
-    """Return vectors (m, 3), planar ones (m, 2) with a zero third component."""
+    """Return vectors in space, (m, 3); planar vectors (m, 2) get a zero third component."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
@@ -83,7 +83,10 @@ def tangents(normals: FloatArray) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product ``a x b`` (..., 3) of vectors (..., 3), faster than ``numpy.cross`` for few."""
+    """Return the cross product ``a x b`` (..., 3) of vectors (..., 3).
+
+    For few vectors it is faster than ``numpy.cross``.
+    """
     ax, ay, az, bx, by, bz = (v[..., i] for v in (a, b) for i in range(3))
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
@@ -229,7 +232,7 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
 
 
 def pose_from_text(field: str, text: str) -> FloatArray:
-    """Return the matrix (4, 4) of a pose as text: ``p[x, y, z, rx, ry, rz]``, a matrix or a mapping, metres.
+    """Return the pose in a text as a matrix (4, 4), metres.
 
     Parameters
     ----------
@@ -250,16 +253,16 @@ def pose_from_text(field: str, text: str) -> FloatArray:
     except (ValueError, RecursionError):
         raise InputError(field, text, POSE_TEXT) from None
     if isinstance(value, list) and len(value) == 6:
-        numbers = array(field, value, (6,))
-        quaternion = Rotation.from_rotvec(numbers[3:]).as_quat(scalar_first=True)
-        return pose_matrix(field, {"position": numbers[:3], WXYZ: quaternion})
+        coordinates = array(field, value, (6,))
+        quaternion = Rotation.from_rotvec(coordinates[3:]).as_quat(scalar_first=True)
+        return pose_matrix(field, {"position": coordinates[:3], WXYZ: quaternion})
     if not isinstance(value, list | dict) or not value:
         raise InputError(field, text, POSE_TEXT)
     return pose_matrix(field, value)
 
 
 def _pose_from_mapping(field: str, value: Mapping[str, ArrayLike]) -> tuple[FloatArray, FloatArray]:
-    """Return rotation (3, 3) and translation (3,) of a mapping with position and quaternion."""
+    """Return rotation (3, 3) and translation (3,) of a mapping with a position and a quaternion."""
     key = WXYZ if WXYZ in value else XYZW
     quaternion = array(f"{field}.{key}", value[key], (4,))
     rotation = rotation_matrices(f"{field}.{key}", quaternion[None], key == WXYZ)[0]
@@ -267,24 +270,30 @@ def _pose_from_mapping(field: str, value: Mapping[str, ArrayLike]) -> tuple[Floa
 
 
 def pose_matrix(field: str, value: Pose) -> FloatArray:
-    """Return a pose in space as ``[[A, b], [0, 1]]``, (4, 4); raises as ``rigid_transform``."""
+    """Return a pose in space as the matrix ``[[A, b], [0, 1]]``, (4, 4).
+
+    Raises as ``rigid_transform``.
+    """
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = rigid_transform(field, value, 3)
     return result
 
 
 def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) as a unit quaternion (4,), w first and at least zero."""
+    """Return the unit quaternion (4,) of a rotation (3, 3).
+
+    w is first and at least zero.
+    """
     return np.asarray(Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True))
 
 
 def pose_data(rotation: FloatArray, position: FloatArray) -> dict[str, list[float]]:
-    """Return a pose as JSON data: position, metres, and quaternion, w first."""
+    """Return a pose as JSON data: position, metres, and unit quaternion, w first."""
     return {"position": position.tolist(), WXYZ: quaternion_wxyz(rotation).tolist()}
 
 
 def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = True) -> FloatArray:
-    """Return validated rotation matrices (m, 3, 3) from matrices or quaternions (m, 4).
+    """Return rotation matrices (m, 3, 3) from matrices or unit quaternions (m, 4), validated.
 
     Raises
     ------
@@ -310,7 +319,7 @@ def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = Tru
 
 
 def _rotation(field: str, matrix: FloatArray) -> FloatArray:
-    """Return the orthonormalised matrix of a rotation within 1e-6."""
+    """Return the exact rotation nearest to a matrix, which must be within 1e-6 of a rotation."""
     if np.max(np.abs(matrix @ matrix.T - np.eye(len(matrix)))) > UNIT_TOLERANCE or np.linalg.det(matrix) < 0.0:
         raise InputError(field, matrix.tolist(), "a rotation matrix (orthonormal, determinant +1)")
     left, _, right = np.linalg.svd(matrix)
@@ -318,7 +327,7 @@ def _rotation(field: str, matrix: FloatArray) -> FloatArray:
 
 
 def _array_shape(value: ArrayLike) -> tuple[int, ...]:
-    """Return an array's shape, empty if it is irregular."""
+    """Return the shape of array-like data, or an empty tuple if the data are irregular."""
     try:
         return np.shape(value)
     except ValueError:

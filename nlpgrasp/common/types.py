@@ -14,7 +14,7 @@ base class that says so; what is of one kind alone is typed as that kind."""
 
 
 class Ops(Protocol):
-    """Protocol of the functions common to ``numpy`` and ``casadi``, for numbers and expressions."""
+    """Protocol of functions that ``numpy`` and ``casadi`` have in common, for numbers and expressions."""
 
     def fmax(self, a: Expression, b: Expression, /) -> Expression:
         """Return the larger of two values."""
@@ -32,11 +32,14 @@ read, so that its entries need no further types."""
 
 
 class JointedHand(Protocol):
-    """Protocol of hands with the joints that move their contacts; all of ``nlpgrasp.hands`` satisfy it."""
+    """Protocol of hands as force budgets use them: joints that move contacts, and torque limits.
+
+    All of ``nlpgrasp.hands`` satisfy it.
+    """
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move some contact; empty without joints."""
+        """Names of the joints that move some contact; empty for a hand without joints."""
 
     @property
     def torque_limits(self) -> Mapping[str, float]:
@@ -44,7 +47,10 @@ class JointedHand(Protocol):
 
 
 class HandWithJacobians(JointedHand, Protocol):
-    """Protocol of jointed hands with contact Jacobians; every ``nlpgrasp.hands.PosedHand`` satisfies it."""
+    """Protocol of jointed hands with contact Jacobians.
+
+    Every ``nlpgrasp.hands.PosedHand`` satisfies it.
+    """
 
     @property
     def count(self) -> int:
@@ -54,4 +60,4 @@ class HandWithJacobians(JointedHand, Protocol):
         """Return the contact Jacobians (k, 6, m) of points (k, 3) with respect to the loaded joints."""
 
     def values_of(self, posture: Json) -> dict[str, FloatArray]:
-        """Return the hand's variables by name, from a posture as in ``GraspSolution.hand``."""
+        """Return the hand's variables by name, given a posture as in ``GraspSolution.hand``."""

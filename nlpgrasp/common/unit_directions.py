@@ -1,4 +1,4 @@
-"""Well-spread unit directions, for sampling support functions and task boundaries.
+"""Well-spread unit directions, for sampling of support functions and task boundaries.
 
 A polytope with vertices ``y_j`` on the unit sphere and inradius ``r`` certifies ``mu >= r beta`` for the
 vertex transcription. Root systems of Lie algebras are far better spread than random directions: in dimension 6 the 72
@@ -44,7 +44,7 @@ def directions(dimension: int, shells: int = 1) -> FloatArray:
 
 
 def directions_around(first: FloatArray, count: int) -> FloatArray:
-    """Return a golden-angle spiral of directions over the sphere, starting at a given one.
+    """Return directions on a golden-angle spiral over the sphere that starts at a given direction.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def _polar_directions(first: FloatArray, polar: FloatArray, azimuth: FloatArray)
 
 @lru_cache
 def directions_inradius(dimension: int, shells: int = 1) -> float:
-    """Return the inradius of the polytope of ``directions``, about the origin."""
+    """Return the radius of the largest ball about the origin in the convex hull of ``directions``."""
     points = directions(dimension, shells)
     if dimension == 1:
         return 1.0
@@ -142,7 +142,7 @@ def _signed_axes(n: int) -> FloatArray:
 
 
 def _directions_on_line() -> list[FloatArray]:
-    """Return the shells of directions on a line."""
+    """Return two shells of directions on a line; the second is empty."""
     return [np.array([[1.0], [-1.0]]), np.zeros((0, 1))]
 
 

@@ -1,4 +1,4 @@
-"""Warnings attributed to the user's line of code, each once per process where asked."""
+"""Warnings that are attributed to the user's line of code, optionally once per process."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def warn(text: str) -> None:
 
 
 def _package_frames() -> int:
-    """Return the number of consecutive package frames, from the caller of ``warn`` upwards."""
-    frame, level = sys._getframe(2), 1
+    """Return the number of consecutive stack frames in the package, from the caller of ``warn`` upwards."""
+    frame, count = sys._getframe(2), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in SKIPPED:
-        frame, level = frame.f_back, level + 1
-    return level
+        frame, count = frame.f_back, count + 1
+    return count
 
 
 def is_called_by_user() -> bool:
-    """Return whether the calling function was called from outside the package."""
+    """Return whether the function that calls this one was called from outside the package."""
     return str(sys._getframe(2).f_globals.get("__name__", "")).split(".")[0] != PACKAGE
 
 

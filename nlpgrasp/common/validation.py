@@ -61,7 +61,7 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
 
 
 def check_body_size(field: str, quantity: str, longest: float, mistake: str, has_unit: bool = True) -> None:
-    """Raise for a body whose size is implausible for grasping.
+    """Raise ``InputError`` if the size of a body is implausible for grasping.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def check_body_size(field: str, quantity: str, longest: float, mistake: str, has
 
 
 def share(field: str, value: object) -> float:
-    """Return a share above 0, at most 1, or raise ``InputError``."""
+    """Return ``value`` as a float above 0 and at most 1, or raise ``InputError``."""
     try:
         result = number(field, value, above=0.0)
     except InputError as error:
@@ -127,13 +127,13 @@ def array(field: str, value: object, shape: tuple[int | None, ...]) -> FloatArra
 
 
 def read_only(values: FloatArray) -> FloatArray:
-    """Return ``values``, of any shape, set to read-only."""
+    """Return an array of any shape after making it read-only."""
     values.setflags(write=False)
     return values
 
 
 def face_names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | None:
-    """Return a tuple of names from one or several names, or ``None`` (all)."""
+    """Return one or several face names as a tuple; ``None``, for all faces, is returned unchanged."""
     if value is None:
         return None
     try:
@@ -147,7 +147,7 @@ def face_names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...]
 
 @contextmanager
 def prefix_errors(prefix: str) -> Iterator[None]:
-    """Prefix the field of an ``InputError`` raised inside with a place, such as a file's name."""
+    """Put a prefix, such as a file's name, before the field of any ``InputError`` raised in a ``with`` block."""
     try:
         yield
     except InputError as error:
@@ -155,7 +155,7 @@ def prefix_errors(prefix: str) -> Iterator[None]:
 
 
 def replace_unchecked(item: Item, **fields: object) -> Item:
-    """Return a copy of a frozen object with changed fields, without validation.
+    """Return a copy of a frozen object with some fields replaced, without validation.
 
     For finite differences, which may step beyond a field's limits, and for parts that were checked before. Otherwise
     use ``dataclasses.replace``, which validates.
@@ -174,7 +174,9 @@ def replace_unchecked(item: Item, **fields: object) -> Item:
 
 
 def angle(field: str, value: object, at_most: float, limit: str) -> float:
-    """Return a validated angle above zero; the ``InputError`` hints at degrees where likely.
+    """Return an angle, radians, validated to be above zero.
+
+    The ``InputError`` hints at degrees where likely.
 
     Parameters
     ----------
@@ -193,7 +195,10 @@ def angle(field: str, value: object, at_most: float, limit: str) -> float:
 
 
 def check_angles(field: str, values: FloatArray) -> FloatArray:
-    """Return angles of any shape, radians; raise beyond a full turn, which suggests degrees."""
+    """Return angles of any shape, radians, validated to be within a full turn.
+
+    Larger angles suggest degrees.
+    """
     worst = float(np.max(np.abs(values), initial=0.0))
     if worst > TURN:
         raise InputError(field, values.tolist(), f"radians{_degree_hint(worst)}")
@@ -201,20 +206,22 @@ def check_angles(field: str, values: FloatArray) -> FloatArray:
 
 
 def _degree_hint(size: float) -> str:
-    """Return a conversion hint for an angle that is probably in degrees, else an empty text."""
+    """Return a hint about conversion from degrees if an angle is probably in degrees, else an empty text."""
     degrees = size > TURN or (size >= 5.0 and size == round(size))
     return f": {size:g} degrees are {np.radians(size):.4g}" if degrees else ""
 
 
 def metres_per(field: str, unit: object) -> float:
-    """Return the length of a unit in metres, or raise ``InputError`` that lists the known units."""
+    """Return the length of a unit in metres, or raise ``InputError`` if the unit is unknown."""
     if not isinstance(unit, str) or unit not in UNITS:
         raise InputError(field, unit if isinstance(unit, str) else repr(unit), "one of " + ", ".join(UNITS))
     return UNITS[unit]
 
 
 def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
-    """Return lengths of any shape in metres, correctly rounded: 35 mm give exactly 0.035.
+    """Return lengths of any shape converted to metres, correctly rounded.
+
+    35 mm give exactly 0.035.
 
     Parameters
     ----------
@@ -235,13 +242,18 @@ def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
 
 
 def length_in_metres(field: str, name: str, length: object, unit: object) -> float:
-    """Return a validated length above zero in metres; errors name ``field.name`` or ``field.unit``."""
+    """Return a length in metres, validated to be above zero.
+
+    Errors name ``field.name`` or ``field.unit``.
+    """
     value = number(f"{field}.{name}", length, above=0.0)
     return number(f"{field}.{name}", float(in_metres(f"{field}.unit", np.asarray(value), unit)), above=0.0)
 
 
 def hand_length(field: str, length: float, most: float = LONGEST_BODY) -> float:
-    """Return a length of a hand, metres; raise above ``most``, which suggests another unit.
+    """Return a length of a hand, metres, validated to be at most ``most``.
+
+    A larger length suggests another unit.
 
     Raises
     ------
@@ -255,7 +267,7 @@ def hand_length(field: str, length: float, most: float = LONGEST_BODY) -> float:
 
 
 def kilograms(mass: object) -> float:
-    """Return a validated mass above zero; warn once about an implausible one.
+    """Return a mass, kg, validated to be above zero; warn once about an implausible mass.
 
     Raises
     ------
@@ -269,7 +281,7 @@ def kilograms(mass: object) -> float:
 
 
 def similar_names(name: str, names: Iterable[str]) -> list[str]:
-    """Return names similar to an unknown one, most similar first, ignoring case.
+    """Return known names that are similar to an unknown one, most similar first, ignoring case.
 
     Parameters
     ----------
@@ -290,7 +302,7 @@ def similar_names(name: str, names: Iterable[str]) -> list[str]:
 
 
 def format_known_names(unknown: Iterable[object], names: Iterable[str]) -> str:
-    """Return a list of at most a dozen known names as text, with suggestions for unknown ones.
+    """Return a text that lists at most a dozen known names and suggests some for unknown ones.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def box_distance(points: FloatArray, lower: FloatArray, upper: FloatArray) -> Fl
 def least_box_distance(
     triangles: FloatArray, lower: FloatArray, upper: FloatArray, farthest: float = np.inf, accuracy: float = ACCURACY
 ) -> float:
-    """Return the least signed distance of triangles (n, 3, 3) from a box, metres; minus the depth of a penetration.
+    """Return the least signed distance of triangles (n, 3, 3) from a box, metres, negative inside.
 
     The result is at most ``accuracy``, or 5 % of a depth, above the least distance, unless ``MOST_LEVELS`` divisions do
     not suffice; ``farthest`` where all triangles are farther away.
@@ -62,7 +62,7 @@ def least_box_distance(
 def _lower_bounds(
     triangles: FloatArray, centroids: FloatArray, values: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Return lower bounds (n,) on the signed distances of triangles, by the planes that support the distance."""
+    """Return lower bounds (n,) on the signed distances of triangles from a box."""
     by_sides = np.maximum(lower - triangles.max(axis=1), triangles.min(axis=1) - upper).max(axis=1)
     excess = np.maximum(lower - centroids, centroids - upper)
     sign = np.where(centroids > 0.5 * (lower + upper), 1.0, -1.0)

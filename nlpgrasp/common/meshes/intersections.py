@@ -1,4 +1,4 @@
-"""Intersection and overlap tests of triangles."""
+"""Intersection and overlap tests for triangles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AT_ONCE = 200_000  # pairs per batch
 
 
 def intersecting_boxes(lower: FloatArray, upper: FloatArray) -> IntArray:
-    """Return the index pairs (p, 2), smaller first, of intersecting axis-aligned boxes (n, 3).
+    """Return the index pairs (p, 2) of axis-aligned boxes (n, 3) that intersect, smaller index first.
 
     Boxes are split recursively at the median of their centres, with those across it in both halves, until few are left
     or splitting does not help.
@@ -38,17 +38,20 @@ def intersecting_boxes(lower: FloatArray, upper: FloatArray) -> IntArray:
 
 
 def _all_pairs(subset: IntArray, lower: FloatArray, upper: FloatArray) -> Iterator[IntArray]:
-    """Yield the intersecting pairs among some boxes, by pairwise comparison."""
-    rows = max(1, AT_ONCE // len(subset))
-    for start in range(0, len(subset), rows):
-        batch = subset[start : start + rows]
+    """Yield the intersecting pairs among some boxes, found by pairwise comparison."""
+    batch_size = max(1, AT_ONCE // len(subset))
+    for start in range(0, len(subset), batch_size):
+        batch = subset[start : start + batch_size]
         overlap = np.all((lower[batch, None] <= upper[subset]) & (lower[subset] <= upper[batch, None]), axis=2)
         i, j = batch[np.nonzero(overlap)[0]], subset[np.nonzero(overlap)[1]]
         yield np.stack([i, j], axis=1)[i < j]
 
 
 def intersecting_triangles(vertices: FloatArray, faces: IntArray, slack: float) -> IntArray:
-    """Return the index pairs (p, 2), in both orders, of triangles without common vertex that intersect or touch."""
+    """Return the index pairs (p, 2), in both orders, of triangles that intersect or touch.
+
+    Triangles with a common vertex are left out.
+    """
     corners = vertices[faces]
     pairs = intersecting_boxes(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
     disjoint = ~np.any(faces[pairs[:, 0]][:, :, None] == faces[pairs[:, 1]][:, None], axis=(1, 2))
@@ -58,7 +61,7 @@ def intersecting_triangles(vertices: FloatArray, faces: IntArray, slack: float) 
 
 
 def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return whether triangles (p, 3, 3) intersect or touch others (p, 3, 3), pair by pair.
+    """Return whether each triangle (p, 3, 3) intersects or touches its partner (p, 3, 3).
 
     A separating axis shows that they do not. Along a triangle's normal a gap of up to ``slack`` still counts as
     touching; along other axes an overlap of at least ``slack`` is required, so that adjacent triangles in a plane do
@@ -69,7 +72,7 @@ def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> 
 
 
 def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return whether triangles intersect pair by pair, by separating axes."""
+    """Return whether each triangle of a batch intersects its partner, by separating axes."""
     normals = normals_of(first), normals_of(second)
     result = np.ones(len(first), dtype=bool)
     for normal in normals:
@@ -89,7 +92,7 @@ def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> ND
 
 
 def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return whether triangles (p, 3, 3) lie entirely on others (p, 3, 3), within ``slack``, pair by pair."""
+    """Return whether each triangle (p, 3, 3) lies entirely on its partner (p, 3, 3), within ``slack``."""
     from_corner = first[:, :, None] - second[:, None]  # pair, corner of one, corner of the other
     result = in_plane(first, second, slack)
     inwards = np.cross(normals_of(second)[:, None], np.roll(second, -1, axis=1) - second)
@@ -98,18 +101,18 @@ def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[n
 
 
 def in_plane(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return whether triangles (p, 3, 3) lie in the plane of others (p, 3, 3), within ``slack``, pair by pair."""
+    """Return whether each triangle (p, 3, 3) lies in the plane of its partner (p, 3, 3), within ``slack``."""
     offsets = np.einsum("pik,pk->pi", first - second[:, :1], normals_of(second))
     return np.asarray(np.all(np.abs(offsets) <= slack, axis=1))
 
 
 def normals_of(corners: FloatArray) -> FloatArray:
-    """Return the unit normals (p, 3) of triangles (p, 3, 3), zero for degenerate ones."""
+    """Return the unit normals (p, 3) of triangles (p, 3, 3), zero for degenerate triangles."""
     products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.asarray(products / np.maximum(np.linalg.norm(products, axis=1), 1e-300)[:, None])
 
 
 def _gap(triangles: FloatArray, others: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the gaps (p,) between triangles along unit axes (p, 3), negative for overlap."""
+    """Return the gap between each triangle and its partner along a unit axis (p, 3), negative for overlap, (p,)."""
     first, second = (np.einsum("pij,pj->pi", corners, axis) for corners in (triangles, others))
     return np.asarray(np.maximum(second.min(axis=1) - first.max(axis=1), first.min(axis=1) - second.max(axis=1)))

@@ -34,7 +34,7 @@ class VolumeIntegrals:
 
 
 def volume_integrals(mesh: trimesh.Trimesh) -> VolumeIntegrals:
-    """Compute the volume integrals of a closed mesh in local coordinates.
+    """Return the volume integrals of a closed mesh.
 
     trimesh integrates about the origin: at 1 km the inertia of a part of 20 mm would have no correct digit.
     """

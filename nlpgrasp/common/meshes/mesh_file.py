@@ -1,4 +1,4 @@
-"""Reading, scaling and validation of mesh files.
+"""Reading, scaling, validation and repair of meshes.
 
 Both bodies and the independent verification read meshes here; the digest shows whether both have the same triangles.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.common.meshes.outer_surface import outer_surface
-from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, local_origin, relative_to, unclear_share
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, local_origin, relative_to, unclear_fraction
 from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, check_body_size, metres_per
@@ -32,7 +32,7 @@ LARGE = 3.0  # m, length above which another unit is suspected
 
 
 def coarse_rounding_warning(vertices: FloatArray) -> str | None:
-    """Return a warning if vertices (v, 3), metres, have coarse single-precision steps, else None.
+    """Return a warning if vertices (v, 3), metres, were rounded to coarse single precision, else None.
 
     The file's unit is unknown here, since vertices are already scaled to metres; all known units are tried.
 
@@ -57,19 +57,21 @@ def coarse_rounding_warning(vertices: FloatArray) -> str | None:
 
 
 def _is_single(coordinates: FloatArray) -> bool:
-    """Return whether coordinates (v, 3) of a file have single precision, up to scaling errors."""
+    """Return whether coordinates (v, 3) are single-precision numbers, up to scaling errors."""
     return bool(np.all(np.abs(coordinates - coordinates.astype(np.float32)) <= DOUBLE * np.abs(coordinates)))
 
 
 def _is_decimal(coordinates: FloatArray) -> bool:
-    """Return whether coordinates (v, 3) of a file are decimal numbers with few digits."""
+    """Return whether coordinates (v, 3) are decimal numbers with few digits."""
     largest = np.maximum(np.abs(coordinates), SMALLEST)
     scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(largest)))
     return bool(np.all(np.abs(coordinates * scale - np.round(coordinates * scale)) <= DOUBLE * scale * largest))
 
 
 def read_mesh(path: str | Path, unit: str, scale: float = 1.0) -> trimesh.Trimesh:
-    """Read a mesh file, scaled to metres: its coordinates, in a unit, times ``scale``.
+    """Return the mesh in a file, scaled to metres.
+
+    The file's coordinates are in ``unit``, and are multiplied by ``scale``.
 
     Raises
     ------
@@ -102,7 +104,7 @@ def read_mesh(path: str | Path, unit: str, scale: float = 1.0) -> trimesh.Trimes
 
 
 def _one_mesh(scene: trimesh.Scene) -> object:
-    """Return the triangles of a scene as one mesh, without textures."""
+    """Return all triangles of a scene as one mesh, without textures."""
     import trimesh
 
     for geometry in scene.geometry.values():
@@ -112,7 +114,7 @@ def _one_mesh(scene: trimesh.Scene) -> object:
 
 
 def scale_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
-    """Return a scaled copy of a mesh; anything else is returned unchanged."""
+    """Return a scaled copy of a mesh; an object of another type is returned unchanged."""
     import trimesh
 
     if not isinstance(mesh, trimesh.Trimesh):
@@ -123,7 +125,9 @@ def scale_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
 
 
 def repaired_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """Return the outer surface of a mesh, closed or open with a clear inside, and a list of repairs, or raise.
+    """Return the outer surface of a mesh after repairs, and a list of these repairs.
+
+    Raise ``InputError`` if the mesh has no clear inside.
 
     Small holes are filled, inverted parts reversed, and overlapping parts united; all repairs are listed. A mesh that
     stays open is accepted only if its winding number distinguishes inside and outside almost everywhere (scans with a
@@ -151,7 +155,7 @@ def repaired_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
 
 
 def _repair_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return the outer surface of vertices (v, 3), metres, and triangles (f, 3), as ``repaired_mesh`` does."""
+    """Return the outer surface of vertices (v, 3), metres, and triangles (f, 3), and a list of repairs."""
     import trimesh
 
     longest = float(np.max(np.ptp(vertices, axis=0)))
@@ -169,7 +173,7 @@ def _repair_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trim
 
 
 def _check_size(mesh: object) -> trimesh.Trimesh:
-    """Return the mesh; raise if it has no triangles or its size suggests another unit."""
+    """Return the mesh, after checks of its triangles, its coordinates and its size."""
     import trimesh
 
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
@@ -184,29 +188,32 @@ def _check_size(mesh: object) -> trimesh.Trimesh:
 
 
 def _longest_side(mesh: trimesh.Trimesh) -> float:
-    """Return the longest side of the bounding box, metres."""
+    """Return the longest side of a mesh's bounding box, metres."""
     return float(np.max(np.ptp(mesh.vertices, axis=0)))
 
 
 def _fill_holes(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return the mesh with holes filled, as far as possible, and the repairs; raise if its inside is ambiguous."""
+    """Return the mesh with holes filled as far as possible, and a list of repairs.
+
+    Raise ``InputError`` if the inside is then ambiguous.
+    """
     result = merge_mesh_vertices(vertices, faces)
     if not len(result.faces):
         raise InputError("Mesh.mesh", "triangles without area", "a mesh with volume")
     notes = [] if is_plain(result) else _repair_mesh(result)
     if not is_plain(result) and (count := count_open_edges(result)):
-        share = unclear_share(np.asarray(result.vertices), np.asarray(result.faces))
-        if share > OPEN_SHARE:
+        fraction = unclear_fraction(np.asarray(result.vertices), np.asarray(result.faces))
+        if fraction > OPEN_SHARE:
             raise InputError(
                 "Mesh.mesh",
-                f"an open surface ({count} open edges, inside unclear for {share:.0%} of its box)",
+                f"an open surface ({count} open edges, inside unclear for {fraction:.0%} of its box)",
                 "a closed mesh, or one with small holes only",
             )
     return result, notes
 
 
 def _repair_mesh(mesh: trimesh.Trimesh) -> list[str]:
-    """Remove duplicate triangles, fill holes and make the winding consistent, in place; return the repairs."""
+    """Repair duplicate triangles, holes and winding of a mesh in place, and return a list of the repairs."""
     import trimesh
 
     notes = []
@@ -238,6 +245,6 @@ def mesh_digest(mesh: trimesh.Trimesh) -> str:
 
 
 def _signed_volume(mesh: trimesh.Trimesh) -> float:
-    """Return the signed volume, m^3, as a sum of tetrahedra about the mean vertex."""
+    """Return the signed volume of a mesh, m^3."""
     a, b, c = (np.asarray(mesh.triangles)[:, i] - np.mean(mesh.vertices, axis=0) for i in range(3))
     return float(np.sum(np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6.0

@@ -1,4 +1,4 @@
-"""Outer surface of a mesh: union of its parts without cavities and buried triangles.
+"""Outer surface of a mesh: union of its parts, without cavities and buried triangles.
 
 Closed parts are oriented outwards and united (``outer_union``). Of parts that cannot be united, buried triangles are
 removed (``exposed_surface``): a triangle that no other intersects is buried entirely or not at all. Intersected
@@ -22,7 +22,14 @@ from nlpgrasp.common.meshes.intersections import (
     normals_of,
     triangles_intersect,
 )
-from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, TEST_OFFSET, IntArray, buried_share, is_buried, unclear_share
+from nlpgrasp.common.meshes.search_tree import (
+    OPEN_SHARE,
+    TEST_OFFSET,
+    IntArray,
+    buried_fraction,
+    is_buried,
+    unclear_fraction,
+)
 from nlpgrasp.common.meshes.topology import MeshParts, drop_unused_vertices
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -63,7 +70,7 @@ def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 
 
 def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
-    """Return the outer surface as arrays for the cache; no triangles if it is unchanged."""
+    """Return the outer surface of a mesh as arrays for the cache, without triangles if it is unchanged."""
     notes: list[str] = []
     parts = MeshParts(vertices, faces)
     hollows = parts.cavities()
@@ -74,7 +81,7 @@ def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, Fl
 
 
 def _orient_outwards(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
-    """Return the parts with all closed ones, cavity walls included, oriented outwards.
+    """Return the parts with all closed ones oriented outwards, including cavity walls.
 
     For a mesh of one part or without closed parts, all triangles are reversed or none.
     """
@@ -94,12 +101,15 @@ def _orient_outwards(parts: MeshParts, hollows: IntArray, notes: list[str]) -> M
 
 
 def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
-    """Return the union of the parts; touching parts are offset outwards so that they overlap."""
+    """Return the union of the parts.
+
+    Touching parts are offset outwards so that they overlap.
+    """
     united, remark = outer_union(parts), ""
-    if len(parts.volumes) > 1 and _buried_share(MeshParts(*united[0]) if united else parts) > MOST_BURIED:
+    if len(parts.volumes) > 1 and _buried_fraction(MeshParts(*united[0]) if united else parts) > MOST_BURIED:
         offset = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
         enlarged = outer_union(parts, offset)
-        if enlarged is not None and _buried_share(MeshParts(*enlarged[0])) <= MOST_BURIED:
+        if enlarged is not None and _buried_fraction(MeshParts(*enlarged[0])) <= MOST_BURIED:
             united, remark = enlarged, f", grown by {offset:.1g} m so that those that touch overlap"
     if united is None:
         return parts
@@ -115,28 +125,31 @@ def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshP
 
 
 def _remove_buried(parts: MeshParts, notes: list[str]) -> MeshParts:
-    """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
-    share = _buried_share(parts)
-    if share <= MOST_BURIED:
+    """Return the mesh without triangles buried in the body.
+
+    Raise ``InputError`` if the inside is then ambiguous.
+    """
+    fraction = _buried_fraction(parts)
+    if fraction <= MOST_BURIED:
         return parts
     exposed = MeshParts(*exposed_surface(parts.vertices, parts.faces))
     if (
         not len(exposed.faces)
-        or unclear_share(exposed.vertices, exposed.faces) > OPEN_SHARE
-        or _buried_share(exposed) > MOST_BURIED
+        or unclear_fraction(exposed.vertices, exposed.faces) > OPEN_SHARE
+        or _buried_fraction(exposed) > MOST_BURIED
     ):
         raise InputError(
             "Mesh.mesh",
-            f"a surface with {share:.2g} of its area inside the body, which cannot be parted from the rest",
+            f"a surface with {fraction:.2g} of its area inside the body, which cannot be parted from the rest",
             "parts that are closed, or joined to one closed surface",
         )
-    notes.append(f"left out triangles inside the body: {share:.2g} of the area was buried")
+    notes.append(f"left out triangles inside the body: {fraction:.2g} of the area was buried")
     return exposed
 
 
-def _buried_share(parts: MeshParts) -> float:
-    """Return the buried share of a mesh's area; see ``buried_share``."""
-    return buried_share(parts.vertices, parts.faces)
+def _buried_fraction(parts: MeshParts) -> float:
+    """Return the fraction of a mesh's area that is buried in the body."""
+    return buried_fraction(parts.vertices, parts.faces)
 
 
 def outer_union(parts: MeshParts, offset: float = 0.0) -> tuple[Triangles, int] | None:
@@ -181,7 +194,7 @@ def outer_union(parts: MeshParts, offset: float = 0.0) -> tuple[Triangles, int] 
 
 
 def _offset_shell(vertices: FloatArray, faces: IntArray, offset: float) -> Triangles:
-    """Return a shell offset outwards along area-weighted vertex normals."""
+    """Return a closed surface offset outwards along area-weighted vertex normals."""
     if offset == 0.0:
         return vertices, faces
     a, b, c = (vertices[faces[:, i]] for i in range(3))
@@ -191,7 +204,7 @@ def _offset_shell(vertices: FloatArray, faces: IntArray, offset: float) -> Trian
 
 
 def _unite_shells(shells: Sequence[Triangles], finest: float) -> Triangles | None:
-    """Return the union of closed outward shells, simplified within ``finest``, metres.
+    """Return the union of closed surfaces that face outwards, simplified within ``finest``, metres.
 
     None if manifold3d rejects a shell, or if nothing overlaps: the union has the area and volume of all together.
     trimesh's interface to manifold3d uses single precision, which would move every vertex.
@@ -213,7 +226,7 @@ def _unite_shells(shells: Sequence[Triangles], finest: float) -> Triangles | Non
 
 
 def exposed_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return vertices (v, 3) and triangles (f, 3) of the exposed surface of a mesh.
+    """Return vertices (v, 3) and triangles (f, 3) of the part of a mesh that is not buried in the body.
 
     Raises
     ------
@@ -230,14 +243,16 @@ def exposed_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, 
     pairs = pairs[~(coplanar & (pairs[:, 0] < pairs[:, 1]))]
     is_free = np.ones(len(faces), dtype=bool)
     is_free[pairs[:, 0]] = False
-    triangles = np.concatenate([corners[is_free], _pieces(corners, pairs, size)])
+    triangles = np.concatenate([corners[is_free], _unintersected_pieces(corners, pairs, size)])
     visible = triangles[~is_buried(vertices, faces, triangles.mean(axis=1), normals_of(triangles))]
-    corner_points, numbers = np.unique(visible.reshape(-1, 3), axis=0, return_inverse=True)
-    return corner_points, np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+    corner_points, vertex_indices = np.unique(visible.reshape(-1, 3), axis=0, return_inverse=True)
+    return corner_points, np.asarray(vertex_indices).reshape(-1, 3).astype(np.int64)
 
 
-def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
-    """Return the pieces (n, 3, 3) of bisected intersecting triangles, without small pieces still intersected.
+def _unintersected_pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
+    """Return the pieces (n, 3, 3) of intersecting triangles that no other triangle intersects, by bisection.
+
+    Small pieces that are still intersected are removed.
 
     Pieces that lie on an earlier triangle with the same orientation are also removed.
     """
@@ -260,11 +275,11 @@ def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
         is_duplicate = np.zeros(len(pieces), dtype=bool)
         is_duplicate[piece[is_on_cutter & _has_similar_normals(cut_pieces, cutters) & (cutter < owners[piece])]] = True
         crosses = triangles_intersect(cut_pieces, cutters, TEST_OFFSET * size) & ~is_on_cutter & ~is_duplicate[piece]
-        numbers = np.cumsum(~is_duplicate) - 1
+        new_indices = np.cumsum(~is_duplicate) - 1
         pieces, owners, piece, cutter = (
             pieces[~is_duplicate],
             owners[~is_duplicate],
-            numbers[piece[crosses]],
+            new_indices[piece[crosses]],
             cutter[crosses],
         )
     return np.concatenate(free_pieces)
@@ -273,7 +288,7 @@ def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
 def _bisect_pieces(
     pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, selected: NDArray[np.bool_]
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-    """Return selected pieces bisected at their longest side, with owners and pairs, without the other pieces."""
+    """Return the halves of selected pieces, with the triangle each is from and the pairs that may intersect."""
     parents = pieces[selected]
     sides = np.linalg.norm(np.roll(parents, -1, axis=1) - parents, axis=2)
     order = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3
@@ -291,7 +306,7 @@ def _bisect_pieces(
 
 
 def _has_similar_normals(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
-    """Return whether triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
+    """Return whether each triangle (p, 3, 3) has a normal within 90 degrees of its partner's (p, 3, 3)."""
     return np.asarray(np.einsum("ij,ij->i", normals_of(first), normals_of(second)) > 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Nearest points, winding numbers and signed distances of triangle meshes."""
+"""Search trees of a triangle mesh: nearest points, winding numbers and signed distances."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ IntArray = NDArray[np.integer]
 
 
 class SearchTree:
-    """Search trees of a mesh, built on first use.
+    """Search trees of a mesh, built when they are first used.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ class SearchTree:
         return {"_vertices": self._vertices, "_faces": self._faces, "_origin": self._origin}
 
     def _local(self, points: FloatArray) -> FloatArray:
-        """Return points (m, 3) in the trees' coordinates."""
+        """Return points (m, 3) in the local coordinates of the trees."""
         return np.ascontiguousarray(relative_to(np.asarray(points, dtype=float), self._origin))
 
     def release(self) -> None:
-        """Release the trees; they are rebuilt on demand."""
+        """Release the memory of the trees, which are rebuilt when used again."""
         self.__dict__.pop("_boxes", None)
         self.__dict__.pop("_winding", None)
 
@@ -97,7 +97,10 @@ class SearchTree:
         return np.asarray(np.sqrt(self.nearest(points)[0]) * (1.0 - 2.0 * np.abs(self.winding_numbers(points))))
 
     def exact_signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the exact distances (m,), metres, of points (m, 3), negative where the winding number is above 1/2."""
+        """Return exact signed distances (m,), metres, of points (m, 3).
+
+        Negative where the winding number is above 1/2.
+        """
         is_inside = np.abs(self.winding_numbers(points)) > 0.5
         return np.asarray(np.where(is_inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
 
@@ -107,13 +110,13 @@ _trees: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 
 @atexit.register
 def _release_trees() -> None:
-    """Release all trees at interpreter exit, since libigl reports remaining ones."""
+    """Release all trees at exit of the interpreter, as libigl reports remaining ones."""
     for tree in list(_trees):
         tree.release()
 
 
-def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
-    """Return the share of the bounding box where the winding number is far from an integer."""
+def unclear_fraction(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the fraction of the bounding box where the winding number is far from an integer."""
     rng = np.random.default_rng(0)
     points = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (SAMPLES, 3))
     winding = SearchTree(vertices, faces).winding_numbers(points)
@@ -121,7 +124,7 @@ def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
 
 
 def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
-    """Return whether surface points (m, 3) with outward unit normals (m, 3) have the inside on both sides, (m,)."""
+    """Return whether the body is on both sides of surface points (m, 3) with unit normals (m, 3), (m,)."""
     step = TEST_OFFSET * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
     tree = SearchTree(vertices, faces)
     result = tree.winding_numbers(points + step) > 0.5
@@ -130,8 +133,8 @@ def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals
     return result
 
 
-def buried_share(vertices: FloatArray, faces: IntArray) -> float:
-    """Return the buried share of the mesh's area, from points uniform by area."""
+def buried_fraction(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the fraction of a mesh's area that is buried in the body, from evenly sampled points."""
     corners = vertices[faces]
     products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(products, axis=1)
@@ -143,7 +146,9 @@ def buried_share(vertices: FloatArray, faces: IntArray) -> float:
 
 
 def local_origin(points: FloatArray, limit: float = FAR) -> FloatArray:
-    """Return the origin (3,) of local coordinates of points (n, 3), metres: the box centre on each far axis.
+    """Return the origin (3,) of local coordinates for points (n, 3), metres.
+
+    It is the centre of the bounding box on each axis on which the centre is far from 0.
 
     It is 0 on the other axes. With ``limit`` of at least 1 the difference of a point and this origin, and the inverse
     sum, are exact in floating point (Sterbenz), so points are restored exactly.
@@ -163,5 +168,5 @@ def local_origin(points: FloatArray, limit: float = FAR) -> FloatArray:
 
 
 def relative_to(points: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return points (..., 3) relative to an origin (3,); unchanged if it is 0."""
+    """Return points (..., 3) relative to an origin (3,)."""
     return points - origin if np.any(origin) else points

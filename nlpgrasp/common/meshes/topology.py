@@ -1,4 +1,4 @@
-"""Topology of triangle meshes: merged vertices, edge-connected parts, orientation."""
+"""Topology of triangle meshes: merged vertices, connected parts, orientation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SEAM = 1e-6  # of the longest side: distance within which open edges merge (expo
 
 @dataclass(frozen=True)
 class MeshParts:
-    """A mesh and its edge-connected parts.
+    """Mesh with its parts that are connected through edges.
 
     Where more than two triangles share an edge, consecutive ones in the mesh belong together, since files contain one
     part after the other.
@@ -56,7 +56,7 @@ class MeshParts:
 
     @cached_property
     def open_edges(self) -> int:
-        """Number of open edges, used unequally often in both directions."""
+        """Number of open edges: edges with unequal numbers of triangles in both directions."""
         return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._edge_directions.ravel())))
 
     @cached_property
@@ -87,7 +87,7 @@ class MeshParts:
 
     @cached_property
     def solid(self) -> IntArray:
-        """Indices of the parts without open edges and with volume."""
+        """Indices of the parts that have a volume and no open edges."""
         edges, directions = self._edges, self._edge_directions
         count = edges.max() + 1
         keys, key = np.unique((self.labels[:, None] * count + edges).ravel(), return_inverse=True)
@@ -108,14 +108,17 @@ class MeshParts:
         return drop_unused_vertices(self.vertices, self.faces[order[starts[part] : starts[part + 1]]])
 
     def boxes(self) -> tuple[FloatArray, FloatArray]:
-        """Return the lower and upper corners of all parts' bounding boxes, (p, 3) each."""
+        """Return the lower and upper corners of the parts' bounding boxes, (p, 3) each."""
         order, starts = self._order
         corners = self.vertices[self.faces[order]]
         lower = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
         return lower, np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
 
     def cavities(self) -> IntArray:
-        """Return the solid parts that bound cavities: inside others and with opposite orientation."""
+        """Return the indices of the solid parts that bound cavities.
+
+        They are inside other parts and have the opposite orientation.
+        """
         signs = np.sign(self.volumes)
         if len(signs) < 2 or np.all(signs[self.solid] == signs[self.solid[:1]]):
             return np.zeros(0, dtype=np.int64)
@@ -147,13 +150,13 @@ class MeshParts:
 
 
 def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return the vertices (v, 3) used by some triangles, and the triangles (f, 3) with renumbered vertices."""
-    indices, numbers = np.unique(faces, return_inverse=True)
-    return vertices[indices], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+    """Return the vertices (v, 3) that triangles use, and the triangles (f, 3) with new vertex indices."""
+    indices, new_indices = np.unique(faces, return_inverse=True)
+    return vertices[indices], np.asarray(new_indices).reshape(-1, 3).astype(np.int64)
 
 
 def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
-    """Return a mask of the triangles (f, 3) to keep, and the numbers of removed copies and opposite pairs' triangles.
+    """Return which triangles (f, 3) to keep, and the numbers of removed copies and removed opposite triangles.
 
     Pairs of opposite triangles bound no volume. They are removed unless their area is negligible or all there is; where
     the rest is open without them, the one of a pair that closes it stays.
@@ -181,7 +184,7 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
 def _closing_triangles(
     faces: IntArray, group: IntArray, is_kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return whether opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
+    """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
 
     An open edge with a single group of undecided triangles decides that group, then its other edges are examined.
     """
@@ -206,7 +209,7 @@ def _closing_triangles(
 
 
 def merge_mesh_vertices(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
-    """Return the mesh with one vertex per position and without degenerate triangles.
+    """Return the mesh with one vertex for each position, without degenerate triangles.
 
     Vertices merge within 1e-8 m. If edges stay open, vertices of open edges merge within a millionth of the longest
     side, and thin triangles that close a gap are kept; the result with the fewest open edges is returned.
@@ -236,7 +239,7 @@ def merge_mesh_vertices(vertices: FloatArray, faces: IntArray) -> trimesh.Trimes
 
 
 def weld_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Return the triangles (f, 3) with vertices of open edges merged within ``SEAM``."""
+    """Return the triangles (f, 3) after vertices of open edges closer than ``SEAM`` are merged."""
     open_vertices = MeshParts(vertices, faces).open_vertices
     radius = SEAM * float(np.max(np.ptp(vertices, axis=0)))
     pairs = open_vertices[cKDTree(vertices[open_vertices]).query_pairs(radius, output_type="ndarray")]
@@ -250,15 +253,15 @@ def weld_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def is_plain(mesh: trimesh.Trimesh) -> bool:
-    """Return whether the mesh is watertight with consistent winding."""
+    """Return whether a mesh is watertight with consistent winding."""
     return bool(mesh.is_watertight and mesh.is_winding_consistent)
 
 
 def count_open_edges(mesh: trimesh.Trimesh) -> int:
-    """Return the number of open edges, used unequally often in both directions."""
+    """Return the number of a mesh's open edges, as ``MeshParts.open_edges``."""
     return MeshParts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)).open_edges
 
 
 def _has_three_corners(faces: IntArray) -> NDArray[np.bool_]:
-    """Return whether triangles (f, 3) have three distinct vertices, (f,)."""
+    """Return whether each triangle (f, 3) has three distinct vertices, (f,)."""
     return np.asarray(np.all(faces != np.roll(faces, 1, axis=1), axis=1))
