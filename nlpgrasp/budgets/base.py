@@ -1,4 +1,4 @@
-"""Base classes of force budgets and of their force sets ``B ∩ K``."""
+"""Base classes of force budgets and of the force sets ``B ∩ K`` that they define."""
 
 from __future__ import annotations
 
@@ -42,7 +42,10 @@ class ForceSet(ABC):
 
     @property
     def costly(self) -> bool:
-        """Whether a support evaluation solves a conic program, too slow for the many thousand that nu needs."""
+        """Whether each support evaluation solves a conic program.
+
+        That is too slow for the many thousand that nu needs.
+        """
         return False
 
     @abstractmethod
@@ -51,15 +54,18 @@ class ForceSet(ABC):
 
     @abstractmethod
     def gauge(self, x: FloatArray) -> FloatArray:
-        """Return the gauge of B, the least f with x in f B, (m,), for forces x of K (m, n)."""
+        """Return the least factors f, (m,), such that forces x of K, (m, n), are in ``f B``."""
 
     @abstractmethod
     def cones(self) -> list[FloatArray]:
-        """Return matrices M: x is in f B if every ``M (x, f)`` is in a second-order cone (one row: nonnegative)."""
+        """Return matrices M such that x is in ``f B`` if every ``M (x, f)`` is in its cone.
+
+        The cone is second-order; for a matrix of one row, nonnegative numbers.
+        """
 
 
 class ForceBudget(ABC):
-    """A force budget: a convex set B that bounds the finger forces (docs/measures.md).
+    """Force budget: a convex set B that bounds the finger forces (docs/measures.md).
 
     The grasp wrench set is ``G(B ∩ K)``; ``at`` returns ``B ∩ K`` for given contact frames. Each budget has a ``kind``,
     its name in files, and is registered in ``nlpgrasp.budgets.registry``.
@@ -77,7 +83,7 @@ class ForceBudget(ABC):
     largest: ClassVar[float] = 50.0  # bound on the program's force variables, in units of ``force_scale``
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise ``InputError`` for contacts that this budget does not fit or whose forces it does not bound."""
+        """Raise ``InputError`` if the budget does not fit the contacts, or does not bound their forces."""
         if self.limited and not all(c.unilateral for c in contacts):
             raise InputError("force_budget", self.limited, '"l2" with bilateral contacts')
 
@@ -99,19 +105,19 @@ class ForceBudget(ABC):
         """
 
     def check_hand(self, hand: JointedHand | None) -> None:
-        """Raise ``InputError`` for hands that lack the data for this budget."""
+        """Raise ``InputError`` if a hand lacks the data for this budget."""
         del hand
 
     def posed(
         self, hand: HandWithJacobians | None, values: Mapping[str, FloatArray], points: FloatArray
     ) -> ForceBudget:
-        """Return the budget for a hand's posture and contact points (k, space)."""
+        """Return the budget for a posture of the hand and contact points (k, space)."""
         return self
 
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
     ) -> tuple[Expression, int] | None:
-        """Return a smooth closed form of the support function (symbolic), or ``None``.
+        """Return a smooth closed form of the support function and its degree (symbolic), or ``None``.
 
         Parameters
         ----------
@@ -136,14 +142,14 @@ class ForceBudget(ABC):
         return None
 
     def force_scale(self) -> float:
-        """Return the typical force within the budget, newtons: the NLP's unit of force."""
+        """Return a typical force within the budget, newtons, as the NLP's unit of force."""
         return 1.0
 
     @abstractmethod
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[ScalarConstraint]:
-        """Return the budget's scalar constraints on the NLP's force variables (symbolic)."""
+        """Return the scalar constraints that the budget puts on the NLP's force variables (symbolic)."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ForceBudget) and self.to_dict() == other.to_dict()
@@ -160,7 +166,7 @@ class ForceBudget(ABC):
 
     @classmethod
     def from_dict(cls, data: Json) -> ForceBudget:
-        """Return the budget from the data of its ``to_dict``.
+        """Return the budget that ``to_dict`` wrote.
 
         Raises
         ------

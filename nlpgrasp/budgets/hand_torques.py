@@ -1,4 +1,4 @@
-"""Joint-torque limits of a hand as a force budget that depends on its posture."""
+"""Force budget by the joint-torque limits of a hand, depending on its posture."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class HandTorques(ForceBudget):
         self.force_limit = number("HandTorques.force_limit", force_limit, above=0.0)
 
     def check_hand(self, hand: JointedHand | None) -> None:
-        """Raise for hands without joints, or without a torque limit for each joint that moves a contact."""
+        """Raise ``InputError`` for a hand without joints or without a limit for each joint that moves a contact."""
         if hand is None or not hand.loaded_joints:
             raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
         missing = [name for name in hand.loaded_joints if name not in hand.torque_limits]
@@ -63,27 +63,30 @@ class HandTorques(ForceBudget):
         )
 
     def force_scale(self) -> float:
-        """Return a tenth of the limit on normal force, newtons."""
+        """Return a tenth of the largest normal force, newtons."""
         return 0.1 * self.force_limit
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:
-        """Raise: the torques depend on the hand's posture."""
+        """Raise ``InputError``, as the force set depends on the hand's posture."""
         instead = "ng.hand_torque_limits(hand, posture, points)"
         raise InputError("force_budget", '"hand_torques" without a posture', instead)
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[ScalarConstraint]:
-        """Return no constraints: those of a posture are in ``nlp.virtual_work.joint_torque_constraints``."""
+        """Return an empty list, as the constraints depend on the posture.
+
+        They are in ``nlp.virtual_work.joint_torque_constraints``.
+        """
         return []
 
     def to_dict(self) -> Json:
-        """Return the limit on normal force as JSON data; the joint limits belong to the hand."""
+        """Return the largest normal force as JSON data; the joint limits are data of the hand."""
         return {"type": self.kind, "force_limit": self.force_limit}
 
     @classmethod
     def from_dict(cls, data: Json) -> HandTorques:
-        """Return the budget from the data of its ``to_dict``."""
+        """Return the budget that ``to_dict`` wrote."""
         return cls(data.get("force_limit", 0.0))
 
 
@@ -117,6 +120,6 @@ def hand_torque_limits(
 def _jacobians_and_limits(
     hand: HandWithJacobians, values: Mapping[str, FloatArray], points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Return the contact Jacobians and the joint-torque limits."""
+    """Return the contact Jacobians of a hand in a posture, and its joint-torque limits."""
     limits = np.array([hand.torque_limits[name] for name in hand.loaded_joints])
     return list(hand.contact_jacobians(values, points)), limits

@@ -1,4 +1,4 @@
-"""Joint-torque limits of independent fingers as a force budget."""
+"""Force budget by the joint-torque limits of independent fingers."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class JointTorqueLimits(ForceBudget):
         )
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise for bilateral contacts, or a number of contacts or a dimension other than the Jacobians'."""
+        """Raise ``InputError`` for bilateral contacts, or if number or dimension of contacts is not the Jacobians'."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")
@@ -86,7 +86,7 @@ class JointTorqueLimits(ForceBudget):
         return TorqueSet(block_diag(*blocks), contacts, space, "JointTorqueLimits")
 
     def force_scale(self) -> float:
-        """Return the mean over contacts of the least force that takes a joint to its limit, newtons."""
+        """Return the mean over contacts of the least force that takes some joint to its limit, newtons."""
         arms = [np.max(np.linalg.norm(J, axis=0) / tau) for J, tau in zip(self.jacobians, self.limits, strict=True)]
         return float(np.mean([1.0 / max(arm, 1e-12) for arm in arms]))
 
@@ -118,12 +118,12 @@ class JointTorqueLimits(ForceBudget):
 
     @classmethod
     def from_dict(cls, data: Json) -> JointTorqueLimits:
-        """Return the budget from the data of its ``to_dict``."""
+        """Return the budget that ``to_dict`` wrote."""
         return cls(data.get("jacobians", ()), data.get("limits", ()))
 
 
 def _check_torque_limits(i: int, value: object, joints: int) -> FloatArray:
-    """Return validated torque limits of one contact's joints."""
+    """Return the torque limits of one contact's joints, validated."""
     name = f"JointTorqueLimits.limits[{i}]"
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()

@@ -1,4 +1,4 @@
-"""L2 budget: unit ball of all finger forces, ``B_1^n`` of (2.5-2)."""
+"""L2 budget: limit 1 of the norm of all finger forces together, ``B_1^n`` of (2.5-2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Per-finger budget: unit limit on each normal force."""
+"""Per-finger budget: limit 1 of each normal force."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PerFingerSet(ForceSet):
         return np.sum(values, axis=1), forces
 
     def gauge(self, x: FloatArray) -> FloatArray:
-        """Return the largest normal forces (m,) of forces (m, n)."""
+        """Return the largest normal force of each force vector (m, n), (m,)."""
         return np.asarray(np.max(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:

@@ -1,4 +1,4 @@
-"""Per-finger size budget: unit limit on the norm of each finger force."""
+"""Per-finger size budget: limit 1 of the norm of each finger force."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PerFingerSizeSet(ForceSet):
         return total, x
 
     def gauge(self, x: FloatArray) -> FloatArray:
-        """Return the largest finger forces (m,) of forces (m, n)."""
+        """Return the largest finger force of each force vector (m, n), (m,)."""
         return np.asarray(np.max([np.linalg.norm(x[:, r], axis=1) for r in self.ranges], axis=0))
 
     def cones(self) -> list[FloatArray]:

@@ -1,4 +1,4 @@
-"""Registry of force budgets, by names and for JSON files, with the package's own."""
+"""Registry of force budgets by name, for users and JSON files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAMED: dict[str, ForceBudget] = {}  # budgets that their name alone defines
 
 
 def register(budget: type[Kind]) -> type[Kind]:
-    """Register a force budget; also as a decorator.
+    """Register a force budget; also usable as a decorator.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def register(budget: type[Kind]) -> type[Kind]:
 
 
 def force_budget(value: str | ForceBudget, field: str = "force_budget") -> ForceBudget:
-    """Return the budget with a given name, or the given budget.
+    """Return the force budget with a given name; a budget is returned unchanged.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def frame_independent_names() -> list[str]:
 
 
 def budget_from_dict(data: str | Json, field: str = "force_budget") -> ForceBudget:
-    """Return a budget of any registered type from the data of its ``to_dict``."""
+    """Return a force budget of any registered type from its JSON data."""
     kind = BUDGETS.find(data.get("type")) if isinstance(data, Mapping) else None
     if kind is not None and isinstance(data, Mapping):
         return kind.from_dict(data)

@@ -1,4 +1,4 @@
-"""Shared budget: unit limit on the sum of normal forces."""
+"""Shared budget: limit 1 of the sum of normal forces."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SharedSet(ForceSet):
         return values[np.arange(len(z)), best], result
 
     def gauge(self, x: FloatArray) -> FloatArray:
-        """Return the sums of normal forces (m,) of forces (m, n)."""
+        """Return the sum of normal forces of each force vector (m, n), (m,)."""
         return np.asarray(np.sum(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:
@@ -57,7 +57,7 @@ class SharedBudget(ForceBudget):
         return SharedSet(contacts, frames.shape[1])
 
     def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
-        """Return each contact's largest work of a unit normal force, whose maximum is the support function."""
+        """Return the largest work of a unit normal force of each contact; their maximum is the support function."""
         parts = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else parts
 

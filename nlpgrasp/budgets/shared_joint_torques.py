@@ -1,4 +1,4 @@
-"""Joint-torque limits of a hand in a fixed posture, with joints shared by contacts."""
+"""Force budget by the joint-torque limits of a hand in a fixed posture, with joints common to several contacts."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SharedJointTorqueLimits(ForceBudget):
         self.force_limit = None if force_limit is None else number(f"{name}.force_limit", force_limit, above=0.0)
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise for bilateral contacts, or a number of contacts or a dimension other than the Jacobians'."""
+        """Raise ``InputError`` for bilateral contacts, or if number or dimension of contacts is not the Jacobians'."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             count = f"{len(self.jacobians)} of them"
@@ -76,7 +76,7 @@ class SharedJointTorqueLimits(ForceBudget):
             check_jacobian(f"SharedJointTorqueLimits.jacobians[{i}]", J, space, wrench_dimension(space))
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorqueSet:
-        """Return the force set for given contact frames: rows of joint torques, then of normal forces."""
+        """Return the force set for given contact frames, with limits of joint torques, then of normal forces."""
         space = frames.shape[1]
         self.check(contacts, space)
         limits = [self.limits] * len(contacts)
@@ -89,7 +89,7 @@ class SharedJointTorqueLimits(ForceBudget):
         return TorqueSet(torques, contacts, space, "SharedJointTorqueLimits")
 
     def force_scale(self) -> float:
-        """Return the mean over contacts of the least force that takes a joint to its limit, newtons."""
+        """Return the mean over contacts of the least force that takes some joint to its limit, newtons."""
         arms = [np.max(np.linalg.norm(J, axis=0) / self.limits, initial=0.0) for J in self.jacobians]
         least = 1e-12 if self.force_limit is None else 1.0 / self.force_limit
         return float(np.mean([1.0 / max(arm, least) for arm in arms]))
@@ -127,5 +127,5 @@ class SharedJointTorqueLimits(ForceBudget):
 
     @classmethod
     def from_dict(cls, data: Json) -> SharedJointTorqueLimits:
-        """Return the budget from the data of its ``to_dict``."""
+        """Return the budget that ``to_dict`` wrote."""
         return cls(data.get("jacobians", ()), data.get("limits", ()), data.get("force_limit"))

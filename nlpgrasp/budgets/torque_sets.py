@@ -1,4 +1,4 @@
-"""Force sets of joint-torque limits, ``{x in K : |T x| <= 1}``: extreme points if these are few, else conic programs.
+"""Force sets of joint-torque limits, ``{x in K : |T x| <= 1}``, by extreme points or by conic programs.
 
 Contacts without common limits are independent: the set of all contacts (``TorqueSet``) is a product over groups of
 coupled contacts, and its support function a sum.
@@ -39,7 +39,8 @@ ACTIVE = 1e-7  # relative slack below which a condition is active at a maximiser
 SCALE_INSIDE = 1.0 - 1e-9  # scale of the maximiser, which keeps it within the limits despite the solver's tolerance
 MOST_LISTED = 4  # most components of a contact whose extreme points are enumerated
 
-Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # origin, axes, curvature's inverse, pull, level
+# origin, axes, inverse curvature, offset, squared radius of a conic section
+Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]
 Sections = tuple[FloatArray, ...]  # several of one dimension, stacked
 
 
@@ -68,7 +69,7 @@ class TorqueSet(ForceSet):
 
     @property
     def costly(self) -> bool:
-        """Whether some group of contacts needs a conic program per support evaluation."""
+        """Whether the support of some group of contacts takes a conic program."""
         return any(isinstance(force_set, ConicTorqueSet) for *_, force_set in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -80,17 +81,17 @@ class TorqueSet(ForceSet):
         return total, forces
 
     def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return maximisers along z (m, n), and the shadow prices of the limits, (m, rows of T).
+        """Return maximisers along z (m, n), and the shadow prices of all limits, (m, number of limits).
 
         Prices are positive at upper limits and negative at lower ones.
         """
         forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
-        for columns, rows, force_set in self._groups:
-            forces[:, columns], prices[:, rows] = force_set.maximise_with_prices(z[:, columns])
+        for columns, limit_indices, force_set in self._groups:
+            forces[:, columns], prices[:, limit_indices] = force_set.maximise_with_prices(z[:, columns])
         return forces, prices
 
     def gauge(self, x: FloatArray) -> FloatArray:
-        """Return the largest ratios of torque to limit (m,) of forces (m, n)."""
+        """Return the largest ratio of torque to limit of each force vector (m, n), (m,)."""
         return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
 
     def cones(self) -> list[FloatArray]:
@@ -101,20 +102,20 @@ class TorqueSet(ForceSet):
     def _group(
         self, members: list[int]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], EnumeratedTorqueSet | ConicTorqueSet]:
-        """Return component indices, rows of T and force set of a group of coupled contacts."""
+        """Return force-component indices, limit indices and force set of a group of contacts with common limits."""
         columns = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in members])
-        rows = np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
+        limit_indices = np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
         models = [self.contacts[i] for i in members]
-        T = self.torques[np.ix_(rows, columns)]
+        T = self.torques[np.ix_(limit_indices, columns)]
         name = f"{self._name}, contact{'s' * (len(members) > 1)} {', '.join(map(str, members))}"
         single = len(members) == 1 and T.shape[1] <= MOST_LISTED
         if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
-            return columns, rows, EnumeratedTorqueSet(models[0], T, self.space, name)
-        return columns, rows, ConicTorqueSet(models, T, self.space, name)
+            return columns, limit_indices, EnumeratedTorqueSet(models[0], T, self.space, name)
+        return columns, limit_indices, ConicTorqueSet(models, T, self.space, name)
 
 
 def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
-    """Return the groups of contacts without common limits."""
+    """Return the groups of contacts between which no torque limit is common."""
     loads = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
     count, labels = connected_components(sparse.csr_matrix(loads @ loads.T), directed=False)
     return [np.flatnonzero(labels == g).tolist() for g in range(count)]
@@ -159,8 +160,8 @@ class EnumeratedTorqueSet:
         points = [np.zeros(n)]
         sections: list[Section] = []
         for count in range(1, n + 1):
-            for rows in combinations(range(len(self._linear)), count):
-                self._add_extreme_points(list(rows), n, points, sections)
+            for active in combinations(range(len(self._linear)), count):
+                self._add_extreme_points(list(active), n, points, sections)
         extreme_points = np.array(points)
         self._points = extreme_points[self._is_admissible(extreme_points)]
         sizes = sorted({basis.shape[1] for _, basis, *_ in sections})
@@ -205,40 +206,40 @@ class EnumeratedTorqueSet:
         return force, prices
 
     def _stationary(self, sections: Sections, z: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest values above given ones, (m,), at stationary points of the sections, and the forces."""
-        origin, basis, inverse, offsets, level = sections
+        """Return the largest work above given values, (m,), on the conic sections, and its forces."""
+        origin, basis, inverse, offsets, squared_radius = sections
         g = np.einsum("mn,snd->msd", z, basis)
         directions = np.einsum("msd,sde->mse", g, inverse)
         with np.errstate(invalid="ignore", divide="ignore"):
-            factor = np.sqrt(level / np.sum(g * directions, axis=2))[:, :, None]
+            factor = np.sqrt(squared_radius / np.sum(g * directions, axis=2))[:, :, None]
         w = np.concatenate([factor * directions, -factor * directions], axis=1) - np.tile(offsets, (2, 1))
         x = np.tile(origin, (2, 1)) + np.einsum("msd,snd->msn", w, np.tile(basis, (2, 1, 1)))
         work = np.einsum("mn,msn->ms", z, x)
         candidates = np.nonzero((work > values[:, None]) & np.all(np.isfinite(x), axis=2))
         admissible = np.full(work.shape, -np.inf)
         admissible[candidates] = np.where(self._is_admissible(x[candidates]), work[candidates], -np.inf)
-        best, rows = np.argmax(admissible, axis=1), np.arange(len(z))
-        return admissible[rows, best], x[rows, best]
+        best, indices = np.argmax(admissible, axis=1), np.arange(len(z))
+        return admissible[indices, best], x[indices, best]
 
-    def _add_extreme_points(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
-        """Add the extreme points or the conic section with the given linear conditions active."""
-        A, b = self._linear[rows] / self._scale[rows, None], self._limits[rows] / self._scale[rows]
+    def _add_extreme_points(self, active: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
+        """Add the extreme points, or the conic section, where given linear conditions are active."""
+        A, b = self._linear[active] / self._scale[active, None], self._limits[active] / self._scale[active]
         if not np.any(b):
             return  # a face of the cone: its only extreme point is 0
         u, s, vt = np.linalg.svd(A)
         if s[-1] <= 1e-9:
             return  # dependent conditions: another set of rows is equivalent
-        origin = vt[: len(rows)].T @ ((u.T @ b) / s)
-        if len(rows) == n:
+        origin = vt[: len(active)].T @ ((u.T @ b) / s)
+        if len(active) == n:
             points.append(origin)
             return
         if self._cone is None:
             return
-        basis = vt[len(rows) :].T
+        basis = vt[len(active) :].T
         sign = np.diag([1.0] + [-1.0] * (len(self._cone) - 1))
         Q = self._cone.T @ sign @ self._cone
         curve, slope, constant = basis.T @ Q @ basis, basis.T @ Q @ origin, float(origin @ Q @ origin)
-        if len(rows) == n - 1:
+        if len(active) == n - 1:
             points.extend(origin + w * basis[:, 0] for w in _roots(float(curve[0, 0]), float(slope[0]), constant))
             return
         values, vectors = np.linalg.eigh(curve)
@@ -253,7 +254,7 @@ class EnumeratedTorqueSet:
         sections.append((origin, basis, inverse, offset, float(slope @ offset) - constant))
 
     def _is_admissible(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Return whether each force (m, n) satisfies all conditions within tolerance."""
+        """Return whether each force (m, n) is in the force set, within a tolerance."""
         size = np.linalg.norm(x, axis=1) + 1e-300
         excess = np.max((x @ self._linear.T - self._limits) / (self._limits + self._scale * size[:, None]), axis=1)
         is_inside = excess <= CONDITION_TOLERANCE
@@ -314,11 +315,11 @@ class ConicTorqueSet:
         """
         force, prices = np.zeros_like(z), np.zeros((len(z), len(self._torques)))
         m = len(self._torques)
-        for i, row in enumerate(z):
-            size = float(np.linalg.norm(row))
+        for i, direction in enumerate(z):
+            size = float(np.linalg.norm(direction))
             if size == 0.0:
                 continue
-            cost = -(row / size) @ self._lift
+            cost = -(direction / size) @ self._lift
             solution = clarabel.DefaultSolver(self._none, cost, self._A, self._b, self._cones, self._options).solve()
             x = project((self._lift @ np.array(solution.x))[None, :], self._contacts, self._space)[0]
             force[i] = x * SCALE_INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
@@ -328,7 +329,7 @@ class ConicTorqueSet:
 
 
 def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
-    """Raise if some force of the cones loads no joint."""
+    """Raise ``InputError`` if some force in the cones loads no joint, so that the forces are unbounded."""
     rng = np.random.default_rng(0)
     parts = []
     for contact, block in zip(contacts, component_slices(contacts, space), strict=True):
@@ -356,13 +357,13 @@ def torque_rows(
     frames: FloatArray,
     contacts: Sequence[ContactModel],
 ) -> list[FloatArray]:
-    """Return each contact's matrix of torques over limits per force component, (m_i, n_i), from its Jacobian."""
+    """Return the matrix (m_i, n_i) of each contact from force components to torques over limits."""
     space = frames.shape[1]
     maps = [wrench_transform(np.zeros(space), f) @ c.basis(space) for f, c in zip(frames, contacts, strict=True)]
     return [(J.T / tau[:, None]) @ B[: len(J)] for J, tau, B in zip(jacobians, limits, maps, strict=True)]
 
 
 def check_jacobian(name: str, J: FloatArray, space: int, d: int) -> None:
-    """Raise for a Jacobian without rows of velocities, or of velocities and angular velocities."""
+    """Raise ``InputError`` unless a Jacobian has rows of velocities, alone or with angular velocities."""
     if len(J) not in (space, d):
         raise InputError(name, f"{len(J)} rows", f"{space} or {d} rows")
