@@ -1,4 +1,4 @@
-"""Grasp candidate: contacts and hand configuration; state of its local search."""
+"""Grasp candidate (contacts and hand configuration), solver effort, and state of a local search."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class GraspCandidate:
     hand: Values = field(default_factory=dict)
 
     def repeated_hand(self, count: int) -> Values:
-        """Return the hand's values repeated ``count`` times, (count, m) each, for placements that share the hand."""
+        """Return the hand's variables repeated for ``count`` placements, (count, m) each."""
         return {name: np.repeat(value[None], count, axis=0) for name, value in self.hand.items()}
 
 
 @dataclass(frozen=True)
 class SolverEffort:
-    """Solver effort: calls of IPOPT, iterations and seconds.
+    """Effort of IPOPT: number of calls and iterations, and seconds.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class SolverEffort:
 
     @classmethod
     def of(cls, result: NlpResult) -> SolverEffort:
-        """Return the effort of one solve."""
+        """Return the effort of one IPOPT call."""
         failures = {} if result.ran else {result.status: 1}
         return cls(result.iterations, result.seconds, result.function_seconds, 1, failures)
 
@@ -77,7 +77,7 @@ class SolverEffort:
 
 @dataclass
 class SearchState:
-    """Current iterate of a local search with its cutting planes and history.
+    """State of a local search: best candidate, cutting planes, multipliers and history.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Compiled problem: programs, samples and constraint functions shared by all starts."""
+"""Compiled problem: nonlinear programs, surface samples and constraint functions shared by all starts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FEASIBLE = 1e-5  # feasibility tolerance, relative to a constraint's scale
 
 
 class CompiledProblem:
-    """Compiled problem: programs, surface samples and constraint functions, with evaluation of candidates.
+    """Compiled problem: nonlinear programs, surface samples, and functions that evaluate candidates.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class CompiledProblem:
 
     @cached_property
     def link_depths(self) -> PenetrationModel | None:
-        """Penetration depths of links in the body and its surroundings; None without a hand that has links."""
+        """Model of the penetration of the hand's links into body and surroundings; None for hands without links."""
         if self._parent is not None:
             return self._parent.link_depths
         hand = self.problem.hand
@@ -75,7 +75,7 @@ class CompiledProblem:
 
     @cached_property
     def collision_model(self) -> CollisionModel | None:
-        """Collision model of the spheres of a hand that has links; None for other hands."""
+        """Collision model of the spheres around the hand's links; None for hands without links."""
         hand = self.problem.hand
         if self._parent is not None and self._parent.problem.hand is hand:  # a variant's hand may have other limits
             return self._parent.collision_model
@@ -83,7 +83,7 @@ class CompiledProblem:
 
     @cached_property
     def workspace(self) -> HandWorkspace:
-        """Sampled workspace of a hand that has a palm pose."""
+        """Sampled workspace of the problem's hand, which must have a palm pose."""
         return (
             HandWorkspace(self.problem, self.hand_functions, self.rows)
             if self._parent is None
@@ -101,8 +101,9 @@ class CompiledProblem:
 
     @cached_property
     def l2_variant(self) -> CompiledProblem | None:
-        """The compiled problem under the L2 budget, for a first refinement; None if its own is L2 or follows the hand.
+        """The compiled problem under the L2 force budget.
 
+        Candidates are first refined under it. None where the problem's budget is L2 or depends on the hand's posture.
         Only the cutting-plane program differs.
         """
         problem, budget = self.problem, self.problem.budget
@@ -112,7 +113,7 @@ class CompiledProblem:
 
     @cached_property
     def handless_variant(self) -> CompiledProblem:
-        """The compiled problem without the hand and the constraints on it, over the same samples."""
+        """The compiled problem without its hand and the constraints on the hand, over the same surface samples."""
         problem, depends_on_hand = self.problem, self.rows.dependence_mask[:, -1]
         constraints = tuple(
             constraint
@@ -125,7 +126,7 @@ class CompiledProblem:
         return result
 
     def with_joint_limits(self, limits: FloatArray) -> CompiledProblem:
-        """Return the compiled problem with other joint limits (2, m) of its linked hand, without recompiling."""
+        """Return the compiled problem with the hand's joint limits (2, m) replaced, without recompiling."""
         problem = self.problem.unchecked(hand=self.hand_functions.linked_hand.with_limits(limits))
         result = self._share_with(CompiledProblem(problem, self.options))
         result.hand_functions = self.hand_functions.of_limits(problem)
@@ -147,7 +148,7 @@ class CompiledProblem:
         return result
 
     def with_clearance(self, increase: FloatArray) -> CompiledProblem:
-        """Return the compiled problem whose programs require more distance of links, by (rows,), metres.
+        """Return the compiled problem with more clearance of links required, by ``increase`` (rows,), metres.
 
         On a mesh it makes up for a smoothed distance that is larger than the mesh's own.
         """
@@ -161,7 +162,7 @@ class CompiledProblem:
         return result
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
-        """Give another compiled problem the constraint functions and samples of this one, and return it."""
+        """Share constraint functions and surface samples with another compiled problem, and return the other."""
         other.rows, other.surface, other.hand_functions = self.rows, self.surface, self.hand_functions
         other._parent = self
         return other
@@ -173,7 +174,7 @@ class CompiledProblem:
 
     @property
     def initial_nlp(self) -> CompiledProgram:
-        """The initial NLP of a start."""
+        """Compiled initial NLP of a start (vertex transcription)."""
         count = self.task_samples.count
         if count not in self._initial_nlps:
             self._initial_nlps[count] = compile_initial_nlp(self.problem, self.options, count)
@@ -181,32 +182,32 @@ class CompiledProblem:
 
     @cached_property
     def virtual_work(self) -> VirtualWork:
-        """Derivatives of the support under the hand's torque limits."""
+        """Derivatives of the support function under the hand's joint-torque limits."""
         return VirtualWork(self.cutting_planes.functions.program, self.problem)
 
     @cached_property
     def sample_tables(self) -> SampleTables:
-        """Supports of the contacts at surface samples, for coordinate exchange."""
+        """Tables of the contacts' support-function values at surface samples, for coordinate exchange."""
         clouds = [self.surface.cloud(i) for i in range(len(self.problem.models))]
         return SampleTables(self.problem, clouds, self.rows, self.hand_functions)
 
     @property
     def follows_contacts(self) -> bool:
-        """Whether the problem has no hand, or one whose variables follow from the contacts."""
+        """Whether there is no hand, or the contacts determine the hand's variables."""
         return follows_contacts(self.problem)
 
     @property
     def closure_budget(self) -> ForceBudget:
-        """Force budget of the force-closure test: the problem's, or L2 where that would depend on the posture."""
+        """Force budget for force-closure tests: the problem's, or L2 if that depends on the hand's posture."""
         return closure_budget(self.problem)
 
     @property
     def screening_budget(self) -> ForceBudget:
-        """Budget for ranking placements: the L2 budget where the problem's own depends on the contact frames."""
+        """Force budget for ranking placements: the problem's, or L2 if that depends on the contact frames."""
         return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
     def inward_normals(self, candidate: GraspCandidate) -> FloatArray:
-        """Return the inward unit normals of the smoothed surface, (k, space)."""
+        """Return the inward unit normals at a candidate's contacts, (k, space); on a mesh the smoothed surface's."""
         return inward_normals(self.problem, candidate.points, candidate.faces)
 
     def projected_onto_faces(self, candidate: GraspCandidate) -> GraspCandidate:
@@ -217,11 +218,11 @@ class CompiledProblem:
         return GraspCandidate(candidate.faces, points, candidate.hand)
 
     def grasp(self, candidate: GraspCandidate) -> Grasp:
-        """Return the grasp of a candidate, with normals of the smoothed surface."""
+        """Return the grasp of a candidate; on a mesh with normals of the smoothed surface."""
         return self.grasp_at(candidate.points, self.inward_normals(candidate))
 
     def grasp_at(self, points: FloatArray, normals: FloatArray) -> Grasp:
-        """Return the grasp of the problem's contacts at points with inward normals, (k, space) each."""
+        """Return the grasp with the problem's contacts at given points with inward normals, (k, space) each."""
         return Grasp(points, normals, self.problem.models, self.problem.origin)
 
     def budget(self, candidate: GraspCandidate) -> ForceBudget:
@@ -233,7 +234,10 @@ class CompiledProblem:
         return WrenchSet.of(self.grasp(candidate), self.budget(candidate))
 
     def violation(self, candidate: GraspCandidate) -> float:
-        """Return the largest violation of the constraints, relative to their scales; inf for non-finite points."""
+        """Return a candidate's largest constraint violation, relative to the constraints' scales.
+
+        Infinite where a point or a normal is not finite.
+        """
         if not np.all(np.isfinite(candidate.points)):
             return np.inf
         normals = self.inward_normals(candidate)
@@ -242,7 +246,7 @@ class CompiledProblem:
         return float(self.rows.violations(candidate.points[None], normals[None], candidate.repeated_hand(1))[0])
 
     def constraint_values_at(self, candidate: GraspCandidate, normals: FloatArray) -> FloatArray:
-        """Return the values of the constraints, (rows,), in their own units, for inward normals (k, space).
+        """Return the constraint values of a candidate with inward normals (k, space), in the constraints' units.
 
         Distances of links from a mesh are those from the mesh itself.
         """
@@ -254,7 +258,7 @@ class CompiledProblem:
 
 
 def pack_variables(compiled: CompiledProblem, program: Program, candidate: GraspCandidate) -> FloatArray:
-    """Return the initial variables of a program, (n,): contacts, normals, hand and pressing forces of a candidate."""
+    """Return a program's variables (n,) at a candidate: contacts, normals, hand and equal normal forces."""
     normals = compiled.inward_normals(candidate)
     z = np.zeros(program.variables[-1].stop)
     set_contacts(compiled, program, z, candidate.points, normals)
@@ -269,24 +273,24 @@ def pack_variables(compiled: CompiledProblem, program: Program, candidate: Grasp
 def set_contacts(
     compiled: CompiledProblem, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray
 ) -> None:
-    """Write points (metres) and inward normals, (k, space) each, to the variables of a program, in place."""
+    """Write contact points (metres) and inward normals, (k, space) each, into a program's variables, in place."""
     for i, p in enumerate(compiled.scaling.position(points)):
         z[program.block("position", i).range] = p
         z[program.block("normal", i).range] = normals[i]
 
 
 def candidate_of(compiled: CompiledProblem, program: Program, faces: tuple[str, ...], z: FloatArray) -> GraspCandidate:
-    """Return the candidate of a program's variables, its contacts projected exactly onto their faces."""
+    """Return the candidate in a program's variables, with contacts projected exactly onto their faces."""
     return compiled.projected_onto_faces(
         GraspCandidate(faces, contact_points(compiled, program, z), hand_of(program, z))
     )
 
 
 def contact_points(compiled: CompiledProblem, program: Program, z: FloatArray) -> FloatArray:
-    """Return the contact positions of a program's variables, metres, (k, space)."""
+    """Return the contact positions in a program's variables, metres, (k, space)."""
     return compiled.scaling.metres(np.stack([z[b.range] for b in program.blocks("position")]))
 
 
 def hand_of(program: Program, z: FloatArray) -> Values:
-    """Return the values of the hand in a program's variables, in the hand's units."""
+    """Return the hand's variables among a program's variables, in the hand's units."""
     return {name: b.scale * z[b.range] for name, b in program.hand_blocks}

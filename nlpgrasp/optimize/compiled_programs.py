@@ -57,23 +57,23 @@ CLOSING: Ipopt = {  # last solve, from near a local optimum with its multipliers
 
 
 def follows_contacts(problem: GraspProblem) -> bool:
-    """Return whether the problem has no hand, or one whose variables follow from the contacts."""
+    """Return whether there is no hand, or the contacts determine the hand's variables."""
     return problem.hand is None or problem.hand.follows_contacts
 
 
 def closure_budget(problem: GraspProblem) -> ForceBudget:
-    """Return the budget for force closure: the L2 budget where the problem's own depends on the posture."""
+    """Return the force budget for force-closure tests: the problem's, or L2 if that depends on the hand's posture."""
     return L2Budget() if problem.budget.follows_hand else problem.budget
 
 
 def budget_at(problem: GraspProblem, candidate: GraspCandidate) -> ForceBudget:
-    """Return the force budget at a candidate's contacts and posture."""
+    """Return the force budget at a candidate's contacts and hand posture."""
     hand = problem.hand if isinstance(problem.hand, PosedHand) else None
     return problem.budget.posed(hand, candidate.hand, candidate.points)
 
 
 def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
-    """Return the initial NLP of a start (vertex transcription), with a number of task samples.
+    """Return the compiled initial NLP of a start (vertex transcription), with ``samples`` task wrenches.
 
     A budget that depends on the posture is replaced by L2.
     """
@@ -86,7 +86,7 @@ def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: i
 
 
 class CuttingPlaneProgram:
-    """Cutting-plane program with a fixed number of slots, the same for all tasks.
+    """Cutting-plane program with a fixed number of slots for cuts, compiled once for all tasks.
 
     Parameters
     ----------
@@ -100,22 +100,25 @@ class CuttingPlaneProgram:
 
     @cached_property
     def has_closed_form(self) -> bool:
-        """Whether the support has a smooth closed form."""
+        """Whether the support function has a smooth closed form."""
         return has_closed_form(self._problem)
 
     @cached_property
     def holds_supports(self) -> bool:
-        """Whether the program states the supports without finger forces; otherwise steps compute them outside it."""
+        """Whether the program contains the support functions, without finger forces as variables.
+
+        Otherwise the supports are computed outside the program in each step.
+        """
         return self.has_closed_form or has_pieces(self._problem)
 
     @property
     def slots(self) -> int:
-        """Number of cutting planes that the program holds."""
+        """Largest number of cutting planes in the program."""
         return SLOTS if self.holds_supports else 0
 
     @property
     def final_slots(self) -> int:
-        """Number of cutting planes that the final program holds."""
+        """Largest number of cutting planes in the final program."""
         return SLOTS if self.holds_supports else SLOTS_WITH_FORCES
 
     @cached_property
@@ -126,13 +129,16 @@ class CuttingPlaneProgram:
 
     @cached_property
     def confirmation_program(self) -> CompiledProgram:
-        """The program for starts at a local optimum: few iterations, no second derivatives, so quick to compile."""
+        """Program for an IPOPT call from a local optimum: few iterations, no second derivatives.
+
+        Without second derivatives it is quick to compile.
+        """
         settings: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
         return self.functions.with_options(settings | dict(self._options.ipopt))
 
     @cached_property
     def final_program(self) -> CompiledProgram:
-        """The program for starts near a local optimum, with tight tolerances.
+        """Program for an IPOPT call from near a local optimum, with tight tolerances.
 
         Without closed form of the supports finger forces are among its variables, and it has no warm start: neither
         multipliers nor forces are known.
@@ -147,11 +153,11 @@ class CuttingPlaneProgram:
         return result
 
     def with_hand_bounds(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
-        """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
+        """Return the program with the bounds (2, m) of one of the hand's variables replaced, without recompiling."""
         return self._change_limits(lambda functions: functions.with_hand_bounds(name, bounds[0], bounds[1]))
 
     def with_raised_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
-        """Return the program with raised lower limits; see ``Program.with_raised_lower_limits``."""
+        """Return the program with raised lower constraint limits; see ``Program.with_raised_lower_limits``."""
         return self._change_limits(lambda functions: functions.with_raised_lower_limits(increase))
 
     def _change_limits(self, change: Callable[[CompiledProgram], CompiledProgram]) -> CuttingPlaneProgram:
@@ -163,14 +169,14 @@ class CuttingPlaneProgram:
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
-        """Return the supports of single contacts along directions, (m, k); None where the program has none."""
+        """Return the support of each single contact along directions, (m, k); None for programs without such pieces."""
         if self.has_closed_form or not has_pieces(self._problem):
             return None
         return contact_supports(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
 
 
 def _compile_program(program: Program, options: SolveOptions, tolerances: Ipopt) -> CompiledProgram:
-    """Return a compiled program with IPOPT's options: the package's limits, given tolerances, the user's."""
+    """Return a compiled program with IPOPT options: the package's, then ``tolerances``, then the user's."""
     # MUMPS scaling 7 avoids factorizations that take 20 times as long as the rest (measured on scans)
     limits: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
     if options.time_limit is not None:

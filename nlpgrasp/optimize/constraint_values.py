@@ -1,4 +1,4 @@
-"""Values and violations of a problem's constraints at candidates, with the hand's forward kinematics."""
+"""Constraint values and violations of candidates, and forward kinematics of the hand."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NARROW = 1e-2  # width between limits, over a constraint's scale, below which it
 
 
 class ConstraintValues:
-    """Compiled functions of the constraints of a problem and its hand.
+    """Evaluator of the constraints of a problem and its hand.
 
     Parameters
     ----------
@@ -50,25 +50,28 @@ class ConstraintValues:
 
     @property
     def sources(self) -> tuple[tuple[int, ...], ...]:
-        """Indices of the scalar constraints of each user constraint, of the hand, and of its links' clearance."""
+        """Indices of the scalar constraints by source: each user constraint, the hand, the clearance of its links."""
         return self._rows[0].sources
 
     def values(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the constraints' values in their own units, (b, rows), for placements (b, k, space)."""
+        """Return the constraint values of placements (b, k, space), (b, rows), in the constraints' units."""
         if not self.named:
             return np.zeros((len(points), 0))
         return self._evaluator(points, normals, *hand.values())[0]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return each placement's largest constraint violation, relative to its scale, (b,), without face extents."""
+        """Return the largest constraint violation of each placement, relative to the scales, (b,).
+
+        The extents of faces are not among these constraints.
+        """
         return self.largest_violations(self.values(points, normals, hand))
 
     def largest_violations(self, values: FloatArray) -> FloatArray:
-        """Return the largest violation of constraint values (b, m), relative to their scales, (b,)."""
+        """Return each placement's largest violation, from constraint values (b, m), relative to the scales, (b,)."""
         return np.asarray(np.max(self.each_violation(values), axis=1, initial=0.0))
 
     def each_violation(self, values: FloatArray, band: float = 0.0) -> FloatArray:
-        """Return the violation of each constraint value (b, m), relative to its scale, (b, m).
+        """Return the violation of each constraint value (b, m), relative to the constraint's scale, (b, m).
 
         Constraints with nearly equal limits may be violated by a ``band``, relative to their scales.
         """
@@ -78,7 +81,7 @@ class ConstraintValues:
 
     @cached_property
     def dependence_mask(self) -> NDArray[np.bool_]:
-        """Sparsity: the contacts, and in the last column the hand, that each constraint depends on, (rows, k + 1)."""
+        """Mask of the contacts that each constraint depends on, (rows, k + 1); the last column stands for the hand."""
         k, space = len(self.problem.models), self.problem.body.space
         result = np.zeros((len(self.named), k + 1), dtype=bool)
         for i in range(self._row_function.n_in() if self.named else 0):
@@ -87,14 +90,14 @@ class ConstraintValues:
         return result
 
     def user_violation_sums(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the summed violation of the user's inequalities by each placement, relative to their scales, (b,)."""
+        """Return the summed violation of the user's inequalities at each placement, relative to their scales, (b,)."""
         users = {index for indices in self.sources[: len(self.problem.constraints)] for index in indices}
         return self.violation_sums(points, normals, hand, users) if users else np.zeros(len(points))
 
     def violation_sums(
         self, points: FloatArray, normals: FloatArray, hand: Values, indices: Collection[int] | None = None
     ) -> FloatArray:
-        """Return the summed violation of all or some inequalities by each placement, relative to their scales, (b,).
+        """Return the summed violation of inequalities at each placement, relative to their scales, (b,).
 
         The inequalities are those with some ``indices``, by default all.
         """
@@ -113,7 +116,7 @@ class ConstraintValues:
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     def link_slack(self, values: FloatArray, link: str, other: str = "") -> FloatArray:
-        """Return how far a link's spheres are beyond their least distances, metres, inf for other constraints, (rows,).
+        """Return the clearance of a link's spheres beyond the required one, metres, (rows,); inf for other constraints.
 
         Parameters
         ----------
@@ -146,12 +149,12 @@ class ConstraintValues:
 
     @cached_property
     def _evaluator(self) -> BatchEvaluator:
-        """Evaluator of the constraints' values."""
+        """Batched evaluator of the constraint values."""
         return BatchEvaluator(self._row_function)
 
     @cached_property
     def _row_function(self) -> ca.Function:
-        """Function of contacts, normals and the hand's variables: the constraints' values, in their own units."""
+        """CasADi function of contacts, normals and hand variables that returns the constraint values."""
         constraints, inputs = self._rows
         values = ca.vertcat(*[r.expression for r in constraints.rows])
         if not constraints.clearances:
@@ -177,46 +180,49 @@ class HandFunctions:
 
     @property
     def hand(self) -> Hand:
-        """The problem's hand; an ``InputError`` without one."""
+        """The problem's hand; raises an ``InputError`` if there is none."""
         if self._problem.hand is None:
             raise InputError("GraspProblem.hand", None, "a hand")
         return self._problem.hand
 
     @property
     def posed_hand(self) -> LinkedHand:
-        """The problem's hand with a pose of its own; an ``InputError`` without one."""
+        """The problem's hand; raises an ``InputError`` unless it has a pose of its own."""
         if not isinstance(self.hand, LinkedHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
         return self.hand
 
     @property
     def linked_hand(self) -> URDFHand:
-        """The problem's hand with links; an ``InputError`` without one."""
+        """The problem's hand; raises an ``InputError`` unless it has links."""
         if not isinstance(self.hand, URDFHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with links, such as ng.URDFHand")
         return self.hand
 
     @property
     def has_flat_tips(self) -> bool:
-        """Whether a hand with a pose has flat fingertips."""
+        """Whether the hand has a pose of its own and a flat fingertip."""
         hand = self._problem.hand
         return isinstance(hand, LinkedHand) and any(tip.normal is not None for _, tip in hand.tree.tips)
 
     def of_limits(self, problem: GraspProblem) -> HandFunctions:
-        """Return the same functions for a problem whose hand differs in its joint limits alone."""
+        """Return the same functions for a problem whose hand has other joint limits."""
         result = copy(self)
         result._problem = problem
         return result
 
     def start(self, points: FloatArray, normals: FloatArray) -> Values:
-        """Return the hand's initial values for placements (b, k, space), name to (b, m); empty without a hand."""
+        """Return initial values of the hand's variables for placements (b, k, space), (b, m) each, by name.
+
+        Empty without a hand, and for a hand without variables.
+        """
         hand = self._problem.hand
         if hand is None or not hand.variables(self._problem.body.bounds):
             return {}
         return hand.start(points - np.asarray(hand.tip_radii)[:, None] * normals)
 
     def at_contacts(self, points: FloatArray) -> Json:
-        """Return the pose and approach of a hand that follows contacts (k, 3), as JSON data."""
+        """Return the pose and approach of a hand that is determined by its contacts (k, 3), as JSON data."""
         clearance = self._jaw_clearance
         if clearance is not None:
             directions = clearance.directions(points, self._problem.models)
@@ -226,7 +232,7 @@ class HandFunctions:
         )
 
     def along_approach(self, points: FloatArray, direction: FloatArray, flip: bool = False) -> Json:
-        """Return the pose of parallel jaws at contacts (2, 3) on an approach, with its obstacles, as JSON data.
+        """Return the pose and obstacles of parallel jaws at contacts (2, 3) for an approach direction, as JSON data.
 
         With ``flip`` the jaws are exchanged. Empty for other hands.
         """
@@ -242,11 +248,11 @@ class HandFunctions:
 
     @property
     def _approach_cones(self) -> list[tuple[FloatArray, float]]:
-        """Axes (space,) and angles, radians, of the cones that the approach has to be within."""
+        """Cones that must contain the approach direction: axes (space,) and angles, radians."""
         return [(np.asarray(c.direction), c.angle) for c in self._problem.constraints if isinstance(c, Approach)]
 
     def name_obstacles(self, points: FloatArray, data: Json) -> Json:
-        """Return the data of ``at_contacts`` with the depth of parallel jaws in each solid that blocks their way."""
+        """Return the data of ``at_contacts`` with the depth of parallel jaws in each obstacle added."""
         hand = self.hand
         if not isinstance(hand, ParallelJaw) or not jaws_depth(data) or self._jaw_clearance is not None:
             return data
@@ -260,21 +266,21 @@ class HandFunctions:
         return {**data, "approach": {**approach, "blocked_by": depths}}
 
     def has_free_approach(self, points: FloatArray) -> bool:
-        """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
+        """Return whether parallel jaws have a collision-free straight approach to contacts (2, 3)."""
         if self.is_blocked(points):
             return False
         return self._jaw_clearance is not None or jaws_depth(self.at_contacts(points)) == 0.0
 
     @cached_property
     def _jaw_clearance(self) -> JawClearance | None:
-        """Exact clearance of a gripper with stated pads or fingers, in space; None for other hands."""
+        """Exact clearance of a gripper with given pad or finger sizes; None for other hands and in the plane."""
         problem, hand = self._problem, self._problem.hand
         if not isinstance(hand, ParallelJaw) or not hand.is_solid or problem.body.space != 3:
             return None
         return JawClearance(hand, problem.body, problem.constraints, problem.models)
 
     def is_blocked(self, points: FloatArray) -> bool:
-        """Return whether no straight approach of parallel jaws to contacts (2, 3) is free, of a few or by samples.
+        """Return whether all tested straight approaches of parallel jaws to contacts (2, 3) are blocked.
 
         For a gripper with stated sizes, a few approaches are tried by exact geometry; its pads have to be on their
         faces. Other jaws are sampled along all approaches: an obstacle can be missed.
@@ -295,22 +301,25 @@ class HandFunctions:
 
     @cached_property
     def _fields(self) -> list[DistanceField]:
-        """Distances from the body and from the surroundings that constraints keep a hand away from."""
+        """Distance fields of the body and of the surroundings that constraints keep a hand away from."""
         problem = self._problem
         return build_distance_fields(problem.body, problem.constraints, len(problem.models))
 
     @cached_property
     def _distance(self) -> Distance:
-        """Distance to the body and its surroundings."""
+        """Function that returns the distance to the body and its surroundings."""
         return distance_to_all(self._fields)
 
     def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
-        """Return the centres of round fingertips, (k, 3), with ``otherwise`` in place of the others."""
+        """Return the centres of the fingertips, (k, 3), with ``otherwise`` for fingertips that are not round."""
         centres = self._function(*values.values())[0].full().T
         return np.where(np.isnan(centres), otherwise, centres)
 
     def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
-        """Return the links' signed distances to the mesh itself, (m,), one per clearance constraint, metres."""
+        """Return the signed distance of each link sphere to the mesh itself, (m,), metres.
+
+        There is one for each clearance constraint.
+        """
         return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
     def link_sphere_centres(self, values: Values) -> FloatArray:
@@ -320,7 +329,7 @@ class HandFunctions:
 
     @cached_property
     def tip_jacobian_function(self) -> ca.Function:
-        """Function of the hand's variables: fingertip positions (3, k) and their Jacobian (3 k, variables)."""
+        """CasADi function of the hand's m variables that returns fingertip positions (3, k) and Jacobian (3 k, m)."""
         symbols = self.hand.symbols(self._problem.body.bounds)
         positions = ca.horzcat(*self.posed_hand.tip_places(symbols))
         jacobian = ca.densify(ca.jacobian(ca.vec(positions), ca.vertcat(*symbols.values())))
@@ -328,12 +337,15 @@ class HandFunctions:
 
     @cached_property
     def _evaluator(self) -> BatchEvaluator:
-        """Evaluator of centres of round fingertips and of the link spheres."""
+        """Batched evaluator of the centres of round fingertips and of link spheres."""
         return BatchEvaluator(self._function)
 
     @cached_property
     def _function(self) -> ca.Function:
-        """Function of the hand's variables: centres of round fingertips (NaN for others) and of the link spheres."""
+        """CasADi function of the hand's variables that returns centres of round fingertips and of link spheres.
+
+        Centres of other fingertips are NaN.
+        """
         symbols = self.hand.symbols(self._problem.body.bounds)
         tips = [ca.SX.nan(3) if c is None else c for c in self.hand.tip_centres(symbols)]
         spheres = [s.centre for s in self.hand.spheres(symbols)]
@@ -342,7 +354,7 @@ class HandFunctions:
 
 
 def _jaw_record(clearance: JawClearance, points: FloatArray, pose: JawPose) -> Json:
-    """Return the JSON data of a gripper's pose, with its exact clearance and its pads' shares on their faces."""
+    """Return a gripper's pose as JSON data, with exact clearance and the fraction of each pad on its face."""
     approach = {
         "direction": pose.direction.tolist(),
         "depth": max(pose.blocked_by.values(), default=0.0),

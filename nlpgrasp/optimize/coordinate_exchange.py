@@ -61,7 +61,7 @@ CONGRUENT = 0.05  # over the body's size: difference of distances between contac
 def exchanged_candidates(
     compiled: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), count: int = PROPOSED
 ) -> list[GraspCandidate]:
-    """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
+    """Return the best candidates found by coordinate exchange from random samples, best first.
 
     Parameters
     ----------
@@ -97,7 +97,10 @@ def exchanged_candidates(
 def _free_approaches_first(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], count: int
 ) -> list[GraspCandidate]:
-    """Return candidates of parallel jaws, those with a free approach first, until ``count`` of these are found."""
+    """Return candidates of parallel jaws, those with a free approach first.
+
+    Approaches are checked until ``count`` free ones that are not congruent are known.
+    """
     free, others = list[GraspCandidate](), list[GraspCandidate]()
     for candidate in candidates:
         is_enough = len(free) >= count and len(drop_congruent(compiled, free, count)) == count
@@ -137,7 +140,7 @@ class CoordinateExchange:
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # tuples whose certificate had no weaker direction
 
     def search(self, perturbations: int, known: IntArray | None = None) -> IntArray:
-        """Return the best tuples (b, k) reached from random tuples and known ones (m, k), best first.
+        """Return the best tuples of samples (b, k) found from random and known tuples (m, k), best first.
 
         Half of the random ones are the best of many. Exchanges by the mean along weak directions move far, but past
         good tuples: every other round compares by the least support alone, and tuples before exchanges are kept.
@@ -150,15 +153,16 @@ class CoordinateExchange:
         return self.update_population(best, self.exchange(best, LAST_TIE), certified=LAST_CERTIFIED)
 
     def draw(self) -> IntArray:
-        """Return random tuples, (b, k); half of them are the best of ``DRAWN`` random ones."""
+        """Return initial tuples (b, k), half of them random and half the best of ``DRAWN`` random tuples."""
         drawn = self._tables.random(DRAWN, self._rng)
         chosen = self.best(drawn, self._population)
         return np.concatenate([chosen, drawn[: 2 * self._population - len(chosen)]])
 
     def perturb(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k) with one or two contacts moved to random samples; the best tuples are repeated.
+        """Return tuples (b, k) with one or two contacts moved to random samples.
 
-        Where that breaks coupled constraints, other moves are tried a few times.
+        The given tuples are repeated to fill the population. Where a move breaks coupled constraints, other moves are
+        tried a few times.
         """
         original = np.resize(tuples, (self._population, tuples.shape[1]))
         result = self._move_some(original)
@@ -170,7 +174,7 @@ class CoordinateExchange:
         return result
 
     def _move_some(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k) with one contact, and in every other one two, moved to random samples."""
+        """Return tuples (b, k) with one contact moved to a random sample, in every second tuple two contacts."""
         result = tuples.copy()
         for number, (samples, drawn) in enumerate(
             zip(result, self._tables.random(len(tuples), self._rng), strict=True)
@@ -180,7 +184,7 @@ class CoordinateExchange:
         return result
 
     def update_population(self, *tuples: IntArray, certified: int = CERTIFIED) -> IntArray:
-        """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions.
+        """Add the weakest directions of several sets of tuples, and return the best tuples (b, k), best first.
 
         At most ``certified`` certificates show directions that descents miss.
         """
@@ -193,15 +197,15 @@ class CoordinateExchange:
         return self.exchange_by_certificates(best[sorted((incongruent + congruent)[: self._population])], certified)
 
     def values(self, tuples: IntArray) -> FloatArray:
-        """Return the least ratio ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,).
+        """Return the least support ratio ``phi_G / phi_A`` of tuples (b, k) over the known directions, (b,).
 
-        It is minus one minus the violation where that is not repairable.
+        For a violation that is not repairable it is minus one minus the violation.
         """
         least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
         return _merit(least ** (1.0 / self._tables.power), self.violations(tuples))
 
     def violations(self, tuples: IntArray) -> FloatArray:
-        """Return the largest violation of coupled constraints by tuples (b, k), relative to their scales, (b,)."""
+        """Return the largest violation of coupled constraints at tuples (b, k), relative to their scales, (b,)."""
         if not self._tables.coupled:
             return np.zeros(len(tuples))
         rows, (points, normals) = self._compiled.rows, self._tables.contacts_of(tuples)
@@ -209,7 +213,7 @@ class CoordinateExchange:
         return np.asarray(np.max(rows.each_violation(values, BAND), axis=1))
 
     def best(self, tuples: IntArray, count: int) -> IntArray:
-        """Return the best ``count`` of tuples (b, k), without duplicates."""
+        """Return the best ``count`` of tuples (b, k), best first and without duplicates."""
         order = np.argsort(-self.values(tuples), kind="stable")
         return np.array(list({self._key(t): t for t in tuples[order[::-1]]}.values())[::-1][:count])
 
@@ -238,7 +242,7 @@ class CoordinateExchange:
         return tuples
 
     def add_weakest_directions(self, tuples: IntArray) -> None:
-        """Add the directions in which tuples (b, k) are weakest, found by descents."""
+        """Add the weakest directions of tuples (b, k), found by local descents."""
         ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
         initial = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
@@ -250,9 +254,10 @@ class CoordinateExchange:
         self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
 
     def exchange_by_certificates(self, tuples: IntArray, most: int) -> IntArray:
-        """Return tuples (b, k), best first, exchanged along weak directions from loose certificates of the best one.
+        """Return tuples (b, k), best first, after exchanges along weak directions that certificates reveal.
 
-        Descents miss narrow minima of the support ratio, which a certificate shows. There are ``most`` certificates.
+        Descents miss narrow minima of the support ratio, which a loose certificate of the best tuple shows. There are
+        ``most`` certificates.
         """
         for _ in range(most):
             if self._key(tuples[0]) in self._certified:
@@ -273,7 +278,7 @@ class CoordinateExchange:
         return tuples
 
     def add_directions(self, y: FloatArray) -> None:
-        """Add directions (j, d), scaled to ``phi_A = 1``."""
+        """Add directions (j, d) after scaling them to ``phi_A = 1``."""
         reach = self._compiled.problem.task.support(y)[0]
         y = y[reach > 0.0] / reach[reach > 0.0, None]
         self.directions = np.concatenate([self.directions, y])
@@ -283,25 +288,28 @@ class CoordinateExchange:
         ]
 
     def candidate(self, samples: IntArray) -> GraspCandidate:
-        """Return the candidate of a tuple (k,) of samples, with its hand."""
+        """Return the candidate at a tuple (k,) of samples, with its hand."""
         points, normals = self._tables.contacts_of(samples[None])
         hand = self._compiled.hand_functions.start(points, normals)
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
         return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
 
     def rank(self, candidates: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
-        """Return candidates, paired with inward normals (k, space), by decreasing quality along known directions."""
+        """Return candidates by decreasing least ratio over the known directions.
+
+        Each is paired with its inward normals (k, space).
+        """
         points, normals = (np.stack(parts) for parts in zip(*((c.points, n) for c, n in candidates), strict=True))
         stack = GraspStack(points, normals, self._compiled.problem.models, self._compiled.problem.origin)
         ratios = sampled_ratios(stack, self._compiled.problem.task, self.directions, self._tables.budget)
         return [candidates[b][0] for b in np.argsort(-np.min(ratios, axis=1), kind="stable").tolist()]
 
     def _key(self, samples: IntArray) -> tuple[tuple[int, int], ...]:
-        """Return a key that is equal for tuples (k,) that differ only in the order of identical contacts."""
+        """Return a key shared by tuples (k,) that differ only in the order of identical contacts."""
         return tuple(sorted(zip(self._tables.of_contact, samples.tolist(), strict=True)))
 
     def _powers_of(self, tuples: IntArray) -> FloatArray:
-        """Return the powers ``s^p`` of each contact's support in tuples (b, k) along all directions, (j, b, k)."""
+        """Return the power ``s^p`` of each contact's support s in tuples (b, k) along all directions, (j, b, k)."""
         contacts = zip(self._tables.of_contact, tuples.T, strict=True)
         return np.stack([self.powers[table][:, samples] for table, samples in contacts], axis=2)
 
@@ -314,9 +322,10 @@ class CoordinateExchange:
         tie: float,
         within: IntArray | None = None,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the shortlist of samples for contact i of a tuple, the current one last, scores, and violations.
+        """Return a shortlist of samples for contact i of a tuple, with the score and violation of each.
 
-        Violations are those of coupled constraints. Samples that violate none, if there are any, fill the shortlist.
+        The current sample is the last. Violations are those of coupled constraints. Samples that violate none, if there
+        are any, fill the shortlist.
 
         Parameters
         ----------
@@ -350,7 +359,7 @@ class CoordinateExchange:
     def _feasible_shortlist(
         self, samples: IntArray, i: int, score: FloatArray, within: IntArray | None
     ) -> tuple[IntArray, FloatArray]:
-        """Return the shortlist for contact i of a tuple (k,) under coupled constraints, and their violations.
+        """Return a shortlist of samples for contact i of a tuple (k,) under coupled constraints, with violations.
 
         Its samples are the best, by their score (m,), that violate no constraint; otherwise those that violate least.
         """
@@ -366,12 +375,12 @@ class CoordinateExchange:
 
 
 def _merit(quality: FloatArray, violation: FloatArray) -> FloatArray:
-    """Return qualities, or minus one minus the violation where that is not repairable, (m,)."""
+    """Return the merit (m,): the quality, or minus one minus the violation where that is not repairable."""
     return np.where(violation <= REPAIRABLE, quality, -1.0 - violation)
 
 
 def _largest(values: FloatArray, count: int) -> IntArray:
-    """Return the indices of the largest ``count`` values, or of all, in no order."""
+    """Return the indices of the ``count`` largest values, unsorted; of all values if there are fewer."""
     if len(values) <= count:
         return np.arange(len(values))
     return np.asarray(np.argpartition(values, -count)[-count:])
@@ -380,7 +389,7 @@ def _largest(values: FloatArray, count: int) -> IntArray:
 def exchange_nearby(
     compiled: CompiledProblem, contacts: FloatArray, directions: FloatArray, rng: np.random.Generator
 ) -> tuple[CoordinateExchange, IntArray]:
-    """Return the tuples (b, k) exchanged from contacts on a mesh over its dense samples nearby, and their search.
+    """Return a coordinate exchange over dense mesh samples near given contacts, and its best tuples (b, k).
 
     Parameters
     ----------
@@ -412,7 +421,7 @@ def exchange_nearby(
 
 
 def _nearby_samples(compiled: CompiledProblem, dense: SampleCloud, contacts: FloatArray) -> SampleCloud:
-    """Return contacts (n, 3) on a mesh, with the dense samples of the mesh near any of them."""
+    """Return contacts (n, 3) on a mesh together with the dense samples of the mesh near them."""
     points, outward, _ = compiled.surface.mesh.closest(contacts)
     neighbours = dense.tree.query_ball_point(contacts, NEIGHBOURHOOD * compiled.scaling.length)
     nearby = np.unique(np.concatenate([*neighbours, []]).astype(np.intp))
@@ -424,7 +433,7 @@ def _nearby_samples(compiled: CompiledProblem, dense: SampleCloud, contacts: Flo
 def drop_congruent(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], count: int = PROPOSED
 ) -> list[GraspCandidate]:
-    """Return the first few candidates that are not congruent to an earlier one.
+    """Return the first ``count`` candidates that are not congruent to an earlier one.
 
     They are compared by the distances between contacts, and from the torque origin.
     """
@@ -446,7 +455,7 @@ def select_incongruent(compiled: CompiledProblem, points: FloatArray) -> list[in
 
 
 def sampled_quality(compiled: CompiledProblem, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the sampled quality of placements (b, k, space), (b,)."""
+    """Return a quality score of placements (b, k, space) over evenly spread directions, (b,), solver units."""
     stack = GraspStack(points, normals, compiled.problem.models, compiled.problem.origin)
     ratios = sampled_ratios(stack, compiled.problem.task, screening_directions(compiled), compiled.screening_budget)
     return screening_score(ratios) * compiled.scaling.beta
@@ -459,7 +468,7 @@ def screening_directions(compiled: CompiledProblem) -> FloatArray:
 
 @dataclass(frozen=True)
 class ContactPlacements:
-    """Placements of all contacts, with normals and faces.
+    """Batch of placements: positions, normals and faces of all contacts.
 
     Parameters
     ----------
@@ -474,7 +483,7 @@ class ContactPlacements:
 
 
 def draw_contacts(compiled: CompiledProblem, count: int, rng: np.random.Generator) -> ContactPlacements:
-    """Return random placements on the samples of the faces that each contact may use."""
+    """Return ``count`` random placements, with each contact at a surface sample that it may use."""
     clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
     drawn = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
     return ContactPlacements(

@@ -60,9 +60,10 @@ def weakest_directions_of(
 def exact_minimisers(
     compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator, directions: FloatArray
 ) -> WeakestDirections:
-    """Return the weakest directions of a candidate as exact local minimisers, also where these are close together.
+    """Return the weakest directions of a candidate as exact local minimisers of the support ratio.
 
-    Descents begin from ``directions``, such as those of a candidate nearby, and from a few random ones.
+    Minimisers close to each other are told apart. Descents begin from ``directions``, such as those of a candidate
+    nearby, and from a few random ones.
     """
     problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
     if problem is None:
@@ -83,10 +84,11 @@ def exact_minimisers(
 def missed_directions(
     compiled: CompiledProblem, candidate: GraspCandidate, value: float
 ) -> tuple[WeakestDirections | None, ResumableCertificate | None]:
-    """Return directions below the known least value that descents missed, and the certificate; each may be None.
+    """Return weak directions that descents missed, and a certificate of the grasp; each may be None.
 
-    Descents miss narrow minima far from their initial directions; a certificate's polytope does not. Budgets other than
-    the L2 budget have no such certificate here: descents are repeated, and the second value is None.
+    The support ratio along them is below the known least ``value``. Descents miss narrow minima far from their initial
+    directions; a certificate's polytope does not. Budgets other than the L2 budget have no such certificate here:
+    descents are repeated, and the second value is None.
     """
     budget = compiled.budget(candidate)
     if value <= 0.0:
@@ -101,7 +103,7 @@ def missed_directions(
 def nearest_to_binding(
     compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray, most: int = SLOTS
 ) -> FloatArray:
-    """Return the cuts (m, d) that are nearest to binding at a candidate, at most ``most``."""
+    """Return the cuts (m, d) closest to binding at a candidate, at most ``most``."""
     if len(cuts) <= most:
         return cuts
     support = compiled.wrench_set(candidate).support(cuts)[0]
@@ -109,12 +111,12 @@ def nearest_to_binding(
 
 
 def append_new(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return cuts (m, d) followed by those of the directions (n, d) that are not among them."""
+    """Return cuts (m, d) with the new ones among directions (n, d) appended."""
     return np.concatenate([cuts, directions[new_directions(compiled, cuts, directions)]])
 
 
 def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of directions (n, d) that are not among cuts (m, d), compared in solver units."""
+    """Return the mask of directions (n, d) that equal none of the cuts (m, d) in solver units."""
     a, b = cuts / compiled.scaling.wrench, directions / compiled.scaling.wrench
     a = a / np.linalg.norm(a, axis=1, keepdims=True)
     b = b / np.linalg.norm(b, axis=1, keepdims=True)
@@ -122,16 +124,16 @@ def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: Floa
 
 
 def parameters_without_cuts(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
-    """Return the program's parameters (q,) without cuts: for the placement constraints alone."""
+    """Return the program's parameters (q,) without cuts, so that only the placement is constrained."""
     no_cuts = np.zeros((0, compiled.problem.dimension))
     return cut_parameters(compiled, candidate, no_cuts, compiled.cutting_planes.slots)
 
 
 def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray, slots: int) -> FloatArray:
-    """Return a program's parameters (q,) for cuts with ``phi_A = 1`` (m, d) in its slots; the others are empty.
+    """Return a program's parameters (q,) for cuts (m, d) with ``phi_A = 1``, padded with zeros to its slots.
 
-    Where the program takes the largest of the contacts' supports, it is that of the contact which is largest along
-    each cut. Without slots they are those of the faces alone.
+    Where the program takes the largest of the contacts' supports, the support along each cut is that of the contact
+    which is largest there. Without slots the parameters are those of the faces alone.
     """
     faces = face_parameters(compiled.problem, candidate.faces)
     if not slots:

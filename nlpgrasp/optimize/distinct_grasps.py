@@ -1,4 +1,4 @@
-"""Distinct grasps kept with the answer: results of starts, candidates of a coordinate exchange, neighbours."""
+"""Collection of distinct grasps kept beside the answer of a solve."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _CertifiedGrasp = tuple[StartGrasp, FoundGrasp]
 
 @dataclass(frozen=True)
 class KeepOptions:
-    """Number and distinctness of the grasps that a solve keeps.
+    """Options of kept grasps: their number, and the least distance between two of them.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ ONE = KeepOptions()
 
 
 class GraspCollection:
-    """Distinct grasps kept with the answer, processed by the workers while the answer is completed.
+    """Distinct grasps kept beside the answer, certified by workers while the answer is completed.
 
     They are the results of the starts, distinct from each other and from the answer, the best first. Where these are
     too few, candidates of one more coordinate exchange are added, then the best neighbours of the kept grasps, which
@@ -85,7 +85,7 @@ class GraspCollection:
         self._batch: Callable[[], list[_CertifiedGrasp | None]] | None = None
 
     def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
-        """Begin to process the other grasps, with the answer and the results of all starts."""
+        """Begin to certify the kept grasps, given the answer and the results of all starts."""
         distinct, runner, deadline = self._distinct, self._runner, self._deadline
         distinct.add(best)
         grasps = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
@@ -100,7 +100,7 @@ class GraspCollection:
         self._batch = self._begin_batch()
 
     def grasps(self) -> tuple[FoundGrasp, ...]:
-        """Return the kept grasps, best first, once they are processed."""
+        """Wait for the kept grasps and return them, best first."""
         while self._batch is not None:
             certified = [grasp for grasp in self._batch() if grasp is not None]
             for start, finished in sorted(certified, key=lambda grasp: -grasp[0].record.mu.lower):
@@ -119,7 +119,10 @@ class GraspCollection:
         return tuple(sorted(grasps, key=order))
 
     def _begin_batch(self) -> Callable[[], list[_CertifiedGrasp | None]] | None:
-        """Begin to certify about as many candidates as are missing; return a call for the results, None without any."""
+        """Begin to certify as many candidates as grasps are missing, and return a callable for the results.
+
+        There are a few more candidates than missing grasps; None without candidates.
+        """
         if self._distinct.missing <= 0 or self._deadline.should_stop():
             return None
         batch: list[GraspCandidate] = []
@@ -144,7 +147,7 @@ class DistinctGrasps:
 
     @property
     def distance(self) -> float:
-        """Least distance between matched contacts of two grasps, metres."""
+        """Distance of matched contacts above which two grasps are distinct, metres."""
         return self._equivalence.distance
 
     @property
@@ -157,7 +160,7 @@ class DistinctGrasps:
         return self.has_equivalent([start.on_body.candidate for start in self.grasps], candidate)
 
     def has_equivalent(self, others: Sequence[GraspCandidate], candidate: GraspCandidate) -> bool:
-        """Return whether any of the other candidates is equivalent to a candidate."""
+        """Return whether a candidate is equivalent to any of some others."""
         return any(self._equivalence.are_equivalent(candidate, other) for other in others)
 
     def add(self, start: StartGrasp) -> bool:
@@ -200,7 +203,7 @@ def neighbouring_candidates(
 
 
 def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> ContactPlacements:
-    """Return placements with each contact of a candidate in turn at points spread over its allowed faces."""
+    """Return copies of a candidate with one contact each moved to points spread over its allowed faces."""
     k, count = len(candidate.faces), POSITIONS * len(candidate.faces)
     points, normals = (np.stack([a] * count) for a in (candidate.points, compiled.inward_normals(candidate)))
     faces = np.empty((count, k), dtype=object)
@@ -233,7 +236,7 @@ def _further_candidates(runner: StartRunner, distinct: DistinctGrasps, deadline:
 def _certify_candidate(
     compiled: CompiledProblem, candidate: GraspCandidate, least: float, deadline: Deadline
 ) -> _CertifiedGrasp | None:
-    """Return a candidate on the body itself, certified and finished; None where infeasible or below the least mu."""
+    """Return a candidate as a certified grasp with its record; None if infeasible or with mu below ``least``."""
     start = certify_as_is(compiled, WarmStart(candidate), 0)
     if start is None or start.record.mu.lower < least:
         return None
@@ -241,7 +244,7 @@ def _certify_candidate(
 
 
 def _complete_record(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
-    """Return the record of a start's grasp with its forces and, where time permits, its robustness and hand record."""
+    """Return the record of a start's grasp, with robustness and hand record if time permits."""
     candidate, grasp = start.on_body.candidate, start.on_body.grasp
     with single_thread():
         if deadline.should_stop():
@@ -253,7 +256,7 @@ def _complete_record(compiled: CompiledProblem, start: StartGrasp, deadline: Dea
 
 
 def _kept_grasp_record(compiled: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
-    """Return the record of a start's grasp, with its least forces."""
+    """Return the record of a start's grasp, with its least finger forces."""
     on_body, bounds = start.on_body, start.record.mu
     exerted = compute_exerted_forces(compiled.problem, on_body.grasp, compiled.budget(on_body.candidate), bounds)
     return FoundGrasp(

@@ -1,4 +1,4 @@
-"""Least finger forces of a grasp: for the task scaled by its quality, and for the task as stated."""
+"""Least finger forces of a grasp for the task scaled by the grasp's quality, and for the task as given."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.solution.force_records import ForcesNeeded
 
 @dataclass(frozen=True)
 class ExertedForces:
-    """Least finger forces for some of the task's extreme wrenches.
+    """Least finger forces and moments for extreme wrenches of a task.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ class ExertedForces:
 
 
 def compute_exerted_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bounds: Bounds) -> ExertedForces:
-    """Return the least forces and moments for the task's extreme wrenches, and those of the task as stated.
+    """Return the least finger forces and moments for the task's extreme wrenches.
 
-    The hardest wrench is the one that takes most of the budget, among these and the task's extreme wrench in the
-    certificate's worst direction.
+    The wrenches are scaled by the certified quality; ``needed`` is for the task as given. The hardest wrench is the one
+    that takes most of the budget, among these and the task's extreme wrench in the certificate's worst direction.
 
     Parameters
     ----------

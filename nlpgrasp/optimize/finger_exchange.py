@@ -43,7 +43,7 @@ def exchange_fingers(
     rng: np.random.Generator,
     deadline: Deadline,
 ) -> GraspCandidate | None:
-    """Return a hand on a mesh with its fingers moved to better mesh points within reach; None without improvement.
+    """Return a hand with its fingers moved one by one to better points of a mesh; None without improvement.
 
     Constraints and clearances hold on the mesh itself, or are violated by no more than initially.
 
@@ -75,7 +75,7 @@ def exchange_fingers(
 
 @dataclass(frozen=True)
 class MeshContacts:
-    """Contacts on a mesh, and the hand in contact there.
+    """Contacts on a mesh with their normals, and the hand that touches the mesh there.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class MeshContacts:
 
 
 class AdaptiveScore:
-    """Sampled quality over a growing set of weak directions.
+    """Quality score of placements over a growing set of weak directions.
 
     Parameters
     ----------
@@ -103,21 +103,21 @@ class AdaptiveScore:
         self._cuts = self._screening[:0]
 
     def add_weak_directions(self, points: FloatArray, normals: FloatArray) -> None:
-        """Add the weakest directions of a grasp with these contacts, (k, space) each."""
+        """Add the weakest directions of the grasp with given points and normals, (k, space) each."""
         compiled, latest = self._compiled, self._cuts[-LATEST:]
         grasp, task = compiled.grasp_at(points, normals), compiled.problem.task
         weakest = weakest_directions(grasp, task, compiled.closure_budget, self._rng, latest, QUICK).directions
         self._cuts = np.concatenate([self._cuts, weakest])[-MOST_CUTS:]
 
     def score(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return the sampled quality of placements (b, k, space), (b,): the screening score over all directions."""
+        """Return the quality score of placements (b, k, space) over all known directions, (b,)."""
         problem, y = self._compiled.problem, np.concatenate([self._screening, self._cuts])
         stack = GraspStack(points, normals, problem.models, problem.origin)
         return screening_score(sampled_ratios(stack, problem.task, y, self._compiled.screening_budget))
 
 
 class _FingerSearch:
-    """State of a hand's local search on a mesh, one finger at a time."""
+    """Local search of a hand's contacts on a mesh, one finger at a time."""
 
     def __init__(self, compiled: CompiledProblem, initial: MeshContacts, rng: np.random.Generator) -> None:
         self.compiled, self.current, self.rng = compiled, initial, rng
@@ -135,13 +135,16 @@ class _FingerSearch:
         self._learned.add_weak_directions(self.current.candidate.points, self.current.normals)
 
     def score(self, grasp: MeshContacts) -> float:
-        """Return the sampled quality of a grasp over the known directions, less the penalty for sharp edges."""
+        """Return the quality score of a grasp, less a penalty for contacts near sharp edges."""
         violation = float(np.sum(edge_margin_violation(self.compiled.problem, grasp.candidate)))
         quality = float(self._learned.score(grasp.candidate.points[None], grasp.normals[None])[0])
         return quality - EDGE_PENALTY * violation
 
     def sweep(self, reach: float) -> None:
-        """Move each finger with a round tip and joints of its own by up to ``reach``, metres."""
+        """Try to move the contact of each finger in turn by at most ``reach``, metres.
+
+        Only fingers with a round tip and with joints that move no other finger are moved.
+        """
         for i, variables in enumerate(self._own):
             if variables.any() and self._radii[i] > 0.0:
                 self._move(i, reach)
@@ -170,7 +173,7 @@ class _FingerSearch:
                 return
 
     def _touching_at(self, i: int, goal: FloatArray) -> MeshContacts | None:
-        """Return the hand with the centre of tip i at a point, in contact with the mesh; None where infeasible."""
+        """Return the contacts and hand with the centre of tip i at ``goal``, touching the mesh; None if infeasible."""
         compiled, current = self.compiled, self.current
         hand = self._nearest_posture(i, goal)
         centre = self._tip(hand, i)[0]
@@ -185,7 +188,7 @@ class _FingerSearch:
         return moved if self._violation(moved) <= self._allowed else None
 
     def _nearest_posture(self, i: int, goal: FloatArray) -> Values:
-        """Return the hand's values with tip i nearest to a point, by its own joints (inverse kinematics)."""
+        """Return the posture with tip i nearest to ``goal``, moved by that finger alone (inverse kinematics)."""
         hand, own = self.current.candidate.hand, self._own[i]
         for _ in range(STEPS):
             centre, jacobian = self._tip(hand, i)
@@ -204,29 +207,29 @@ class _FingerSearch:
         return positions.full()[:, i], jacobian.full()[3 * i : 3 * i + 3]
 
     def _violation(self, grasp: MeshContacts) -> float:
-        """Return the largest constraint violation, with distances from the mesh itself."""
+        """Return the largest constraint violation of a grasp, with link distances from the mesh itself."""
         values = self.compiled.constraint_values_at(grasp.candidate, grasp.normals)
         return float(self.compiled.rows.largest_violations(values[None])[0])
 
 
 def _least_improvement(score: float) -> float:
-    """Return the score above which a grasp counts as an improvement over one with this score."""
+    """Return the score that a grasp must exceed to count as better than one with this score."""
     return score + GAIN * abs(score)
 
 
 def _single_finger_variables(compiled: CompiledProblem, candidate: GraspCandidate) -> NDArray[np.bool_]:
-    """Return the mask of the hand's variables that move only one finger, for each finger, (k, m)."""
+    """Return for each finger the mask of the hand's variables that move this finger alone, (k, m)."""
     jacobian = np.abs(compiled.hand_functions.tip_jacobian_function(*candidate.hand.values())[1].full())
     moves = jacobian.reshape(len(candidate.points), 3, -1).max(axis=1) > FIXED
     return np.asarray(moves & (np.sum(moves, axis=0) == 1))
 
 
 def _hand_vector(hand: Values) -> FloatArray:
-    """Return the hand's values as one vector, (m,)."""
+    """Return the hand's variables as one vector, (m,)."""
     return np.concatenate(list(hand.values()))
 
 
 def _split_variables(z: FloatArray, template: Values) -> Values:
-    """Return a vector (m,) as values of the hand, with the names and sizes of a template."""
+    """Return a vector (m,) split into the hand's variables, with the names and sizes of a template."""
     ends = np.cumsum([len(v) for v in template.values()])[:-1]
     return dict(zip(template, np.split(z, ends), strict=True))

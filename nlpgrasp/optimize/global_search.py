@@ -1,4 +1,4 @@
-"""Global optimisation of the placement: certified upper bound on mu, and a grasp within a gap of it.
+"""Global optimisation of contact placement: certified upper bound on mu, and a grasp close to the bound.
 
 ``best_possible`` alternates between starts and branch and bound. The other functions set up the branch and bound of
 ``ng.solve``, and limit its size.
@@ -50,7 +50,7 @@ def best_possible(
     time_limit: float | None = 10.0,
     progress: Callable[[float, Bounds, int], None] | None = None,
 ) -> BestPossible:
-    """Return an upper bound on mu over all placements of a problem's contacts, and the best known grasp.
+    """Return an upper bound on mu over all placements of a problem's contacts, and the best grasp found.
 
     Branch and bound (docs/how_close.md): for directions y with unit support of the task and weights w of sum one,
     ``mu^2 <= sum_i max_p sum_j w_j s_i(p, y_j)^2`` with the support s_i of contact i alone, so that contacts are
@@ -119,7 +119,7 @@ def _search(
     deadline: Deadline,
     progress: Callable[[float, Bounds, int], None] | None,
 ) -> StartGrasp | None:
-    """Alternate between starts and branching until the gap is closed or the deadline; return the best grasp."""
+    """Alternate between starts and branching until the gap is closed or time is up; return the best grasp."""
     best: StartGrasp | None = None
     tree.branch(0)
     compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
@@ -140,7 +140,7 @@ def _search(
 def _better_certified(
     compiled: CompiledProblem, best: StartGrasp | None, result: StartResult, gap: float
 ) -> StartGrasp | None:
-    """Return the better of the best grasp so far and a start's, certified narrowly enough for the gap."""
+    """Return the better of the best grasp so far and a start's grasp, certified to a fraction of the gap."""
     if not (isinstance(result, StartGrasp) and result.solved):
         return best
     bounds = result.record.mu
@@ -151,7 +151,7 @@ def _better_certified(
 
 
 def root_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a branch and bound of the root nodes; None where the options omit it or it does not cover the problem."""
+    """Return a branch and bound with its root nodes bounded; None if switched off or not covering the problem."""
     if not options.global_bound:
         return None
     try:
@@ -163,7 +163,10 @@ def root_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> Branc
 
 
 def node_limit(problem: GraspProblem, starts: int) -> int:
-    """Return the node limit of the short branch and bound of a solve; it grows with the number of starts."""
+    """Return the largest number of nodes in the short branch and bound of a solve.
+
+    It grows with the number of starts.
+    """
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
     share = _limit_share(problem, starts)
     if follows_contacts(problem):
@@ -173,12 +176,12 @@ def node_limit(problem: GraspProblem, starts: int) -> int:
 
 
 def evaluation_limit(problem: GraspProblem, starts: int) -> float:
-    """Return the largest number of supports that the short branch and bound evaluates in curved cells."""
+    """Return the largest number of support evaluations in curved cells in the short branch and bound."""
     return _limit_share(problem, starts) * EVALUATIONS
 
 
 def _limit_share(problem: GraspProblem, starts: int) -> float:
-    """Return the share of the limits of the short branch and bound for a number of starts, at most 1."""
+    """Return the fraction of the full limits that the short branch and bound has with a number of starts."""
     flat = isinstance(problem.body, Box | Prism)
     return min(1.0, (FIRST_SHARE_FLAT if flat else 0.0) + FURTHER_SHARE * (starts - 1))
 

@@ -1,4 +1,4 @@
-"""Equivalence of grasps: contacts that match up to their order and the problem's symmetries."""
+"""Equivalence of grasps up to the order of contacts and the problem's symmetries."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class GraspEquivalence:
         return distance > self._limit or bool(2.0 * np.arccos(min(cosine, 1.0)) > POSE)
 
     def _can_match(self, points: FloatArray, others: FloatArray) -> bool:
-        """Return whether contacts can be matched so that each is within the limit of its match."""
+        """Return whether contacts can be paired with others so that all pairs are within the distance limit."""
         from scipy.optimize import linear_sum_assignment
 
         within_limit = self._distances(points, others) <= self._limit
@@ -90,7 +90,10 @@ class GraspEquivalence:
         return distances
 
     def _images(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
-        """Yield images of contacts (k, space) under the symmetries; of continuous ones, only those near ``others``."""
+        """Yield images of contacts (k, space) under the symmetries.
+
+        Of continuous symmetries only rotations that bring contacts close to ``others`` are tried.
+        """
         for rotation, translation in self._symmetries.motions:
             image = points @ rotation.T + translation
             if self._symmetries.axis is None:
@@ -103,7 +106,7 @@ class GraspEquivalence:
                 yield self._rotate_to_match(rotated, others)
 
     def _rotations_between(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
-        """Yield contacts rotated so that one (two with spherical symmetry) is nearest to contacts in ``others``."""
+        """Yield contacts rotated so that one (two for spherical symmetry) is nearest to some of ``others``."""
         if not self._symmetries.is_round:
             radial = self._radial_parts(points)
             first = int(np.argmax(np.linalg.norm(radial, axis=1)))
@@ -118,7 +121,7 @@ class GraspEquivalence:
                     yield points @ self._nearest_rotation(points[[first, second]], others[[i, j]]).T
 
     def _rotate_to_match(self, points: FloatArray, others: FloatArray) -> FloatArray:
-        """Return contacts rotated so that they are nearest, in least squares, to their matches."""
+        """Return contacts rotated to fit their matches among ``others`` in the least-squares sense."""
         from scipy.optimize import linear_sum_assignment
 
         cost = np.minimum(self._distances(points, others), 1e6 * self._limit)
@@ -126,7 +129,7 @@ class GraspEquivalence:
         return np.asarray(points @ self._nearest_rotation(points[rows], others[columns]).T)
 
     def _nearest_rotation(self, points: FloatArray, others: FloatArray) -> FloatArray:
-        """Return the symmetry rotation, (3, 3), that brings points nearest to others in least squares."""
+        """Return the symmetry rotation, (3, 3), that fits points to others in the least-squares sense."""
         if self._symmetries.is_round:
             U, _, Vt = np.linalg.svd(others.T @ points)
             handedness = np.sign(np.linalg.det(U @ Vt))
@@ -144,14 +147,14 @@ class GraspEquivalence:
         return along + (cosine * (np.eye(3) - along) + sine * cross) / size
 
     def _invariants(self, points: FloatArray) -> FloatArray:
-        """Return the rotation invariants of points (m, 3): distance from the axis and height, or from the origin."""
+        """Return rotation-invariant coordinates of points (m, 3): radius and height, or distance from the origin."""
         axis = self._symmetries.axis
         if axis is None or self._symmetries.is_round:
             return np.asarray(np.linalg.norm(points, axis=1, keepdims=True))
         return np.column_stack([np.linalg.norm(self._radial_parts(points), axis=1), points @ axis])
 
     def _radial_parts(self, points: FloatArray) -> FloatArray:
-        """Return the components of points (m, 3) orthogonal to the axis; the points themselves without one."""
+        """Return the components of points (m, 3) orthogonal to the symmetry axis; unchanged without an axis."""
         axis = self._symmetries.axis
         return points if axis is None else points - np.outer(points @ axis, axis)
 
@@ -203,7 +206,7 @@ class Symmetries:
                 self.motions.append((rotation, translation))
 
     def _kind(self, rotation: FloatArray, translation: FloatArray) -> tuple[float, ...]:
-        """Return a key that is equal for motions that differ by a continuous rotation alone."""
+        """Return a key shared by motions that differ only by a continuous symmetry rotation."""
         handedness = float(np.round(np.linalg.det(rotation)))
         if self.is_round:
             return (handedness,)
@@ -228,7 +231,7 @@ class Symmetries:
         return bool(np.all(np.abs(image_violations - violations) <= SAME * (1.0 + violations)))
 
     def _are_allowed(self, faces: Sequence[str], points: FloatArray) -> bool:
-        """Return whether every one of the points (m, space) is on one of some faces."""
+        """Return whether each of the points (m, space) is on one of the given faces."""
         body, margin = self._compiled.problem.body, self._compiled.problem.margin
         is_on = np.zeros(len(points), dtype=bool)
         for face in faces:
@@ -236,12 +239,12 @@ class Symmetries:
         return bool(np.all(is_on))
 
     def _violations(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return the largest constraint violation of each placement, (b,), relative to the scales."""
+        """Return the largest constraint violation of each placement, relative to the constraints' scales, (b,)."""
         hand = self._compiled.hand_functions.start(points, normals)
         return np.asarray(self._compiled.rows.violations(points, normals, hand))
 
 
 def _sorted_distances(points: FloatArray) -> FloatArray:
-    """Return the sorted distances between pairs of points (k, space), metres."""
+    """Return the sorted distances between all pairs of points (k, space), metres."""
     i, j = np.triu_indices(len(points), 1)
     return np.asarray(np.sort(np.linalg.norm(points[i] - points[j], axis=1)))

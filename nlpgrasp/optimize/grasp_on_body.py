@@ -1,4 +1,4 @@
-"""Grasp on the body itself, with constraint values, violation and per-contact constraints."""
+"""Grasp on the actual surface of the body (not the smoothed one), with its constraint values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ACTIVE = 1e-4  # over a constraint's scale: distance from a limit below which it
 
 @dataclass(frozen=True)
 class GraspOnBody:
-    """Grasp on the body itself, with the body's own normals and its constraint values.
+    """Grasp on the actual surface of the body, with that surface's normals and the constraint values.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class GraspOnBody:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether the grasp is feasible; on a mesh to ten times the tolerance."""
+        """Whether all constraints hold; on a mesh to ten times the tolerance."""
         return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
 
 
 def constraint_reports(
     compiled: CompiledProblem, on_body: GraspOnBody, multipliers: FloatArray
 ) -> tuple[ConstraintReport, ...]:
-    """Return value, limits, multiplier and activity of every scalar constraint.
+    """Return a report of each scalar constraint: value, limits, multiplier, and whether it is active.
 
     The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the scaled constraint; over the
     scales of task and constraint, it is the derivative of mu with respect to the limit in the constraint's unit.
@@ -128,7 +128,7 @@ class LimitedLength:
 def contact_constraints(
     problem: GraspProblem, candidate: GraspCandidate, normals: FloatArray
 ) -> Iterator[LimitedLength]:
-    """Yield each contact's distance from sharp edges, and each tip centre's from a mesh, with their lower limits.
+    """Yield the constraints of single contacts: distance from sharp edges, fingertip clearance from a mesh.
 
     Inward normals are (k, space).
 
@@ -149,7 +149,7 @@ def contact_constraints(
 
 
 def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:
-    """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
+    """Return the distance of each contact from its face's sharp edges, (k,), metres; inf without sharp edges."""
     distances, faces = np.empty(len(candidate.points)), np.array(candidate.faces)
     for face in set(candidate.faces):
         on_face = faces == face
@@ -158,7 +158,7 @@ def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArr
 
 
 def edge_margin_violation(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:
-    """Return each contact's violation of the margin from sharp edges, (k,), over the body's size."""
+    """Return each contact's violation of the margin from sharp edges, relative to the body's size, (k,)."""
     if problem.margin == 0.0:
         return np.zeros(len(candidate.points))
     return np.asarray(np.maximum((problem.margin - edge_distances(problem, candidate)) / problem.body.size, 0.0))

@@ -44,7 +44,7 @@ IntArray = NDArray[np.intp]
 def choose_free_approach(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> tuple[StartGrasp, ...]:
-    """Return the best start with a free approach (if none, the best), then those found blocked, with hand records.
+    """Return the best start with a collision-free approach, followed by the starts that are blocked.
 
     The best start comes first if its approach is collision-free, else the next by decreasing mu whose approach is, else
     the best whose links do not penetrate anything on the way in.
@@ -75,7 +75,7 @@ def choose_free_approach(
 
 
 def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
-    """Return a start with its hand record: posture, pregrasp, phases, penetration of its links."""
+    """Return a start with its hand record: posture, pregrasp, motion phases and link penetration."""
     problem, candidate = compiled.problem, start.on_body.candidate
     hand = hand_posture(compiled, start)
     if hand is None:
@@ -98,7 +98,7 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
 
 
 def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
-    """Return the hand's posture, link depth and joint margins in the grasp as JSON data; None without a hand."""
+    """Return the hand's posture, link penetration and joint margins as JSON data; None without a hand."""
     hand, on_body = compiled.problem.hand, start.on_body
     if hand is None:
         return None
@@ -159,7 +159,7 @@ def find_pregrasp(compiled: CompiledProblem, on_body: GraspOnBody, clearance: fl
 
 
 class _HandOpening:
-    """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
+    """Opening of a hand under the program's constraints, with each fingertip at a distance from its contact."""
 
     def __init__(self, compiled: CompiledProblem, on_body: GraspOnBody) -> None:
         self.compiled, self.hand, self.normals = compiled, on_body.candidate.hand, on_body.grasp.normals
@@ -175,7 +175,7 @@ class _HandOpening:
         self.contact_tips = self.tip_motion(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
-        """Return the hand opened as far as possible with some of its variables."""
+        """Return the hand opened as far as possible, up to a clearance, by moving some of its variables."""
         program, z = self.functions.program, self.initial.copy()
         free = np.concatenate([np.arange(b.start, b.stop) for b in (program.block(HAND, name) for name in moving)])
         best = Pregrasp(0.0, self.hand)
@@ -190,7 +190,7 @@ class _HandOpening:
         return best
 
     def _open_by(self, z: FloatArray, free: IntArray, distance: float) -> FloatArray | None:
-        """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
+        """Return variables with every fingertip at a distance from its contact; None if the Newton steps fail."""
 
         def with_free(values: FloatArray) -> FloatArray:
             result = z.copy()
@@ -224,7 +224,7 @@ class _HandOpening:
         )
 
     def _tip_distances(self, hand: Values) -> tuple[FloatArray, FloatArray]:
-        """Return the distances of the fingertips from their contacts along the outward normals, and the Jacobian.
+        """Return the distance of each fingertip from its contact along the outward normal, and the Jacobian.
 
         Both are in solver units: (k,) and (k, m) for the hand's m variables.
         """

@@ -41,7 +41,7 @@ class ReachableSamples:
 
 
 class HandWorkspace:
-    """Random joint configurations with their fingertip and link positions.
+    """Sampled workspace of a hand: random joint configurations with fingertip and link positions.
 
     Parameters
     ----------
@@ -75,7 +75,10 @@ class HandWorkspace:
         self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
 
     def reach(self, palm: FloatArray, samples: list[SampleCloud]) -> ReachableSamples | None:
-        """Return the samples reachable from a palm frame (4, 4); None where a fingertip reaches none."""
+        """Return the samples that each fingertip reaches from a palm frame (4, 4); None if one reaches none.
+
+        None as well where the palm penetrates the body.
+        """
         R, t = palm[:3, :3], palm[:3, 3]
         if np.min(self._clearance(self._palm, self._palm.centres, palm), initial=0.0) < -PALM_INSIDE:
             return None
@@ -101,9 +104,10 @@ class HandWorkspace:
         return ReachableSamples(reachable, postures) if all(map(len, reachable)) else None
 
     def joints_at(self, reach: ReachableSamples, samples: IntArray, otherwise: FloatArray) -> FloatArray:
-        """Return joints (m,) that bring the fingertips next to samples (k,), from the stored configurations.
+        """Return joint values (m,) that bring the fingertips close to samples (k,).
 
-        A joint that moves several fingertips has the mean of their values; one that moves none has ``otherwise``.
+        A joint that moves several fingertips has the mean of the values stored for them; one that moves none has
+        ``otherwise``.
         """
         by_finger = np.stack(
             [self.joints[postures[sample]] for postures, sample in zip(reach.postures, samples, strict=True)]
@@ -112,7 +116,7 @@ class HandWorkspace:
         return np.where(count > 0, np.sum(by_finger * self._moves, axis=0) / np.maximum(count, 1), otherwise)
 
     def _clearance(self, links: _Links, centres: FloatArray, palm: FloatArray) -> FloatArray:
-        """Return the distances of link spheres at centres (b, s, 3) from the body, less the required ones, (b, s)."""
+        """Return the distance of link spheres at centres (b, s, 3) from the body, less the required one, (b, s)."""
         from scipy.ndimage import map_coordinates  # slow to import, for hands alone
 
         position = (centres @ palm[:3, :3].T + palm[:3, 3] - self._corner) / self._step
@@ -127,19 +131,22 @@ class HandWorkspace:
 
 
 class _Links:
-    """Spheres around links of the palm or of one finger: centres (b, s, 3), palm frame, and least distances (s,)."""
+    """Spheres around links of the palm or of one finger, with the distances from the body required of them.
+
+    Centres are (b, s, 3), in the palm frame; least distances (s,).
+    """
 
     def __init__(self, centres: FloatArray, least: FloatArray) -> None:
         self.centres, self.least = np.ascontiguousarray(centres), least
 
 
 def _differing_points(points: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of the points that m configurations move from the first, (s, m), for points (1 + m, s, 3)."""
+    """Return which of the points (1 + m, s, 3) each later configuration moves from the first, (s, m)."""
     return np.asarray(np.linalg.norm(points[1:] - points[:1], axis=2) > FIXED).T
 
 
 def _grid_neighbours(tips: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the corner (3,) of a grid over points (b, 3), and the indices of the nearest points of each cell."""
+    """Return the corner (3,) of a grid over points (b, 3), and the indices of the points nearest to each cell."""
     corner = tips.min(axis=0) - NEAR
     count = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)
     centres = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1) + 0.5)

@@ -1,4 +1,4 @@
-"""Initial NLP of a start (vertex transcription), from a candidate to a grasp that exerts the task."""
+"""Initial NLP of a start (vertex transcription): search for a grasp that can exert the task."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST_BETA = 0.1  # initial value of beta, solver units
 
 @dataclass(frozen=True)
 class ScoredCandidate:
-    """Candidate before or after the initial NLP, with its score.
+    """Candidate before or after the initial NLP, with its score and the solver's status.
 
     Parameters
     ----------
@@ -38,7 +38,10 @@ class ScoredCandidate:
 
 
 def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: np.random.Generator) -> ScoredCandidate:
-    """Return a candidate unchanged if it exerts the task, otherwise the best of it and the initial NLP's solutions."""
+    """Return the best of a candidate and the initial NLP's solutions.
+
+    A candidate that exerts the task is returned unchanged, without a solve.
+    """
     grasps = [ScoredCandidate(proposed, _score(compiled, proposed, rng))]
     if grasps[0].score > 0.0:
         return grasps[0]
@@ -64,7 +67,7 @@ def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: 
 
 
 def _on_body(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandidate:
-    """Return a solution of the program with its contacts projected onto the body, and the hand in contact there."""
+    """Return a solution of the initial NLP with contacts projected onto the body and the hand touching it."""
     body = compiled.problem.body
     if isinstance(body, Mesh):
         candidate = replace(candidate, points=body.closest(candidate.points)[0])
@@ -80,7 +83,7 @@ def initial_parameters(compiled: CompiledProblem, rng: np.random.Generator, fact
 
 
 def _score(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> float:
-    """Return the least known support ratio of a candidate; the negative violation where it violates a constraint."""
+    """Return a candidate's least support ratio, or its negative violation if it violates a constraint."""
     on_faces, projected = fix_to_triangles(compiled, candidate)
     violation = on_faces.violation(projected)
     if (

@@ -1,4 +1,4 @@
-"""Antipodal candidates for parallel jaws: pairs of contacts on one line, along the normal of the first."""
+"""Antipodal candidates for parallel jaws: pairs of contacts on the line along the first one's normal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ObjectArray = NDArray[np.object_]
 
 
 def opposite_candidates(compiled: CompiledProblem, distance: float, most: int) -> Iterator[GraspCandidate]:
-    """Yield feasible antipodal pairs with a sampled quality above zero, the best first, blocked approaches last.
+    """Yield feasible antipodal pairs of positive quality, best first, those with a blocked approach last.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def opposite_candidates(compiled: CompiledProblem, distance: float, most: int) -
 
 
 def _select_spaced(pairs: FloatArray, distance: float) -> list[int]:
-    """Return indices of pairs (b, 2, space) at a distance from all selected before, in either order of contacts."""
+    """Return the indices of contact pairs (b, 2, space) farther than ``distance`` from all selected before."""
     chosen = list[int]()
     for i, pair in enumerate(pairs):
         others = pairs[chosen]
@@ -61,7 +61,7 @@ def _select_spaced(pairs: FloatArray, distance: float) -> list[int]:
 
 
 def _antipodal_pairs(compiled: CompiledProblem) -> tuple[FloatArray, FloatArray, ObjectArray]:
-    """Return points and inward normals (b, 2, space), and faces (b, 2), of opposite samples moved onto one line."""
+    """Return points, inward normals (b, 2, space) and faces (b, 2) of opposite samples made antipodal."""
     tables, body = compiled.sample_tables, compiled.problem.body
     pairs = tables.pairs[: len(tables.pairs) // 2]  # the others are the same in reverse
     points, normals = tables.contacts_of(pairs)

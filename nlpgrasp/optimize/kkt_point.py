@@ -55,7 +55,7 @@ class LocalOptimum:
     kkt : KKT
         Residuals of the program along the cuts.
     effort : SolverEffort
-        SolverEffort of IPOPT.
+        Of IPOPT.
     """
 
     candidate: GraspCandidate
@@ -71,7 +71,7 @@ class LocalOptimum:
 def find_local_optimum(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, known: FloatArray | None = None
 ) -> LocalOptimum | None:
-    """Return the local optimum next to a candidate; its residuals are large where the solve did not converge.
+    """Return the local optimum near a candidate; large residuals tell that the solve did not converge.
 
     Descents, also from known directions (m, d), give the weakest directions; only a certificate of the optimum can show
     that they missed one.
@@ -104,10 +104,11 @@ def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
 def _solve_program(
     compiled: CompiledProblem, point: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
 ) -> LocalOptimum:
-    """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small.
+    """Return the best of repeated IPOPT solves from a point, by KKT residuals.
 
-    Where the first solve does not confirm the point, the multipliers of a Newton step may. They come first where finger
-    forces are among IPOPT's variables, since it knows neither multipliers nor forces.
+    Each solve adds weak directions of the last solution, until residuals are small. Where the first solve does not
+    confirm the point, the multipliers of a Newton step may. They come first where finger forces are among IPOPT's
+    variables, since it knows neither multipliers nor forces.
     """
     planes, refined = compiled.cutting_planes, point
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
@@ -134,7 +135,7 @@ def _solve_program(
 
 
 def _newton_point(compiled: CompiledProblem, point: RefinementPoint) -> LocalOptimum | None:
-    """Return a point with the multipliers of a Newton step and its KKT residuals; None without a step.
+    """Return a point with the multipliers of a Newton step and its KKT residuals; None if there is no step.
 
     Supports without a closed form are those of the best forces: the program's forces are eliminated.
     """
@@ -190,7 +191,7 @@ def _solve_in_trust_region(
 
 
 def _shares(multipliers: FloatArray) -> FloatArray:
-    """Return the weights of cuts, (m,), whose sum is one, from their multipliers; zero where all of these are."""
+    """Return weights (m,) of sum one, in proportion to the multipliers of cuts; zero if all multipliers are."""
     weights = np.maximum(multipliers, 0.0)
     return np.asarray(weights / max(float(weights.sum()), 1e-300))
 
@@ -198,14 +199,14 @@ def _shares(multipliers: FloatArray) -> FloatArray:
 def _prices(
     compiled: CompiledProblem, program: Program, multipliers: FloatArray, bound_multipliers: FloatArray
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return the shadow prices of constraints and of the hand's bounds, in their own units, from multipliers."""
+    """Return the shadow prices of constraints and of the hand's bounds, in their own units."""
     scale, scales = compiled.scaling.beta, np.array([constraint.scale for constraint in compiled.rows.named])
     bounds = {name: bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks}
     return multipliers[program.placement] / (scale * scales), bounds
 
 
 def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
-    """Return the KKT residuals of an optimum, with the errors of the inequalities in all directions included.
+    """Return the KKT residuals of an optimum, including the support inequalities in all directions.
 
     Feasibility requires beta close to the least ratio over all directions. Complementarity is that of the inequalities
     themselves: where the program has one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
@@ -223,7 +224,7 @@ def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> 
 
 
 def _with_binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
-    """Return KKT residuals to which the binding directions among cuts (m, d) and their weights are added."""
+    """Return KKT residuals with the binding directions among cuts (m, d) and their weights added."""
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
     return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))
@@ -232,7 +233,7 @@ def _with_binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) ->
 def _initial_multipliers(
     compiled: CompiledProblem, point: RefinementPoint, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the multipliers of constraints and bounds of the linearised program at a point; None without a step."""
+    """Return multipliers of constraints and bounds from the linearised program at a point; None without a step."""
     if not compiled.cutting_planes.holds_supports:
         return None
     step = Linearisation(compiled, point.candidate, cuts).quadratic_step(radius)
@@ -240,7 +241,7 @@ def _initial_multipliers(
 
 
 def _step_residuals(linear: Linearisation, step: QuadraticStep | None) -> KKT:
-    """Return the KKT residuals at a linearisation's point, with a step's multipliers; zero ones without a step."""
+    """Return the KKT residuals at a linearisation's point with a step's multipliers, or with zero ones."""
     rows = linear.rows()
     zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
     multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
@@ -265,7 +266,7 @@ def _kkt(
     bounds: tuple[FloatArray, FloatArray],
     multipliers: tuple[FloatArray, FloatArray],
 ) -> KKT:
-    """Return the KKT residuals of variables (n,), solver units, with beta's size as the unit of the objective."""
+    """Return the KKT residuals at variables (n,), solver units, with the objective divided by the size of beta."""
     size = max(abs(float(z[beta])), 1e-300)
     gradient = np.zeros(len(z))
     gradient[beta] = 1.0 / size

@@ -24,9 +24,10 @@ STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  
 
 
 def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return the answer moved to the nearest local optimum, or unchanged with the reason; with its KKT residuals.
+    """Return the answer moved to the nearest local optimum; unchanged, with the reason, where that fails.
 
-    On a mesh each contact stays on its triangle. Joints that keep their margins from their limits continue to do so.
+    KKT residuals are added. On a mesh each contact stays on its triangle. Joints that keep their margins from their
+    limits continue to do so.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def _with_start_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[Com
 
 
 def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return the answer moved to the nearest local optimum, or unchanged with the reason.
+    """Return the answer moved to the nearest local optimum; unchanged, with the reason, where that fails.
 
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
     again: with the edge margin required there, too, or with the missing link clearance added. Where its certificate
@@ -96,7 +97,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
 
 
 def _reason_against_step(compiled: CompiledProblem) -> str:
-    """Return the reason why the problem or its options rule out a final step, as text; empty where they do not."""
+    """Return why the problem or its options rule out a final step, as text; empty if they allow it."""
     if compiled.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
     if not compiled.options.rounds:
@@ -107,7 +108,7 @@ def _reason_against_step(compiled: CompiledProblem) -> str:
 
 
 def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, result: StartGrasp) -> str:
-    """Return the reason why the result of the final step is rejected, as text; empty where it is not."""
+    """Return why the result of the final step is rejected, as text; empty if it is accepted."""
     if result.record.obstruction:
         return f"at the local optimum next to this grasp {result.record.obstruction}"
     if not result.solved:
@@ -120,12 +121,12 @@ def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, result: Start
 
 
 def _is_fragile(start: StartGrasp) -> bool:
-    """Return whether a start is fragile, by its robustness where that was computed."""
+    """Return whether a start is known to be fragile; False if its robustness was not computed."""
     return start.robust is not None and start.robust.is_fragile(start.record.mu)
 
 
 def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProblem:
-    """Return the compiled problem with narrowed limits for the joints that keep their margins."""
+    """Return the compiled problem with joint limits narrowed for the joints that keep their margins."""
     hand, margin = compiled.problem.hand, compiled.options.joint_margin
     if not isinstance(hand, URDFHand) or not compiled.options.seeks_room:
         return compiled
@@ -138,7 +139,7 @@ def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProble
 def _result_at_optimum(
     compiled: CompiledProblem, best: StartGrasp, on_faces: CompiledProblem, optimum: LocalOptimum, deadline: Deadline
 ) -> StartGrasp:
-    """Return the optimum as a result of the answer's start: projected onto the body, certified, with robustness."""
+    """Return the local optimum as a start's result: projected onto the body and certified."""
     problem, previous = compiled.problem, best.record
     on_body = put_on_body(compiled, on_faces, optimum.candidate, best.refined_candidate.points)
     candidate, grasp = on_body.candidate, on_body.grasp

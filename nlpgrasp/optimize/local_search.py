@@ -59,13 +59,13 @@ class RefinementPoint:
 
     @property
     def cuts(self) -> FloatArray:
-        """Cuts: weakest directions of this candidate, and those kept from earlier ones, (m + m', d)."""
+        """Cutting planes: weakest directions of this candidate and of nearby ones, (m + m', d)."""
         return np.concatenate([self.minimisers, self.nearby_cuts])
 
 
 @dataclass(frozen=True)
 class RefinementResult:
-    """Result of a refinement.
+    """Result of a local search: final point, multipliers and history.
 
     Parameters
     ----------
@@ -107,12 +107,12 @@ def refine(
     rounds: int | None = None,
     least: float = LEAST_GAIN,
 ) -> RefinementResult:
-    """Return a candidate refined until steps gain little, or after the most rounds.
+    """Return a candidate refined by trust-region steps until these gain little.
 
-    A candidate that does not exert the task is returned as it is. Rounds end where two in a row gain less than a share
-    ``least``, or where the Lagrangian is flat. Descents may overestimate the value: the polytope of a certificate then
-    gives the directions that they missed, and the search goes on with these, from the best previous point where the
-    corrected value is no better than its value.
+    A candidate that does not exert the task is returned as it is. Steps end where two in a row gain less than a
+    fraction ``least``, where the Lagrangian is flat, or after ``rounds`` steps. Descents may overestimate the value:
+    the polytope of a certificate then gives the directions that they missed, and the search goes on with these, from
+    the best previous point where the corrected value is no better than its value.
     """
     rng, rounds = np.random.default_rng(0), compiled.options.rounds if rounds is None else rounds
     best = result = _initial_result(compiled, candidate, rng)
@@ -144,7 +144,7 @@ def advance(
     least: float = LEAST_GAIN,
     known: FloatArray | None = None,
 ) -> RefinementResult:
-    """Return the result of at most ``rounds`` rounds of refinement, as ``refine`` without certificates.
+    """Return a candidate refined by at most ``rounds`` trust-region steps, without certificates.
 
     Its value is good enough to compare candidates, though descents may have missed directions in which they are weaker.
     Descents begin from known directions (m, d) as well.
@@ -170,7 +170,7 @@ def _iterate_steps(
     rounds: int,
     least: float,
 ) -> RefinementResult:
-    """Return the result after at most ``rounds`` trust-region steps; fewer at small gains or the deadline."""
+    """Return the result after at most ``rounds`` trust-region steps; fewer if gains are small or time is up."""
     search = _TrustRegionSearch(compiled, result, rng, least)
     for _ in range(rounds):
         if deadline.should_stop() or search.has_ended or not search.try_step():
@@ -179,7 +179,7 @@ def _iterate_steps(
 
 
 class _TrustRegionSearch:
-    """Trust-region iteration on a refinement's result.
+    """Trust-region iteration of a refinement.
 
     Parameters
     ----------
@@ -203,11 +203,11 @@ class _TrustRegionSearch:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the point exerts nothing, or the last rounds gained too little."""
+        """Whether the least support ratio is not positive, or the last rounds gained too little."""
         return self.result.point.value <= 0.0 or self.idle == IDLE
 
     def try_step(self) -> bool:
-        """Accept or reject one step from the current point; return whether there was one to try."""
+        """Try one step from the current point; return whether there was a step to try."""
         compiled, point = self.compiled, self.result.point
         cuts = nearest_to_binding(compiled, point.candidate, point.cuts)
         linear = Linearisation(compiled, point.candidate, cuts)
@@ -228,7 +228,10 @@ class _TrustRegionSearch:
         return self.curvature is not None and float(np.max(np.abs(self.curvature @ first.d))) < STATIONARY
 
     def _renew_curvature(self, linear: Linearisation, cuts: FloatArray, first: QuadraticStep) -> bool:
-        """Recompute the curvature where it is needed, every other round; return whether it was recomputed."""
+        """Recompute the Lagrangian's curvature where it is needed; return whether it was recomputed.
+
+        It is recomputed at most every second round, except in the final refinement.
+        """
         compiled, point = self.compiled, self.result.point
         predicted = float(first.d[linear.beta])
         self.is_near = self.is_near or predicted < SMALL_GAIN * point.value * compiled.scaling.beta
@@ -256,7 +259,7 @@ class _TrustRegionSearch:
             self._reject(trial, length)
 
     def _accept(self, step: TrustRegionStep, trial: RefinementPoint, cuts: FloatArray, length: float) -> None:
-        """Move to the candidate of a step; the cuts that bound the step stay."""
+        """Accept a step: move to its candidate, and keep the cuts that bound the step."""
         point = self.result.point
         binding = cuts[np.flatnonzero(step.cut_multipliers > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
         binding = binding[new_directions(self.compiled, trial.minimisers, binding)]
@@ -270,7 +273,7 @@ class _TrustRegionSearch:
         )
 
     def _reject(self, trial: RefinementPoint, length: float) -> None:
-        """Stay, with the minimisers of the rejected candidate as cuts, and shrink the trust region."""
+        """Reject a step: stay, add the rejected candidate's minimisers as cuts, and shrink the trust region."""
         point = self.result.point
         minimisers = np.concatenate([point.minimisers, trial.minimisers])
         corrected = evaluate_candidate(self.compiled, point.candidate, minimisers, self.rng)
@@ -282,7 +285,7 @@ class _TrustRegionSearch:
 
 
 def _differences(compiled: CompiledProblem, moved: GraspCandidate, candidate: GraspCandidate) -> FloatArray:
-    """Return the difference of two candidates in the program's variables but beta and forces, solver units."""
+    """Return the difference of two candidates in the program's variables, zero for beta, solver units."""
     program = compiled.cutting_planes.functions.program
     difference = pack_variables(compiled, program, moved) - pack_variables(compiled, program, candidate)
     difference[program.block("beta").range] = 0.0

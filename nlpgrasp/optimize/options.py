@@ -137,7 +137,7 @@ class SolveOptions:
 
     @property
     def weighs_fragility(self) -> bool:
-        """Whether a fragile grasp may lose to one with less mu."""
+        """Whether a robust grasp with less mu may be preferred to a fragile one."""
         return self.rank == "robust" and self.gap is None and not self.maximise_robust
 
     @property
@@ -151,13 +151,13 @@ class SolveOptions:
         return replace(self, rtol=min(self.rtol, gap), final_rtol=min(self.final_rtol, gap))
 
     def to_dict(self) -> Json:
-        """Return the options as JSON data, by the names of their fields; IPOPT's options only where some are set."""
+        """Return the options as JSON data, by field name; IPOPT's options only if any are set."""
         data = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"analyses": list(self.analyses)}
         return data if self.ipopt else {name: value for name, value in data.items() if name != "ipopt"}
 
 
 def check_solve_arguments(starts: int, seed: int, options: SolveOptions | None) -> tuple[int, int, SolveOptions]:
-    """Return number of starts, seed and options of a solve, the default ones where they are left out.
+    """Return the validated number of starts, seed and options of a solve.
 
     Raises
     ------
@@ -173,7 +173,10 @@ def check_solve_arguments(starts: int, seed: int, options: SolveOptions | None) 
 
 
 def check_analyses(field: str, names: object) -> tuple[str, ...]:
-    """Return names of analyses, each once, or raise an ``InputError`` that lists the allowed ones."""
+    """Return the validated names of analyses, each once.
+
+    An ``InputError`` lists the allowed names.
+    """
     allowed = ", ".join(f'"{name}"' for name in ANALYSES)
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise InputError(field, names, f"a sequence of names out of {allowed}")

@@ -64,7 +64,7 @@ class StartRunner:
 
     @classmethod
     def with_kept_programs(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> StartRunner:
-        """Return a runner that compiles nothing where the kept programs are of the same problem and options."""
+        """Return a runner that reuses the kept programs if they are of the same problem and options."""
         last = _kept_programs.pop() if _kept_programs else None
         runner = cls(problem, options, starts)
         if last is not None and last.problem is problem and last.options == options:
@@ -72,11 +72,14 @@ class StartRunner:
         return runner
 
     def keep_programs(self) -> None:
-        """Keep the compiled programs for the next solve, in case that is of the same problem."""
+        """Keep the compiled programs for another solve of the same problem."""
         _kept_programs[:] = [self._programs]
 
     def branch_and_bound(self) -> BranchAndBound | None:
-        """Return a new branch and bound of the root nodes, which are bounded once; None for problems not covered."""
+        """Return a copy of the branch and bound at its root nodes; None for problems that it does not cover.
+
+        The root nodes are bounded once for all copies.
+        """
         root = self._programs.root
         return None if root is None else root.copy()
 
@@ -89,28 +92,32 @@ class StartRunner:
             processes.submit(_compile_in_worker, payload)
 
     def run_starts(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Yield the result of each start as it completes, in any order, from the starts' indices and candidates."""
+        """Run starts from their indices and candidates, and yield each result as it completes."""
         if self.workers == 1:
             yield from self._run_in_process(candidates, seed, deadline)
         else:
             yield from self._run_in_workers(candidates, seed, deadline)
 
     def run_warm_starts(self, grasps: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Yield the starts from known grasps, two each: unchanged and refined, numbered from ``first`` on."""
+        """Yield two results for each known grasp, unchanged and refined, with indices from ``first`` on."""
         items = [(first + 2 * i, grasp) for i, grasp in enumerate(grasps)]
         for results in self.begin(partial(_run_known_grasp, deadline=deadline), items)():
             yield from results
 
     def run(self, work: Callable[[CompiledProblem, Item], Result], item: Item) -> Result | None:
-        """Return the result of a module-level function of the compiled problem and an item; None if a worker ends."""
+        """Return the result of ``work`` on the compiled problem and an item; None if the worker dies.
+
+        ``work`` is a function of some module.
+        """
         return next(iter(self.begin(work, [item])()), None)
 
     def begin(
         self, work: Callable[[CompiledProblem, Item], Result], items: Sequence[Item]
     ) -> Callable[[], list[Result]]:
-        """Begin a module-level function of the compiled problem on each item, and return a call that waits for it.
+        """Begin ``work`` on the compiled problem and each item, and return a callable that waits for the results.
 
-        The call returns the results; none where a worker ends. Without workers the work is done in the call.
+        ``work`` is a function of some module. There are no results if a worker dies. Without workers the work is done
+        in the call.
         """
         if self.workers == 1 or not items:
             return lambda: [work(self.compiled, item) for item in items]
@@ -126,14 +133,14 @@ class StartRunner:
         return self._programs.compiled
 
     def _run_in_process(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Yield the results of the starts, run in this process; after a stop request only the first is still begun."""
+        """Run starts in this process and yield their results; after a stop request only the first is begun."""
         for index, proposed in candidates:
             if deadline.should_stop() and index:
                 break
             yield run_start(self.compiled, index, seed, deadline, candidates=proposed)
 
     def _run_in_workers(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Yield the results of the starts, run by workers; after a stop request running ones have ``GRACE`` seconds."""
+        """Run starts in workers and yield their results; after a stop request they have ``GRACE`` seconds to end."""
         payload, processes = self._programs.payload, Processes(self.workers)
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:
@@ -175,7 +182,7 @@ Case = TypeVar("Case", bound=ProblemWithOptions)
 
 @dataclass(frozen=True)
 class LazyCompiledProblem(Generic[Case]):
-    """Compiled problem, built on first use in each process: compiled programs are not pickled.
+    """Compiled problem that each process builds on first use, since compiled programs are not pickled.
 
     Parameters
     ----------
@@ -192,7 +199,7 @@ class LazyCompiledProblem(Generic[Case]):
 
     @cached_property
     def compiled(self) -> CompiledProblem:
-        """Compiled problem."""
+        """Compiled problem of this process, built on first use."""
         return CompiledProblem(self.problem_with_options.problem, self.problem_with_options.options)
 
 
@@ -208,7 +215,7 @@ _Payload = WorkerPayload[LazyCompiledProblem[_ProblemAndOptions]]
 
 
 class _ProblemPrograms:
-    """Compiled programs of a problem: in this process, and as the payload from which each worker builds its own.
+    """Compiled programs of a problem, and the payload from which each worker compiles its own.
 
     Parameters
     ----------
@@ -230,12 +237,12 @@ class _ProblemPrograms:
 
     @cached_property
     def root(self) -> BranchAndBound | None:
-        """Branch and bound of the root nodes, without an incumbent; None where it does not cover the problem."""
+        """Branch and bound with its root nodes bounded, without an incumbent; None if the problem is not covered."""
         return root_branch_and_bound(self.problem, self.options)
 
     @cached_property
     def payload(self) -> _Payload:
-        """Payload for workers; an InputError where a part of the problem cannot be pickled."""
+        """Pickled problem for workers; raises an ``InputError`` if a part of it cannot be pickled."""
         try:
             return WorkerPayload.of(LazyCompiledProblem(partial(_ProblemAndOptions, self.problem, self.options)))
         except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
@@ -255,25 +262,25 @@ def _compile_in_worker(payload: _Payload) -> None:
 def _run_start_in_worker(
     payload: _Payload, index: int, candidates: Sequence[GraspCandidate], seed: int, deadline: Deadline
 ) -> StartResult:
-    """Return the result of one start; after a stop only the first is still run."""
+    """Return the result of one start; after a stop request only the first start is still run."""
     if deadline.should_stop() and index:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
     return run_start(payload.unpack().compiled, index, seed, deadline, candidates=candidates)
 
 
 def _run_known_grasp(compiled: CompiledProblem, item: tuple[int, KnownGrasp], deadline: Deadline) -> list[StartGrasp]:
-    """Return the starts from one known grasp, given with the index of the first."""
+    """Return the starts from one known grasp, paired with the index of the first."""
     index, grasp = item
     return run_warm_start(compiled, WarmStart.of(compiled, grasp), index, deadline)
 
 
 def _run_in_worker(payload: _Payload, work: Callable[[CompiledProblem, Item], Result], item: Item) -> Result:
-    """Return the result of a function of the compiled problem and an item."""
+    """Return the result of ``work`` on the compiled problem and an item, in a worker."""
     return work(payload.unpack().compiled, item)
 
 
 def _wait_for_results(futures: Sequence[Future[Result]]) -> list[Result]:
-    """Return the results of all futures; none where a worker ends."""
+    """Return the results of all futures; an empty list if a worker dies."""
     try:
         return [future.result() for future in futures]
     except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
@@ -281,7 +288,7 @@ def _wait_for_results(futures: Sequence[Future[Result]]) -> list[Result]:
 
 
 def _result_of(future: Future[StartResult], index: int) -> StartResult:
-    """Return the result of a start, a failed one where its worker ended."""
+    """Return the result of a start; a failed one if its worker died."""
     try:
         return future.result()
     except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:

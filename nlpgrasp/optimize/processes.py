@@ -58,7 +58,7 @@ class Processes:
         )
 
     def submit(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Return the future result of a function of some module, called in a worker.
+        """Submit a call of a function of some module to the workers, and return its future.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class Processes:
         return future
 
     def end(self) -> None:
-        """End all workers now, also those at work."""
+        """End all workers at once, busy ones included."""
         # loky's shutdown has one more argument than the standard library's
         shutdown: Callable[..., None] = self._executor.shutdown
         shutdown(wait=True, kill_workers=True)
@@ -80,7 +80,7 @@ class Processes:
 
 @contextmanager
 def separate_processes(count: int, idle: float) -> Iterator[Processes]:
-    """Return a context with worker processes that nothing else in this process uses; solves meanwhile use others.
+    """Return a context with worker processes that solves in this process do not use.
 
     They are kept for the next context of as many processes; where a context ends by an error, they end with it.
 
@@ -127,11 +127,11 @@ class WorkerPayload(Generic[Item]):
 
     @classmethod
     def of(cls, item: Item, token: str = "") -> WorkerPayload[Item]:
-        """Return an item pickled; errors of its parts are raised."""
+        """Return the payload of an item; errors of its parts are raised."""
         return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
 
     def unpack(self) -> Item:
-        """Return the item in this process."""
+        """Return the unpickled item, which this process keeps."""
         if self.token not in _unpacked:
             _unpacked.clear()  # before the next item is built: each may hold a gigabyte
             sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before the item's imports
@@ -153,7 +153,7 @@ def cores() -> int:
 
 
 def _prepare_worker(parent: int) -> None:
-    """Let a worker ignore Ctrl-C, which its parent handles, and end when its parent is gone."""
+    """Prepare a worker: it ignores Ctrl-C, which its parent handles, and ends when the parent is gone."""
     atexit.register(_unpacked.clear)  # before extension modules count the objects that are left
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # prints of scripts go to standard error: standard output is the parent's

@@ -64,7 +64,7 @@ def project_onto_constraints(compiled: CompiledProblem, candidate: GraspCandidat
 def project_onto_body(
     compiled: CompiledProblem, candidate: GraspCandidate
 ) -> tuple[CompiledProblem, GraspCandidate, float]:
-    """Return a candidate projected onto body and constraints, with its compiled problem and the remaining violation.
+    """Return a candidate projected onto body and constraints, with the compiled problem and remaining violation.
 
     On a mesh the compiled problem's faces are the triangles under the contacts; where flat fingertips cannot lie on
     triangles, its face is the smooth surface.
@@ -113,7 +113,7 @@ def put_on_body(
     candidate: GraspCandidate,
     smooth_points: FloatArray | None = None,
 ) -> GraspOnBody:
-    """Return the grasp of a candidate on the body itself.
+    """Return a candidate's grasp on the actual surface of the body.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def put_on_body(
 
 
 def move_to_contact(compiled: CompiledProblem, smooth: GraspCandidate) -> tuple[GraspCandidate, Grasp]:
-    """Return the hand moved into contact with the mesh, from contacts on the smooth surface, and its grasp."""
+    """Return a hand moved from a mesh's smooth surface into contact with the mesh itself, and its grasp."""
     touch = _TouchConstraints(compiled, smooth)
     final = restore_feasibility(
         touch.nearest, touch.z[touch.free], NewtonRules(STEPS, TIP_TOUCHING / compiled.scaling.length)
@@ -158,7 +158,7 @@ class _TouchConstraints:
         self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
 
     def nearest(self, free: FloatArray) -> _TouchLinearisation:
-        """Return the constraints for contacts at the mesh points nearest to the fingertips.
+        """Return the constraints linearised with contacts at the mesh points nearest to the fingertips.
 
         Tips that are not round keep the smooth surface's normal, along which they touch.
         """
@@ -173,7 +173,7 @@ class _TouchConstraints:
         return self.rows(free, contacts, inward)
 
     def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchLinearisation:
-        """Return the constraints for values of the hand's variables and arbitrary contacts."""
+        """Return the constraints linearised at given values of the hand's variables and given contacts."""
         compiled, program, hand = self.compiled, self.program, self._hand(free)
         set_contacts(compiled, program, self.z, contacts, normals)
         g, J = compiled.cutting_planes.functions.linearise(self.z, self.theta)
@@ -187,7 +187,7 @@ class _TouchConstraints:
         return _TouchLinearisation(g, J[placement][:, self.free], low, high, *bounds, contacts, normals, hand)
 
     def _hand(self, free: FloatArray) -> Values:
-        """Return the hand's configuration at values of its free variables, which become part of z."""
+        """Write the hand's free variables into z, and return the hand's configuration."""
         self.z[self.free] = free
         return hand_of(self.program, self.z)
 

@@ -1,4 +1,4 @@
-"""Initial candidates of a search: by coordinate exchange of free contacts, or within reach of sampled hand poses.
+"""Initial candidates of a search, by coordinate exchange of free contacts or within reach of hand poses.
 
 From a fixed pose of the palm, each fingertip of a hand reaches some surface samples. Fingers move independently of each
 other, so contacts are exchanged one at a time over these samples as free contacts are over all, for many palm poses
@@ -49,10 +49,11 @@ MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch wit
 def propose(
     compiled: CompiledProblem, rng: np.random.Generator, known_contacts: Sequence[FloatArray] = (), starts: int = 1
 ) -> list[GraspCandidate]:
-    """Return initial candidates for a number of starts, the most promising first; also near known contacts (k, space).
+    """Return initial candidates for a number of starts, the most promising first.
 
-    The fingertips of a hand with a pose need not touch the body yet. Poses are compared under the L2 budget. There is
-    at least one candidate, the least violated one where none is feasible.
+    Candidates near known contacts, (k, space) each, are proposed as well for problems without a posed hand. The
+    fingertips of a hand with a pose need not touch the body yet. Poses are compared under the L2 budget. There is at
+    least one candidate, the least violated one where none is feasible.
     """
     if compiled.follows_contacts:
         return exchanged_candidates(compiled, rng, known_contacts, starts * PROPOSED)
@@ -62,14 +63,14 @@ def propose(
 
 
 def deal_candidates(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
-    """Return the candidates dealt in turn to a number of starts, so that each begins with one of the best."""
+    """Return a list of candidates for each start, dealt in turn so that each list begins with a good one."""
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
 def reachable_candidates(
     compiled: CompiledProblem, rng: np.random.Generator, count: int, palms: int = PALMS
 ) -> list[GraspCandidate]:
-    """Return the best of many sampled poses of a hand around the body, at most ``count``, of ``palms`` palm poses.
+    """Return the best ``count`` candidates of a hand from ``palms`` sampled palm poses around the body.
 
     Palms whose fingertips are near the body and whose constraints are violated least come first. Contacts are exchanged
     within reach of their fingers, and ranked by the least support ratio less a weight of link collisions. With many
@@ -97,7 +98,7 @@ def reachable_candidates(
 def move_into_contact(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, deadline: Deadline
 ) -> list[GraspCandidate]:
-    """Return hand poses moved until all fingertips touch the body, best first, then the nearest few that fail to.
+    """Return candidates moved until all fingertips touch the body, best first, then a few that nearly touch.
 
     Candidates that no symmetry maps to a better one come first. With many contacts, where a hand rarely touches with
     all fingertips, a few touching poses are enough.
@@ -122,7 +123,7 @@ def move_into_contact(
 def _exchange_within_reach(
     compiled: CompiledProblem, search: CoordinateExchange, hands: Sequence[Values], palms: int, rng: np.random.Generator
 ) -> list[GraspCandidate]:
-    """Return candidates by coordinate exchange within reach of the first ``palms`` poses whose tips reach the body."""
+    """Return candidates by coordinate exchange over the samples within reach of ``palms`` palm poses."""
     tables = compiled.handless_variant.sample_tables
     hands, reaches = _reachable_palms(compiled, hands, palms)
     if not hands:
@@ -151,7 +152,7 @@ def _exchange_within_reach(
 def _reachable_palms(
     compiled: CompiledProblem, hands: Sequence[Values], palms: int
 ) -> tuple[list[Values], list[ReachableSamples]]:
-    """Return the first ``palms`` poses from which all fingertips reach the body, and the samples in their reach."""
+    """Return the first ``palms`` poses from which all fingertips reach the body, and the reachable samples."""
     tables, space = compiled.handless_variant.sample_tables, compiled.workspace
     clouds = [tables.samples(i) for i in range(len(compiled.problem.models))]
     tree, reaching, reaches = compiled.hand_functions.posed_hand.tree, list[Values](), list[ReachableSamples]()
@@ -197,7 +198,7 @@ class _HandPoses:
         return GraspCandidate(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
     def hands(self, penalties: FloatArray) -> list[Values]:
-        """Return the hand's variables of all poses, those with the least penalties (b,) first."""
+        """Return the hand's variables of each pose, by increasing penalties (b,)."""
         return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(penalties, kind="stable").tolist()]
 
 
@@ -211,7 +212,7 @@ def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator, coun
 
 
 def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
-    """Return poses fitted to exchanged tuples of free contacts, in several assignments of fingers to contacts."""
+    """Return hand poses fitted to good tuples of free contacts, for several assignments of fingers."""
     hand, tables = compiled.hand_functions.posed_hand, compiled.handless_variant.sample_tables
     points, normals = tables.contacts_of(search.exchange(search.draw()))
     interchangeable = len(set(tables.of_contact)) == 1
@@ -227,7 +228,7 @@ def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.ra
 
 
 def _nearest_samples(compiled: CompiledProblem, values: Values, tips: FloatArray) -> _HandPoses:
-    """Return poses with the samples nearest to their fingertips, from the tips' centres (b, k, 3)."""
+    """Return hand poses with the surface samples nearest to their fingertip centres (b, k, 3)."""
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
     mean_distances = np.zeros(len(tips))
@@ -241,6 +242,6 @@ def _nearest_samples(compiled: CompiledProblem, values: Values, tips: FloatArray
 
 
 def _pose_penalties(compiled: CompiledProblem, poses: _HandPoses) -> FloatArray:
-    """Return the weighted sum of the fingertips' distance from the body and violated constraints, (b,)."""
+    """Return the penalty of each pose, (b,): weighted fingertip distance from the body and violations."""
     violations = compiled.rows.user_violation_sums(poses.points, poses.normals, poses.values)
     return DISTANCE_WEIGHT * poses.distances / compiled.scaling.length + VIOLATION_WEIGHT * violations

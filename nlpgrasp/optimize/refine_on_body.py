@@ -1,4 +1,4 @@
-"""Refinement of candidates on the body itself, on a mesh on its triangles, and under joint-limit margins.
+"""Refinement of candidates on the actual surface of the body, with margins from joint limits.
 
 On a mesh each contact stays on its triangle. With a hand that has a pose, refinement around the smooth surface comes
 first, and coordinate exchange of fingers over mesh points alternates with refinement (``refine_on_body``).
@@ -46,7 +46,7 @@ EXCHANGES, GAIN = 4, 2e-3  # exchanges of a hand's fingers on a mesh, at most; l
 def refine_on_body(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
 ) -> tuple[GraspOnBody, RefinementResult]:
-    """Return a refined candidate, with its grasp on the body itself."""
+    """Refine a candidate, and return its grasp on the body's actual surface and the result of the search."""
     body = compiled.problem.body
     if not isinstance(body, Mesh):
         return refine_on_triangles(compiled, compiled.projected_onto_faces(candidate), deadline)
@@ -72,7 +72,7 @@ def refine_on_body(
 def refine_on_triangles(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, clearance: FloatArray | None = None
 ) -> tuple[GraspOnBody, RefinementResult]:
-    """Return a refined candidate, with its grasp on the body; contacts on a mesh stay on their triangles.
+    """Refine a candidate with contacts on a mesh fixed to their triangles, and return its grasp and the result.
 
     Where the smooth distance overestimates the clearance of links from the mesh, the required clearance is raised by
     what they lack. Contacts that come near to further sharp edges are kept away from these as well.
@@ -106,7 +106,7 @@ def refine_on_triangles(
 
 
 def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatArray:
-    """Return the violation, metres, of each constraint that keeps a link off the body, 0 for all others, (rows,)."""
+    """Return the clearance that links lack from the body, metres, (rows,); 0 for other constraints."""
     lacking = np.zeros(len(compiled.rows.named))
     rows = compiled.rows.clearances
     lacking[rows] = [max(compiled.rows.named[i].lower - on_body.values[i], 0.0) for i in rows]
@@ -114,7 +114,7 @@ def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatA
 
 
 def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
-    """Return a candidate after a few rounds of refinement; with a hand on a mesh, on its smoothed surface."""
+    """Return a candidate after a few rounds of refinement; on a mesh a posed hand has the smoothed surface."""
     body, rounds = compiled.problem.body, min(ROUNDS, compiled.options.rounds)
     if not isinstance(body, Mesh):
         return advance(compiled, compiled.projected_onto_faces(candidate), deadline, rounds)
@@ -132,7 +132,7 @@ def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadli
 def refine_with_margins(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, least: float = LEAST_GAIN
 ) -> tuple[CompiledProblem, RefinementResult]:
-    """Return the refined candidate, and the compiled problem with the joint limits used.
+    """Return the compiled problem with joint limits narrowed by margins, and the refined candidate.
 
     A hand that keeps margins is refined several times in a start, so no certificates look for missed directions yet.
 
@@ -179,7 +179,7 @@ class JointLimitMargins:
 
     @classmethod
     def of(cls, hand: URDFHand, margin: float) -> JointLimitMargins:
-        """Return the margins of a hand's joints, from a margin in radians."""
+        """Return the margins of a hand's joints, given one margin in radians."""
         limits, joints = hand.tree.joint_limits, hand.robot.free_joints
         largest = SHARE * (limits[1] - limits[0])
         revolute = np.array([joint.is_revolute for joint in joints])
@@ -187,11 +187,11 @@ class JointLimitMargins:
         return cls(tuple(joint.name for joint in joints), limits, wanted)
 
     def distances_to_limits(self, joints: FloatArray) -> FloatArray:
-        """Return the distances of joints (m,) from their nearer limits, (m,)."""
+        """Return the distance of each joint (m,) from its nearer limit, (m,)."""
         return np.asarray(np.minimum(joints - self.limits[0], self.limits[1] - joints))
 
     def distances_by_name(self, joints: FloatArray) -> dict[str, float]:
-        """Return the distances of joints (m,) from their nearer limits, by name."""
+        """Return the distance of each joint (m,) from its nearer limit, by name."""
         return dict(zip(self.names, self.distances_to_limits(joints).tolist(), strict=True))
 
     def margins_record(self, joints: FloatArray, margin: float, price: float) -> JointMargins:
@@ -205,13 +205,16 @@ class JointLimitMargins:
         return np.asarray(self.distances_to_limits(joints) < (1.0 - SMALL) * self.wanted)
 
     def narrow_limits(self, joints: NDArray[np.bool_]) -> FloatArray:
-        """Return the limits, (2, m), narrowed by the margins of some joints, (m,) of bool."""
+        """Return the joint limits (2, m), narrowed by the margins of the joints in a mask (m,)."""
         margins = np.where(joints, self.wanted, 0.0)
         return np.stack([self.limits[0] + margins, self.limits[1] - margins])
 
 
 def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> GraspCandidate:
-    """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
+    """Return a posed hand refined on a mesh's smoothed surface.
+
+    Contacts move farther there than on triangles.
+    """
     moved, violation = project_onto_constraints(compiled, compiled.projected_onto_faces(candidate))
     if violation > TOUCHING:
         return candidate
@@ -221,7 +224,7 @@ def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate,
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
 ) -> tuple[NDArray[np.bool_], GraspCandidate]:
-    """Return the mask of joints, (m,), that keep their margins with all fingertips touching, and such a candidate."""
+    """Return the mask of joints (m,) that can keep their margins with all fingertips touching, and a candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
     for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrow_limits(keeps_margin)
@@ -235,7 +238,7 @@ def _joints_with_margin(
 
 
 def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of joints, (m,), whose margins are dropped to keep the cost in mu within ``room_price``."""
+    """Return the mask of joints (m,) whose margins are given up, so that the rest cost at most ``room_price``."""
     point, program = result.point, compiled.cutting_planes.functions.program
     costly = np.zeros(len(margins), dtype=bool)
     if point.value <= 0.0:

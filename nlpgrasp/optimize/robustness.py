@@ -46,7 +46,7 @@ FARTHEST = 1.5  # multiple of the displacement: a point farther away is off the 
 
 
 def robustness(compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, quickly: bool = False) -> Robustness:
-    """Return the certified quality of the worst displacement found of a grasp, within the options' displacement.
+    """Return the certified quality of a grasp with less friction at the worst contact displacement found.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def worst_displacement(
     rng: np.random.Generator,
     searches: int = INITIAL_DISPLACEMENTS,
 ) -> tuple[list[int], FloatArray]:
-    """Return the worst displacement found, as an index of each contact's positions, and the weak directions, (m, d).
+    """Return the worst displacement found, as one position index per contact, and the weak directions (m, d).
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def worst_displacement(
 def displaced_positions(
     compiled: CompiledProblem, faces: Sequence[str], points: FloatArray, normals: FloatArray
 ) -> ContactPositions:
-    """Return the possible positions of each contact within the options' displacement, its own first."""
+    """Return the possible positions of each contact within the options' displacement, the undisplaced first."""
     offset = compiled.options.robust_offset
     contacts = zip(faces, points, normals, strict=True)
     return [positions_around(compiled, face, p, n, offset) for face, p, n in contacts]
@@ -169,7 +169,7 @@ def positions_around(
 
 
 def _contacts_near_edges(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[int, ...]:
-    """Return the contacts that may slip over a sharp edge within the options' displacement.
+    """Return the indices of contacts that may slip over a sharp edge within the options' displacement.
 
     There are none under a force budget that depends on the contacts' frames, such as a hand's joint torques.
     """
@@ -186,7 +186,7 @@ def _worsen_positions(
     indices: list[int],
     y: FloatArray,
 ) -> bool:
-    """Change the contacts' indices in turn to minimise the least support ratio; return whether any changed."""
+    """Change the position index of each contact in turn to lower the least ratio; return whether any changed."""
     moved = False
     for _ in range(SWEEPS):
         previous = list(indices)
@@ -207,7 +207,7 @@ def _worsen_positions(
 def _displaced_grasp(
     compiled: CompiledProblem, models: Sequence[ContactModel], positions: ContactPositions, indices: Sequence[int]
 ) -> Grasp:
-    """Return the grasp whose contacts are at these indices of their positions."""
+    """Return the grasp with each contact at the position of its given index."""
     points = np.array([p[c] for (p, _), c in zip(positions, indices, strict=True)])
     normals = np.array([n[c] for (_, n), c in zip(positions, indices, strict=True)])
     return Grasp(points, normals, models, compiled.problem.origin)
@@ -230,7 +230,7 @@ class _RobustSearch:
         return GraspCandidate(self.start.faces, self.points.copy(), self.start.hand)
 
     def add_worst_displacement(self) -> None:
-        """Add the worst displacement found of the current contacts, and its weak directions."""
+        """Add the worst displacement found for the current contacts, and its weak directions."""
         compiled, rng = self.compiled, np.random.default_rng(0)
         candidate = self.candidate
         indices, directions = worst_displacement(
@@ -270,7 +270,7 @@ class _RobustSearch:
         return float(np.min(ratios))
 
     def _positions(self) -> ContactPositions:
-        """Return the possible positions of the current contacts."""
+        """Return the possible positions of each of the current contacts."""
         return displaced_positions(
             self.compiled, self.start.faces, self.points, self.compiled.inward_normals(self.candidate)
         )

@@ -41,7 +41,7 @@ def run_start(
     known_contacts: Sequence[FloatArray] = (),
     candidates: Sequence[GraspCandidate] = (),
 ) -> StartResult:
-    """Run one start from given candidates, or from those proposed with its index and seed.
+    """Run one start from given candidates, or from candidates proposed with the start's index and seed.
 
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on the number of cores.
@@ -68,16 +68,16 @@ def run_start(
 
 
 def failed_start(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
-    """Return the result of a start that an error ended."""
+    """Return the result of a start that ended by an error."""
     return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=format_error(error)))
 
 
 def follow_with_hand(
     compiled: CompiledProblem, candidate: GraspCandidate, normals: FloatArray | None = None
 ) -> GraspCandidate:
-    """Return a candidate with the hand's variables computed from its contacts, for hands that follow them.
+    """Return a candidate with the hand's variables computed from its contacts.
 
-    Inward normals (k, space) are the body's if not given.
+    For hands that are determined by their contacts. Inward normals (k, space) are the body's if not given.
     """
     inward_normals = compiled.inward_normals(candidate) if normals is None else normals
     hand = compiled.hand_functions.start(candidate.points[None], inward_normals[None])
@@ -135,7 +135,7 @@ def _best_by_volume(
     deadline: Deadline,
     clock: Stopwatch,
 ) -> StartGrasp:
-    """Return the result of the largest nu from the most promising candidates and random ones, its mu certified."""
+    """Return the result of largest nu from the most promising of given and random candidates."""
     results = list[StartGrasp]()
     for candidate in largest_volumes(compiled, candidates, rng, COMPARED):
         on_faces, snapped = fix_to_triangles(compiled, candidate)
@@ -155,7 +155,7 @@ def _best_by_volume(
 def _sort_by_promise(
     compiled: CompiledProblem, batch: Sequence[ScoredCandidate], deadline: Deadline
 ) -> list[ScoredCandidate]:
-    """Return initial grasps after a few rounds of refinement each, the best first; a single one unchanged."""
+    """Return candidates after a few rounds of refinement each, the best first; a single one unchanged."""
     if len(batch) < 2:
         return list(batch)
     advanced_grasps = [(initial, advance_on_body(compiled, initial.candidate, deadline)) for initial in batch]
@@ -166,7 +166,7 @@ def _sort_by_promise(
 def _refined_grasps(
     compiled: CompiledProblem, index: int, candidate: GraspCandidate, deadline: Deadline
 ) -> Iterator[tuple[GraspOnBody, RefinementResult]]:
-    """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
+    """Yield the refined grasps of a candidate; some are first refined under the L2 budget.
 
     The support under L2, a root of a sum of squares over the contacts, is smooth where those of other budgets have
     edges. Every other start does so, and with a hand that has a pose all; the grasp refined under L2 is then yielded as
@@ -182,7 +182,7 @@ def _refined_grasps(
 
 
 def _can_stop(results: Sequence[StartGrasp]) -> bool:
-    """Return whether further candidates are not needed: a result is solved, or too many have colliding links."""
+    """Return whether a start can end: a result is solved, or too many have colliding links."""
     colliding = sum(result.record.status is Status.TOUCHES for result in results)
     return any(result.solved for result in results) or colliding >= MOST_COLLIDING
 
@@ -214,9 +214,10 @@ def _result_of_candidate(
 
 
 def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return a grasp whose links touch refined again, the nearest sphere of the deepest link farther off, in turn.
+    """Return a grasp with penetrating links refined again, with more clearance of the deepest link.
 
-    Of two links that penetrate each other, the nearest two spheres are moved apart.
+    The nearest sphere of the deepest link is moved farther off the body, one in turn; of two links that penetrate each
+    other, the nearest two spheres are moved apart.
 
     The spheres need not cover a link, so that its shape may penetrate where they do not. It ends where this no longer
     makes the penetration smaller. Without a solved grasp of nearly the same quality the grasp is returned unchanged, as
@@ -248,7 +249,7 @@ def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadl
 def _certify_grasp(
     compiled: CompiledProblem, on_body: GraspOnBody, result: RefinementResult, deadline: Deadline
 ) -> Bounds:
-    """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
+    """Return the certified bounds of a grasp, with the upper bound tightened by known weak directions."""
     budget, time_limit, rtol = (
         compiled.budget(on_body.candidate),
         deadline.certificate_deadline(),

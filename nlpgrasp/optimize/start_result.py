@@ -30,7 +30,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of one start; without a grasp unless it is a ``StartGrasp``.
+    """Result of one start; only a ``StartGrasp`` has a grasp.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class StartResult:
 
 @dataclass(frozen=True)
 class StartGrasp(StartResult):
-    """Final grasp of a start, feasible or not, with its measures and hand.
+    """Result of one start with its final grasp, feasible or not.
 
     Parameters
     ----------
@@ -137,20 +137,20 @@ class StartGrasp(StartResult):
 
     @property
     def ranking_bounds(self) -> Bounds:
-        """Bounds by which starts are ranked: nu, mu under the worst displacement where one was computed, else mu."""
+        """Bounds by which starts are ranked: nu for that objective, else robust mu where computed, else mu."""
         if self.volume is not None:
             return Bounds(self.volume, self.volume)
         return self.record.mu if self.robust is None else self.robust.mu
 
     def with_message(self, message: str) -> StartGrasp:
-        """Return the start with a message appended to its record's; unchanged for an empty message."""
+        """Return the start with a text appended to its message; unchanged for an empty text."""
         parts = ", ".join(part for part in (self.record.message, message) if part)
         return replace(self, record=replace(self.record, message=parts)) if message else self
 
     def tighten_bounds(
         self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None
     ) -> StartGrasp:
-        """Return the start with its certificate tightened to this relative gap."""
+        """Return the start with its certificate tightened to a relative gap of ``rtol``."""
         previous, candidate = self.record.mu, self.on_body.candidate
         if previous.gap <= rtol:
             return self
@@ -161,7 +161,7 @@ class StartGrasp(StartResult):
 
 
 def attempt(work: Callable[[], Item]) -> tuple[Item | None, str]:
-    """Return the result of a call and an empty message; where numerics fail, None and the error as text."""
+    """Return the result of a call and an empty message, or None and the error's text where numerics fail."""
     try:
         return work(), ""
     except SOLVER_ERRORS as error:
@@ -174,10 +174,11 @@ def format_error(error: Exception) -> str:
 
 
 def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
-    """Return the best solved start, the earliest of equals; with none solved, the best whose only flaw is a collision.
+    """Return the best solved start; with none solved, the best whose only flaw is a collision.
 
-    The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
-    always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
+    Of equals it is the earliest. The lower bounds of two starts differ by chance within their certificates' gap, while
+    the upper bounds are nearly always the values themselves: among the starts whose lower bounds are that close, the
+    largest upper bound wins.
     """
     grasps = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
     eligible = [r for r in grasps if r.solved] or grasps

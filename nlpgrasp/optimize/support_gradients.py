@@ -29,9 +29,9 @@ from nlpgrasp.quality.grasp import Grasp
 def support_gradients(
     compiled: CompiledProblem, candidate: GraspCandidate, z: FloatArray, cuts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the supports of a candidate along cuts (m, d), and their gradients in the program's variables.
+    """Return a candidate's support function along cuts (m, d), and its gradients in the program's variables.
 
-    They are (m,) and (m, n), in the solver's units.
+    The supports are (m,) and the gradients (m, n), in the solver's units.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _contact_gradients(
 
 
 def _joint_rates(budget: ForceBudget, prices: FloatArray) -> list[FloatArray]:
-    """Return the joint rates ``nu / tau`` of each contact's Jacobian, (m, joints), from the limits' multipliers nu."""
+    """Return the joint rates ``nu / tau`` at each contact, (m, joints), from multipliers nu of torque limits."""
     if isinstance(budget, SharedJointTorqueLimits):
         return [prices[:, : len(budget.limits)] / budget.limits] * len(budget.jacobians)
     if isinstance(budget, JointTorqueLimits):
@@ -119,7 +119,10 @@ def _joint_rates(budget: ForceBudget, prices: FloatArray) -> list[FloatArray]:
 
 
 def _joint_motions(budget: ForceBudget, rates: list[FloatArray], space: int) -> tuple[FloatArray, FloatArray] | None:
-    """Return velocities and angular velocities (m, k, 3) of contacts due to joint rates; None without joints."""
+    """Return velocities and angular velocities (m, k, 3) of contacts due to joint rates.
+
+    None for budgets without joint-torque limits.
+    """
     if not isinstance(budget, JointTorqueLimits | SharedJointTorqueLimits):
         return None
     motions = [rate @ J.T for rate, J in zip(rates, budget.jacobians, strict=True)]
@@ -128,10 +131,10 @@ def _joint_motions(budget: ForceBudget, rates: list[FloatArray], space: int) -> 
 
 
 def _in_space(vectors: FloatArray) -> FloatArray:
-    """Return vectors (..., space) in space, (..., 3): planar ones with a third component of zero."""
+    """Return vectors (..., 3): planar ones get a third component of zero."""
     return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 3 - vectors.shape[-1]))], axis=-1)
 
 
 def _moments_in_space(moments: FloatArray) -> FloatArray:
-    """Return moments (..., 3), from none, planar ones (..., 1) about the third axis, or those in space."""
+    """Return moments (..., 3) from those of 0, 1 (about the third axis) or 3 components."""
     return np.concatenate([np.zeros((*moments.shape[:-1], 3 - moments.shape[-1])), moments], axis=-1)

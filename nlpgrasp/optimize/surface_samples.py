@@ -62,7 +62,7 @@ class SampleCloud:
     tree: cKDTree
 
     def subset(self, indices: NDArray[np.intp]) -> SampleCloud:
-        """Return the points with these indices (m,)."""
+        """Return the cloud of the points with given indices (m,)."""
         points = self.points[indices]
         return SampleCloud(self.faces[indices], points, self.normals[indices], cKDTree(points))
 
@@ -81,7 +81,7 @@ class SurfaceSamples:
 
     @cached_property
     def faces(self) -> dict[str, FloatArray]:
-        """Points on each face that some contact may use, (m, space)."""
+        """Sample points of each face that some contact may use, (m, space), by the face's name."""
         problem, k = self._problem, len(self._problem.models)
         names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
         rng = np.random.default_rng(0)
@@ -102,11 +102,14 @@ class SurfaceSamples:
         return samples
 
     def usable_faces(self, contact: int) -> tuple[str, ...]:
-        """Return the faces that a contact may use and that have points."""
+        """Return the faces that a contact may use and that have sample points."""
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
     def cloud(self, contact: int) -> SampleCloud:
-        """Return the points that a contact may use; on a mesh points of the mesh itself."""
+        """Return the surface samples that a contact may use.
+
+        On a mesh they are points of the mesh itself.
+        """
         if isinstance(self._problem.body, Mesh):
             return self.mesh_cloud
         names = self.usable_faces(contact)
@@ -119,7 +122,7 @@ class SurfaceSamples:
 
     @property
     def mesh(self) -> Mesh:
-        """The body, which must be a mesh."""
+        """The problem's body; raises an ``InputError`` unless it is a mesh."""
         return mesh_of(self._problem)
 
     @cached_property
@@ -134,7 +137,7 @@ class SurfaceSamples:
 
 
 def mesh_of(problem: GraspProblem) -> Mesh:
-    """Return a problem's body, which must be a mesh."""
+    """Return a problem's body; raise an ``InputError`` unless it is a mesh."""
     if not isinstance(problem.body, Mesh):
         raise InputError("GraspProblem.body", type(problem.body).__name__, "a mesh")
     return problem.body
@@ -159,7 +162,7 @@ def is_usable(problem: GraspProblem, points: FloatArray, outward: FloatArray) ->
 
 
 class SampleTables:
-    """Support tables of all contacts of a problem along shared directions.
+    """Tables of the contacts' supports at surface samples along shared directions.
 
     Parameters
     ----------
@@ -229,19 +232,19 @@ class SampleTables:
         self.powers = [table.powers(self.directions) for table in self.distinct]
 
     def samples(self, contact: int) -> SampleCloud:
-        """Return the samples of a contact."""
+        """Return the surface samples of a contact."""
         return self.distinct[self.of_contact[contact]].samples
 
     @cached_property
     def pairs(self) -> IntArray:
-        """Index pairs of opposite samples, (b, 2), for parallel jaws; none for other hands."""
+        """Index pairs of opposite samples, (b, 2), for parallel jaws; empty for other hands."""
         if not (self._jaws and self.of_contact[0] == self.of_contact[1]):
             return np.zeros((0, 2), dtype=np.intp)
         pairs = opposite_pairs(self.samples(0))
         return np.concatenate([pairs, pairs[:, ::-1]])
 
     def random(self, count: int, rng: np.random.Generator) -> IntArray:
-        """Return random tuples of sample indices, one for each contact, (count, k)."""
+        """Return random tuples of sample indices, one index for each contact, (count, k)."""
         if len(self.pairs):
             return self.pairs[rng.integers(len(self.pairs), size=count)]
         sizes = [len(self.samples(i).points) for i in range(len(self.of_contact))]
@@ -253,7 +256,7 @@ class SampleTables:
         return np.array(tuples, dtype=np.intp).reshape(len(contacts), len(self.of_contact))
 
     def contacts_of(self, tuples: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return points and inward normals of tuples of samples (b, k), (b, k, space) each."""
+        """Return contact points and inward normals of tuples of samples (b, k), (b, k, space) each."""
         clouds = [self.samples(i) for i in range(tuples.shape[1])]
         points = np.stack([cloud.points[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
         return points, np.stack([cloud.normals[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
@@ -261,7 +264,7 @@ class SampleTables:
 
 @dataclass(frozen=True)
 class SampleTable:
-    """Samples at which one contact satisfies the constraints on it alone, with its grasp maps.
+    """Samples that satisfy the constraints on one contact alone, with the contact's grasp map at each.
 
     Parameters
     ----------
@@ -313,7 +316,7 @@ def opposite_pairs(cloud: SampleCloud) -> NDArray[np.intp]:
 
 
 def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
-    """Return the directions of the line and rectangle contacts among the models."""
+    """Return the directions of the problem's line and rectangle contacts."""
     directions = (getattr(model, "direction", None) for model in problem.models) if problem.body.space == 3 else ()
     return [direction for direction in directions if direction is not None]
 
@@ -324,7 +327,7 @@ def _determines_direction(directions: Sequence[tuple[float, ...]], outward: Floa
 
 
 def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_], most: int) -> SampleCloud:
-    """Return at most ``most`` allowed points of a cloud; of all points where none is allowed."""
+    """Return at most ``most`` allowed points of a cloud, or of all its points if none is allowed."""
     indices = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(indices) > most:
         indices = np.random.default_rng(0).choice(indices, most, replace=False)

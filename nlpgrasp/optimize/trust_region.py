@@ -120,11 +120,14 @@ class Linearisation:
         return cost
 
     def rows(self) -> Linearised:
-        """Return all constraints linearised, cuts outside the program last, without a bound on the step."""
+        """Return all constraints linearised, without a bound on the step.
+
+        Cuts outside the program come last.
+        """
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
     def evaluate_at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return all constraints at nearby variables, with the cuts replaced, and their Jacobian (rows, n)."""
+        """Return all constraint values at variables z with other cuts, and the Jacobian (rows, n)."""
         if self.outside_cuts is not None:
             support, slopes = support_gradients(self.compiled, self.candidate_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
@@ -136,12 +139,12 @@ class Linearisation:
         return self.functions.linearise(z, theta)
 
     def candidate_at(self, z: FloatArray) -> GraspCandidate:
-        """Return the candidate at some variables, without projection onto the faces."""
+        """Return the candidate at variables z, without projection onto the faces."""
         program = self.functions.program
         return GraspCandidate(self.faces, contact_points(self.compiled, program, z), hand_of(program, z))
 
     def grasp_at(self, z: FloatArray) -> Grasp:
-        """Return the grasp at some variables, with the normals among them."""
+        """Return the grasp at variables z, with the normals among these."""
         normals = np.stack([z[block.range] for block in self.functions.program.blocks("normal")])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return self.compiled.grasp_at(contact_points(self.compiled, self.functions.program, z), normals / lengths)
@@ -165,7 +168,7 @@ class Linearisation:
         return quadratic_step(rows, self.cost if cost is None else cost, damping, curvature=curvature)
 
     def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
-        """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""
+        """Return the step of a quadratic program after restoring feasibility; None where that fails."""
         program, size = self.functions.program, self._size(radius)
         constraints = slice(program.contained, None)
         corrected = restore_feasibility(lambda z: self._rows(z, size, constraints), self.z + first.d, CORRECTIONS)
@@ -187,7 +190,10 @@ class Linearisation:
         return program.limits[0].size + np.arange(self.count)
 
     def cut_multipliers(self, multipliers: FloatArray) -> FloatArray:
-        """Return the multipliers of the cuts, (m,), at least zero up to rounding, from those of all constraints."""
+        """Return the multipliers of the cuts, (m,), out of those of all constraints.
+
+        They are at least zero up to rounding.
+        """
         return -multipliers[self.cut_indices]
 
     def _size(self, radius: float) -> FloatArray:
@@ -196,7 +202,7 @@ class Linearisation:
         return np.where(unbounded, BETA_STEP, radius * np.where(unbounded, 1.0, self.relative_radii))
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
-        """Return the constraints with the cuts appended that the program does not hold."""
+        """Return linearised constraints followed by the cuts that the program does not hold."""
         if self.outside_cuts is None:
             return rows
         support, slopes = self.outside_cuts
@@ -217,7 +223,9 @@ class Linearisation:
 def reduced_hessian(
     linear: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
 ) -> FloatArray:
-    """Return the reduced Hessian of ``-beta + multipliers g``, its negative part removed, (n, n), solver units.
+    """Return the positive part of the Lagrangian's reduced Hessian, (n, n), solver units.
+
+    The Lagrangian is ``-beta + multipliers g``.
 
     Parameters
     ----------
@@ -274,7 +282,7 @@ def _moving_minimiser_part(
 
 
 def _tangents(equations: FloatArray, beta: int) -> FloatArray:
-    """Return an orthonormal basis (n, r) of the directions that preserve linearised equations and beta."""
+    """Return an orthonormal basis (n, r) of the directions that keep linearised equations and beta."""
     preserved = np.concatenate([equations, np.eye(equations.shape[1])[beta : beta + 1]])
     _, values, vectors = np.linalg.svd(preserved)
     return np.asarray(vectors[int(np.sum(values > INDEPENDENT * values[0])) :].T)

@@ -36,7 +36,7 @@ LEAST_GAIN, IDLE = 2e-4, 3  # gain of log nu below which a round is idle; idle r
 
 
 class SampledVolume:
-    """log nu of candidates by fixed rays.
+    """Estimate of log nu by fixed rays from the origin.
 
     Parameters
     ----------
@@ -53,17 +53,17 @@ class SampledVolume:
         self._rays = np.concatenate([half, -half])
 
     def at(self, grasp: Grasp) -> RadialVolume:
-        """Return the volume of a grasp."""
+        """Return the sampled volume of a grasp."""
         return RadialVolume.of(WrenchSet.of(grasp, self._compiled.problem.budget), self._matrix, self._rays)
 
     def gradient(self, candidate: GraspCandidate, z: FloatArray, volume: RadialVolume) -> FloatArray:
-        """Return the gradient of log nu in the program's variables z (n,) at a candidate of this volume."""
+        """Return the gradient (n,) of log nu in the program's variables z at a candidate with this volume."""
         support, slopes = support_gradients(self._compiled, candidate, z, volume.normals)
         return np.asarray(volume.normals.shape[1] * (volume.weights / support) @ slopes)
 
 
 def sampled_volume(compiled: CompiledProblem, grasp: Grasp, rays: int = MANY_RAYS) -> float:
-    """Return log nu of a grasp at a torque scale of 1 m, by rays; minus infinity without force closure."""
+    """Return log nu of a grasp at a torque scale of 1 m, estimated by rays; minus infinity without force closure."""
     if wrench_rank(grasp.G.T) < grasp.dimension:
         return -np.inf
     return SampledVolume(compiled, grasp, rays).at(grasp).log
@@ -72,7 +72,10 @@ def sampled_volume(compiled: CompiledProblem, grasp: Grasp, rays: int = MANY_RAY
 def largest_volumes(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, count: int
 ) -> list[GraspCandidate]:
-    """Return the feasible candidates of the largest sampled nu, of given ones and random ones; the first as it is."""
+    """Return the feasible candidates of largest sampled nu among given and random ones.
+
+    The first given one where none is feasible.
+    """
     drawn = draw_contacts(compiled, DRAWN, rng)
     scored = [(sampled_volume(compiled, compiled.grasp(candidate), FEW_RAYS), candidate) for candidate in candidates]
     closed = np.argsort(-sampled_quality(compiled, drawn.points, drawn.normals), kind="stable")[:SCREENED]
@@ -86,7 +89,7 @@ def largest_volumes(
 
 
 def maximise_volume(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> GraspCandidate:
-    """Return a candidate moved uphill in log nu; unchanged without force closure."""
+    """Return a candidate improved in log nu by trust-region steps; unchanged without force closure."""
     grasp = compiled.grasp(candidate)
     if wrench_rank(grasp.G.T) < grasp.dimension:
         return candidate

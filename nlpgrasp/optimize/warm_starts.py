@@ -44,7 +44,7 @@ KnownGrasp = Grasp | FoundGrasp | GraspSolution
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Known grasp to start from: contacts of the problem on faces of its body.
+    """Warm start: known grasp with the problem's contacts on faces of its body.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class WarmStart:
 
     @classmethod
     def of(cls, compiled: CompiledProblem, source: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
-        """Return a grasp with the problem's contacts as a warm start: on the surface, with its hand.
+        """Return the warm start of a grasp with the problem's contacts, projected onto the surface.
 
         The normals (k, space) are the body's if not given; those of the grasp do not count.
         """
@@ -83,7 +83,7 @@ class WarmStart:
 
 
 def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[KnownGrasp, ...]:
-    """Return the grasps that a user passes as warm starts, checked against the problem.
+    """Return a user's warm starts after checking them against the problem.
 
     Raises
     ------
@@ -104,9 +104,9 @@ def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[Known
 def run_warm_start(
     compiled: CompiledProblem, warm: WarmStart, index: int, deadline: Deadline, improve: bool = True
 ) -> list[StartGrasp]:
-    """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
+    """Return the results of a warm start: unchanged and, with ``improve``, refined.
 
-    A start without a result is left out.
+    Their indices are ``index`` and the next one. A start without a result is left out.
     """
     unchanged = certify_as_is(compiled, warm, index)
     refined = refine_warm_start(compiled, warm, index + (unchanged is not None), deadline) if improve else None
@@ -114,9 +114,10 @@ def run_warm_start(
 
 
 def certify_as_is(compiled: CompiledProblem, warm: WarmStart, index: int) -> StartGrasp | None:
-    """Return a warm start certified unchanged; its lower bound is at least the one already proved for it.
+    """Return a warm start certified unchanged.
 
-    None where a contact is on a forbidden face, a constraint is violated, or the grasp does not exert the task.
+    Its lower bound is at least the one already proved for the grasp. None where a contact is on a forbidden face, a
+    constraint is violated, or the grasp does not exert the task.
     """
     started = time.perf_counter()
     with single_thread():
@@ -147,7 +148,7 @@ def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, de
 
 
 def _exchanged_on_mesh(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandidate:
-    """Return contacts on a mesh exchanged over dense samples nearby, or unchanged where no tuple there is feasible."""
+    """Return a candidate on a mesh after coordinate exchange over nearby samples; unchanged if none is feasible."""
     if not (isinstance(compiled.problem.body, Mesh) and compiled.follows_contacts):
         return candidate
     directions, rng = compiled.sample_tables.directions, np.random.default_rng(0)
@@ -214,7 +215,7 @@ def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[s
 def best_feasible(
     compiled: CompiledProblem, points: FloatArray, normals: FloatArray, faces: FloatArray
 ) -> GraspCandidate | None:
-    """Return the feasible candidate with the highest sampled quality; None where none is feasible.
+    """Return the feasible candidate with the highest quality score; None if none is feasible.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ def project_contacts(problem: GraspProblem, faces: Sequence[str], points: FloatA
 
 
 def _check_source(problem: GraspProblem, source: KnownGrasp, name: str) -> None:
-    """Raise an InputError unless a known grasp is one of the problem's body, contacts and hand."""
+    """Raise an InputError unless a known grasp fits the problem's body, contacts and hand."""
     grasp = _grasp_of(source, name)
     if isinstance(source, GraspSolution) and json_round_trip(source.problem["body"]) != json_round_trip(
         problem.to_dict()["body"]
@@ -277,14 +278,14 @@ def _grasp_of(source: KnownGrasp, name: str = "") -> Grasp:
 
 
 def _faces_of(problem: GraspProblem, source: KnownGrasp, grasp: Grasp) -> tuple[str, ...]:
-    """Return the faces stated by a grasp, or the ones nearest to its contacts."""
+    """Return the faces recorded with a grasp, or else those nearest to its contacts."""
     if not isinstance(source, Grasp) and set(source.faces) <= set(problem.body.face_names):
         return source.faces
     return tuple(map(str, nearest_face_names(problem.body, grasp.points, grasp.normals, SNAP_DISTANCE)))
 
 
 def _is_on_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> bool:
-    """Return whether each contact is on a face that it may use; on a mesh, which has one face, always."""
+    """Return whether each contact is on a face that it may use."""
     problem, body = compiled.problem, compiled.problem.body
     for i, (face, point) in enumerate(zip(candidate.faces, candidate.points, strict=True)):
         if face not in problem.allowed_faces(i):
@@ -295,7 +296,7 @@ def _is_on_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> bool:
 
 
 def _unchanged_grasp(compiled: CompiledProblem, warm: WarmStart) -> GraspOnBody:
-    """Return the unchanged grasp of a warm start, with its known normals, and the body's own for other contacts."""
+    """Return the unchanged grasp of a warm start, with the body's normals where none are known."""
     candidate, body = warm.candidate, compiled.problem.body
     normals, match = compiled.inward_normals(candidate), None
     smooth = normals
@@ -322,7 +323,7 @@ def _certify_start(
     started: float,
     floor: float = 0.0,
 ) -> StartGrasp:
-    """Return a grasp as a certified start; a feasible one with bounds of at least the floor."""
+    """Return a grasp as a certified start, with bounds of at least ``floor`` if the grasp is feasible."""
     bounds = mu(
         on_body.grasp, compiled.problem.task, compiled.options.rtol, force_budget=compiled.budget(on_body.candidate)
     )
