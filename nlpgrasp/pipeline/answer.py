@@ -1,4 +1,4 @@
-"""Answer of a solve: selection among the starts, certificate, finger forces, record of the search."""
+"""Answer of a solve: selection among the starts, certificate, finger forces and record of the search."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class SearchRecord:
 
     @property
     def records(self) -> tuple[StartRecord, ...]:
-        """Records of the starts, in their order."""
+        """Records of all starts, in the order of ``results``."""
         return tuple(r.record for r in self.results)
 
     def raised_bound(self, lower: float) -> GlobalBound | None:
@@ -93,7 +93,7 @@ def total_effort(results: Sequence[StartResult]) -> SolverEffort:
 def prefer_robust_start(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> StartGrasp:
-    """Return the best start, or where it is fragile a more robust one of enough mu.
+    """Return the best start, or a more robust start of enough mu if the best one is fragile.
 
     A fragile best start is replaced by the first start, by decreasing mu, that is not fragile, has at least half its mu
     and more mu under the worst displacement. A start that is not fragile but keeps less than half of its mu is replaced
@@ -130,11 +130,11 @@ def prefer_robust_start(
 def restrict_to_pressing(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can all press in balance, and all such starts; all where none can.
+    """Return the best start whose contacts can all press in balance, and all such starts.
 
-    A grasp can press where its contacts can press against each other: other grasps of a hand with joints exert the
-    task only while it pushes into the fingers. Eligible are the pressing starts with at least half of the best mu;
-    ``best`` and ``results`` are returned where there are none, or where the hand does not need it.
+    The given start and results are returned where there are none, or where the hand does not need it. A grasp can press
+    where its contacts can press against each other: other grasps of a hand with joints exert the task only while it
+    pushes into the fingers. Eligible are the pressing starts with at least half of the best mu.
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.on_body.grasp):
         return best, results
@@ -146,7 +146,7 @@ def restrict_to_pressing(
 
 
 def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
-    """Return a start with its robustness; with the error in its message where that fails numerically."""
+    """Return a start with its robustness, or with the error in its message if the robustness fails."""
     if start.robust is not None:
         return start
     robust, message = attempt(lambda: robustness(compiled, start.on_body.candidate, start.on_body.grasp))
@@ -156,7 +156,10 @@ def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp
 def _next_best(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
 ) -> Iterator[StartGrasp]:
-    """Yield the best start before it converged, then the next best distinct ones with at least a share of its mu."""
+    """Yield the best start as it was before converging, then the next best distinct starts of enough mu.
+
+    Enough is a fraction ``share`` of the best mu.
+    """
     least, chosen = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
     if best.optimum is not None:
@@ -177,7 +180,7 @@ def _hausdorff_distance(a: StartGrasp, b: StartGrasp) -> float:
 
 
 def make_answer(search: SearchRecord, why_not: WhyNot | None) -> GraspSolution:
-    """Return the solution of a search: the chosen start with certificate and forces, or the one without a grasp."""
+    """Return the solution of a search, with or without a grasp."""
     return _solution_without_grasp(search, why_not) if search.chosen is None else _solution_of(search, search.chosen)
 
 
@@ -201,7 +204,7 @@ def _solution_without_grasp(search: SearchRecord, why_not: WhyNot | None) -> Gra
 
 
 def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
-    """Return the solution with the best start's grasp: its narrowed certificate, finger forces and squeeze."""
+    """Return the solution with a start's grasp: its narrowed certificate, finger forces and squeeze."""
     problem, on_body, grasp = search.problem, best.on_body, best.on_body.grasp
     budget = budget_at(problem, on_body.candidate)
     rtol, certified = search.options.final_rtol, best.record.mu
@@ -241,14 +244,17 @@ def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
 
 
 def delta_of(problem: GraspProblem, certified: Bounds) -> Bounds | None:
-    """Return delta of a grasp for the objective delta, whose mu it is; None for other objectives."""
+    """Return the bounds on delta of a grasp for the objective delta; None for other objectives.
+
+    For this objective mu is delta.
+    """
     if problem.objective != "delta":
         return None
     return replace(certified, torque_scale=problem.torque_scale, kind="delta", task_beta=None)
 
 
 def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:
-    """Return the status of a search with a grasp: touching, optimal within the requested gap, or solved."""
+    """Return the status of a search with a grasp: touches, optimal within the requested gap, or solved."""
     if best.record.status is Status.TOUCHES:
         return Status.TOUCHES
     is_closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
@@ -258,7 +264,7 @@ def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float
 def solver_record(
     options: SolveOptions, seed: int, effort: SolverEffort, seconds: float, stages: Mapping[str, float] | None = None
 ) -> Json:
-    """Return the solver's record for the file: seed, effort, wall time by stage, options, versions.
+    """Return the solver's record as JSON data: seed, effort, wall time by stage, options and versions.
 
     Warns
     -----

@@ -1,4 +1,4 @@
-"""Multistart search: the stages of a solve as methods, and progress messages."""
+"""Multistart search of a solve, with a method for each stage, and progress messages."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ Progress = Callable[[StartRecord, Bounds], None]
 
 
 class Multistart:
-    """Multistart search, with one method for each stage of a solve.
+    """Multistart search with one method for each stage of a solve.
 
     The stages are ``compile``, ``begin_bound``, ``propose``, ``run_candidates``, ``close_gap``, ``choose``, ``bound``,
     ``certify`` and ``analyse``. Warm starts may be added until the answer is chosen. A search can resume from an
@@ -114,7 +114,7 @@ class Multistart:
 
     @classmethod
     def resume(cls, runner: StartRunner, solution: GraspSolution, seed: int) -> Multistart:
-        """Return a search that continues from a solution: with its start records, bound and effort.
+        """Return a search that continues from a solution, with the solution's start records, bound and effort.
 
         The grasp of the solution is not among the results; a warm start has to add it.
         """
@@ -135,7 +135,10 @@ class Multistart:
 
     @property
     def best(self) -> StartGrasp | None:
-        """Best start so far; where warm starts proved a lower bound, only among starts certified to reach it."""
+        """Best start so far.
+
+        Where warm starts proved a lower bound of mu, only starts certified to reach it count.
+        """
         best = best_of(self.results)
         if best is None or best.record.mu.lower >= self.floor:
             return best
@@ -143,7 +146,7 @@ class Multistart:
 
     @property
     def gap(self) -> float:
-        """Relative gap of the best start to the bound so far; inf without either."""
+        """Relative gap between the best start and the bound so far; inf if either is missing."""
         best = self.best
         if self._tree is None or best is None or best.record.mu.lower <= 0.0:
             return float("inf")
@@ -151,15 +154,15 @@ class Multistart:
 
     @property
     def next_index(self) -> int:
-        """Index of the next further start, after the requested ones."""
+        """Index of the next start beyond the requested ones."""
         return max([self.runner.count, *(r.record.index + 1 for r in self.results)])
 
     def compile(self) -> None:
-        """Compile the problem in the worker processes, where there are any; this process compiles on first use."""
+        """Begin to compile the problem in the worker processes; this process compiles it on first use."""
         self.runner.prepare()
 
     def begin_bound(self) -> None:
-        """Compute the root bound of a branch and bound, where it covers the problem."""
+        """Compute the root bound of a branch and bound, if it covers the problem."""
         self._clock.mark("programs")
         problem, options = self.runner.problem, self.runner.options
         self._tree = self.runner.branch_and_bound()
@@ -168,7 +171,10 @@ class Multistart:
         self._clock.mark("bound")
 
     def run_starts(self, warm_starts: Sequence[KnownGrasp] = ()) -> None:
-        """Compile, compute the root bound, then propose, refine and certify the requested starts and warm starts."""
+        """Run the stages from compilation to the end of the requested starts and warm starts.
+
+        They are compile, root bound, propose, refine and certify.
+        """
         self.compile()
         self.begin_bound()
         self.run_candidates(self.propose(), warm_starts)
@@ -176,7 +182,7 @@ class Multistart:
     def run_candidates(
         self, candidates: Iterable[tuple[int, Sequence[GraspCandidate]]], warm_starts: Sequence[KnownGrasp] = ()
     ) -> None:
-        """Refine and certify the candidates of each start, then warm starts, each as it is and refined.
+        """Refine and certify the candidates of each start, then each warm start unchanged and refined.
 
         Parameters
         ----------
@@ -196,9 +202,10 @@ class Multistart:
         self._clock.mark("starts")
 
     def propose(self) -> Iterator[tuple[int, Sequence[GraspCandidate]]]:
-        """Yield the index and the candidates of each requested start, proposed in batches, until the deadline.
+        """Yield index and candidates of each requested start until the deadline.
 
-        Where the proposal fails numerically, the starts of its batch are recorded as failed.
+        Candidates are proposed in batches of starts. Where the proposal fails numerically, the starts of its batch are
+        recorded as failed.
         """
         for first in range(0, self.runner.count, BATCH):
             if self.deadline.should_stop():
@@ -216,7 +223,7 @@ class Multistart:
             yield from zip(indices, deal_candidates(proposed, len(indices)), strict=True)
 
     def add_warm_start(self, warm: WarmStart, improve: bool = True) -> bool:
-        """Run a warm start in this process; return whether the best mu rose by more than the certificate's gap."""
+        """Run a warm start in this process; return whether the best mu has provably risen."""
         self._clock.restart()
         previous = self.best
         new = run_warm_start(self.runner.compiled, warm, self.next_index, self.deadline, improve)
@@ -228,9 +235,10 @@ class Multistart:
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
     def prove(self, rtol: float) -> bool:
-        """Certify the best start to a relative gap and branch further; return whether the search may end.
+        """Certify the best start and branch further; return whether the search may end.
 
-        It may where the best start is within the bound's gap, memory is full, or the deadline is over.
+        It may end where the best start is within the bound's gap, memory is full, or the deadline has passed. The
+        certificate has a relative gap of ``rtol``.
         """
         self._clock.restart()
         problem = self.runner.problem
@@ -244,7 +252,7 @@ class Multistart:
     def run_until_proved(
         self, starts: int, rtol: float, contacts: Sequence[FloatArray] | None = (), patience: int | None = None
     ) -> int:
-        """Run starts one at a time in this process, until after one of them the search may end (``prove``).
+        """Run starts one at a time in this process until ``prove`` says that the search may end.
 
         Parameters
         ----------
@@ -277,12 +285,15 @@ class Multistart:
         return starts
 
     def replace_results(self, *starts: StartGrasp) -> None:
-        """Replace the results that have the same indices as some starts."""
+        """Replace the results that have the same indices as the given starts."""
         by_index = {start.record.index: start for start in starts}
         self.results = [by_index.get(result.record.index, result) for result in self.results]
 
     def certify_best(self, rtol: float) -> StartGrasp | None:
-        """Certify the best start to a relative gap, again where another becomes the best; return it."""
+        """Certify the best start to a relative gap, and return it.
+
+        Certified anew where another start becomes the best.
+        """
         tight = set[int]()
         while (best := self.best) is not None and best.record.index not in tight:
             best = best.tighten_bounds(self.runner.problem, rtol, self.seed)
@@ -291,9 +302,9 @@ class Multistart:
         return best
 
     def close_gap(self) -> None:
-        """Branch and bound until the best grasp is within the requested gap, memory is full, or the deadline.
+        """Branch and bound until the best grasp is within the requested gap, memory is full, or time is up.
 
-        Further starts alternate with it, also from the relaxed placements of the bound.
+        Further starts alternate with the branching; some of them begin from the bound's relaxed placements.
         """
         if self._tree is None or self.runner.options.gap is None:
             return
@@ -304,10 +315,10 @@ class Multistart:
         self._clock.mark("closing the gap")
 
     def _add_start(self, candidates: Sequence[GraspCandidate] = ()) -> None:
-        """Run one more start in this process, from candidates if there are any.
+        """Run one more start in this process, from given candidates if there are any.
 
-        Without them the start proposes its own, also from the bound's relaxed placements. Requested starts that have
-        not been run come first.
+        Without candidates the start proposes them itself, also from the bound's relaxed placements. Requested starts
+        that have not been run come first.
         """
         finished = {result.record.index for result in self.results}
         index = next((i for i in range(self.runner.count) if i not in finished), self.next_index)
@@ -315,10 +326,11 @@ class Multistart:
         self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, relaxed, candidates))
 
     def _propose_near(self, contacts: Sequence[FloatArray] | None, starts: int) -> list[Sequence[GraspCandidate]]:
-        """Return the candidates of each of some further starts, also near known contacts and relaxed placements.
+        """Return the candidates of each of several further starts, also near known contacts.
 
-        ``contacts`` are arrays (k, space); with None, candidates are those of a solve with as many starts. They are
-        empty where the proposal fails numerically: each start then proposes its own.
+        Candidates near the bound's relaxed placements are proposed as well. ``contacts`` are arrays (k, space); with
+        None, candidates are those of a solve with as many starts. They are empty where the proposal fails numerically:
+        each start then proposes its own.
         """
         known = [] if contacts is None else [*contacts, *self._relaxed_placements()]
         try:
@@ -332,7 +344,7 @@ class Multistart:
         return [] if self._tree is None else self._tree.relaxed_placements(RELAXED)
 
     def _branch_further(self, nodes: int) -> bool:
-        """Branch on further nodes; return whether the search is finished: gap closed, or memory full."""
+        """Branch on further nodes; return whether the gap is closed or memory is full."""
         if self._tree is None:
             return False
         best = self.best
@@ -342,7 +354,7 @@ class Multistart:
         return self._tree.is_finished
 
     def choose(self) -> None:
-        """Choose the answer among the starts, converged to its local optimum, with a collision-free approach."""
+        """Choose the answer among the starts: at its local optimum, and with a collision-free approach."""
         runner, deadline, best = self.runner, self.deadline, self.best
         if best is None:
             return
@@ -370,20 +382,20 @@ class Multistart:
         self.chosen = best
 
     def accept_unchanged(self, best: StartGrasp) -> None:
-        """Choose a start as the answer unchanged, with the approach of its hand."""
+        """Choose a start as the answer without moving it; its hand's approach is added."""
         with single_thread():
             self.chosen = add_hand_record(self.runner.compiled, best)
         self.replace_results(self.chosen)
 
     def answer(self, branch: bool = True) -> GraspSolution:
-        """Bound (``branch`` as in ``bound``), certify and analyse the chosen start, and return the solution."""
+        """Bound, certify and analyse the chosen start, and return the solution; ``branch`` as in ``bound``."""
         return self.analyse(self.certify(self.bound(branch)))
 
     def bound(self, branch: bool = True) -> GlobalBound | None:
-        """Return the bound over all placements, after a short branch and bound; None for problems not covered.
+        """Return the upper bound on mu over all placements, after a short branch and bound.
 
-        Where a gap is requested, ``close_gap`` has computed it; without ``branch`` it is the bound so far. A search
-        resumed from a solution returns its bound.
+        None for problems that the bound does not cover. Where a gap is requested, ``close_gap`` has computed the bound;
+        without ``branch`` it is the bound so far. A search resumed from a solution returns that solution's bound.
         """
         self._clock.restart()
         if self._tree is None:
@@ -400,9 +412,9 @@ class Multistart:
         return self._tree.bound()
 
     def certify(self, bound: GlobalBound | None) -> GraspSolution:
-        """Return the solution with the chosen start and its certificate, or with a diagnosis where no start was chosen.
+        """Return the solution: the chosen start with its certificate, or a diagnosis if no start was chosen.
 
-        The workers begin to process the other distinct grasps, where these are requested.
+        The workers begin to certify the other distinct grasps, where these are requested.
         """
         runner, deadline, clock, best, reason = self.runner, self.deadline, self._clock, self.chosen, None
         search = SearchRecord(
@@ -431,7 +443,10 @@ class Multistart:
         return solution
 
     def _needs_alternatives(self, best: StartGrasp) -> bool:
-        """Return whether the only kept grasp of a gripper with stated sizes is blocked, or a pad overhangs."""
+        """Return whether other grasps are needed since the gripper is blocked or a pad overhangs.
+
+        Only for a parallel gripper with given sizes, where a single grasp is kept.
+        """
         hand, body = self.runner.problem.hand, self.runner.problem.body
         is_sized = isinstance(hand, ParallelJaw) and hand.is_solid and body.space == 3
         return is_sized and self._others is None and bool(best.record.obstruction) and not self.deadline.should_stop()
@@ -452,7 +467,7 @@ class Multistart:
 
     @property
     def _early_end_status(self) -> Status | None:
-        """Status of a search that was interrupted, or whose time ended before all starts were begun; else None."""
+        """Status of a search that was interrupted, or ran out of time before all starts were begun; else None."""
         if self.deadline.is_interrupted():
             return Status.INTERRUPTED
         if not self.deadline.should_stop():
@@ -462,7 +477,7 @@ class Multistart:
         return Status.TIME_LIMIT if count < self.runner.count else None
 
     def _add_analyses(self, solution: GraspSolution) -> GraspSolution:
-        """Return the solution with the analyses that the options request."""
+        """Return the solution with the analyses added that the options request."""
         runner, deadline, best = self.runner, self.deadline, self.chosen
         names = requested_analyses(runner.options, solution, runner.problem.hand)
         if best is None or not names or deadline.should_stop():
@@ -476,7 +491,7 @@ class Multistart:
 
 
 def progress_callback(progress: Progress | bool | None, starts: int) -> Progress | None:
-    """Return the callback for finished starts, None without one.
+    """Return the callback for finished starts, or None if there is none.
 
     Parameters
     ----------
@@ -500,7 +515,7 @@ def progress_callback(progress: Progress | bool | None, starts: int) -> Progress
 
 
 class LineWriter:
-    """Writer of one line per finished start to standard error.
+    """Progress callback that writes one line per finished start to standard error.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""``ng.solve``: search for the best grasp of a problem, stage after stage.
+"""``ng.solve``: search for the best grasp of a problem in stages.
 
 - compile, ``optimize/compiled_problem.py``: programs, constraint functions, surface samples, shared by all starts
 - root bound, ``global_bound/branch_and_bound.py``: upper bound on mu over all placements, without branching
@@ -123,7 +123,7 @@ def solve(
 
 
 def solve_compiled(compiled: CompiledProblem, starts: int, seed: int, keeping: KeepOptions = ONE) -> GraspSolution:
-    """Return the solution of a compiled problem, as ``solve`` does, in this process."""
+    """Return the solution of a compiled problem, as ``solve`` finds it, in this process."""
     return _run(StartRunner(compiled.problem, compiled.options, starts, compiled), seed, keeping)
 
 
@@ -134,7 +134,7 @@ def _run(
     progress: Progress | None = None,
     warm_starts: Sequence[KnownGrasp] = (),
 ) -> GraspSolution:
-    """Return the solution of a search, stage after stage; Ctrl-C ends it early with the best grasp so far."""
+    """Run all stages of a search and return the solution; Ctrl-C ends it with the best grasp so far."""
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         search = Multistart(runner, seed, keeping, progress, Path(folder) / "stop")
         with InterruptHandler(search.deadline), single_thread():
@@ -148,7 +148,7 @@ def _run(
 
 
 def check_objective(problem: GraspProblem, options: SolveOptions, keep: int, warm_starts: int) -> None:
-    """Refuse what a solve of the objective nu does not have."""
+    """Raise an ``InputError`` for options that the objective nu does not have."""
     requested = {
         "gap": options.gap is not None,
         "maximise_robust": options.maximise_robust,
@@ -162,7 +162,7 @@ def check_objective(problem: GraspProblem, options: SolveOptions, keep: int, war
 
 
 def check_json(data: Json) -> None:
-    """Refuse a problem that cannot be written as JSON."""
+    """Raise an ``InputError`` for a problem that cannot be written as JSON."""
     try:
         json.dumps(data, allow_nan=False)
     except (TypeError, ValueError) as error:
