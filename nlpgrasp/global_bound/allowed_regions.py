@@ -39,7 +39,7 @@ class HalfSpaces:
     radius: float = 0.0
 
     def offsets_at(self, normal: FloatArray) -> FloatArray:
-        """Return the offsets (m,) of the limits on contact points with a given inward normal."""
+        """Return the offsets (m,) of the half-spaces that hold contact points with a given inward normal."""
         return np.asarray(self.b + self.radius * self.A @ normal)
 
     def excess(self, points: FloatArray, normals: FloatArray) -> FloatArray:
@@ -93,7 +93,7 @@ class PositionLimits:
         return bool(self.half_spaces or self.excluded or self.distances)
 
     def clip_face(self, face: CellFace) -> CellFace | None:
-        """Return the allowed part of a flat face, None if empty; other faces are returned as they are."""
+        """Return the allowed part of a flat face, None if empty; faces of other kinds are unchanged."""
         if not isinstance(face, FlatFaceCells):
             return face
         size = max(float(np.max(np.ptp(piece, axis=0))) for piece in face.pieces)
@@ -179,7 +179,7 @@ class AllowedRegion:
 def allowed_regions(
     problem: GraspProblem,
 ) -> tuple[list[AllowedRegion], tuple[str, ...], tuple[PlacementConstraint, ...]]:
-    """Return the region of each contact, the names of dropped parts, and the constraints that are kept.
+    """Return each contact's allowed region, the names of dropped problem parts, and the kept constraints.
 
     Dropped are the hand, constraints that couple contacts, and user-defined expressions.
     """
@@ -205,9 +205,10 @@ def allowed_regions(
 
 
 def relaxed_problem(problem: GraspProblem) -> GraspProblem:
-    """Return the problem without its dropped parts; fingertips stay if limits depend on their radii.
+    """Return the problem without the parts that the bound drops.
 
-    On a mesh, contacts touch the triangles themselves, up to the edges.
+    Fingertips stay if limits depend on their radii. On a mesh, contacts touch the triangles themselves, up to the
+    edges.
     """
     constraints = allowed_regions(problem)[2]
     radius = 0.0 if problem.hand is None else max(problem.hand.tip_radii)
@@ -218,7 +219,7 @@ def relaxed_problem(problem: GraspProblem) -> GraspProblem:
 
 
 def _region_limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> PositionLimits | None:
-    """Return a constraint's limits on the position of one contact; None without any, and where they are unknown."""
+    """Return a constraint's limits on the position of one contact; None if it has none or they are unknown."""
     if isinstance(constraint, Table):
         lowest = constraint.height + constraint.clearance + radius
         return PositionLimits(half_spaces=(HalfSpaces(-np.eye(space)[-1:], np.array([-lowest]), radius),))
@@ -236,7 +237,7 @@ def _region_limits(constraint: PlacementConstraint, contact: int, radius: float,
 
 
 def _region(region: Region) -> HalfSpaces | None:
-    """Return a region as half-spaces, None for a user-defined function."""
+    """Return the half-spaces of a region; None for a region given by a user's function."""
     if isinstance(region, HalfSpace):
         return HalfSpaces(-np.asarray(region.normal, dtype=float)[None], np.array([-region.offset]))
     if isinstance(region, BoxRegion):
@@ -247,7 +248,7 @@ def _region(region: Region) -> HalfSpaces | None:
 
 
 def _distance_from_obstacle(obstacle: Obstacle, body: Body) -> Callable[[FloatArray], FloatArray]:
-    """Return the function of distances from an obstacle, for points in the held body's frame."""
+    """Return a function for the distances of points, in the held body's frame, from an obstacle."""
     position = np.zeros(body.space) if obstacle.position is None else np.asarray(obstacle.position, dtype=float)
     rotation = obstacle.rotation
 

@@ -1,4 +1,4 @@
-"""Result of a global search: upper bound on mu over all placements, and the incumbent."""
+"""Result of a global search: upper bound on mu over all placements, and the best grasp found."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class BestPossible:
         return is_small(self.certificate)
 
     def kept(self, file: str | Path | None = None) -> Json:
-        """Return the certificate to embed in another file: itself, or name and digest of the saved bound.
+        """Return what another file embeds: the certificate, or name and digest of the saved bound's file.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Branch and bound over all placements of a problem's contacts: a decreasing upper bound on mu."""
+"""Branch and bound over all placements of a problem's contacts, for an upper bound on mu."""
 
 from __future__ import annotations
 
@@ -24,14 +24,17 @@ ROOT_EXCESS = 0.1  # relative, accepted excess of the root bound of a mesh over 
 
 
 def tree_of(scope: BoundScope) -> NodeTree:
-    """Return an empty branch-and-bound tree; on a mesh, with its many cells, nodes share dual weights."""
+    """Return an empty branch-and-bound tree with the bounding strategy for the kind of body.
+
+    On a mesh, with its many cells, nodes share dual weights.
+    """
     if isinstance(scope.problem.body, Mesh):
         return NodeTree(SharedWeightStrategy(scope), 0)
     return NodeTree(NodeWeightStrategy(scope), MOST_LEAVES)
 
 
 class BranchAndBound:
-    """Branch and bound over all placements: an upper bound on mu at any time, with its certificate.
+    """Branch and bound over all placements, with an upper bound on mu and its certificate at any time.
 
     Parameters
     ----------
@@ -58,12 +61,15 @@ class BranchAndBound:
 
     @property
     def nodes(self) -> int:
-        """Number of nodes so far."""
+        """Number of nodes bounded so far."""
         return self._tree.nodes
 
     @property
     def evaluations(self) -> int:
-        """Number of supports evaluated inside curved cells so far: on curved faces they take most of the time."""
+        """Number of support evaluations inside curved cells so far.
+
+        On curved faces they take most of the time.
+        """
         return sum(group.supports.evaluations for group in self.scope.contact_cells)
 
     @property
@@ -73,7 +79,7 @@ class BranchAndBound:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the bound is within the gap of the incumbent's quality."""
+        """Whether the bound exceeds the incumbent's quality by no more than the gap."""
         return self._has_roots and self.upper <= self.incumbent * (1.0 + self.gap)
 
     @property
@@ -87,7 +93,7 @@ class BranchAndBound:
 
     @property
     def _target(self) -> float:
-        """Bound at which a node is closed."""
+        """Largest bound with which a node is closed."""
         return self.incumbent * (1.0 + SHARE * self.gap)
 
     def copy(self) -> BranchAndBound:
@@ -97,13 +103,13 @@ class BranchAndBound:
         return deepcopy(self, {id(part): part for part in shared})
 
     def update_incumbent(self, mu: float, weak: FloatArray | None = None) -> None:
-        """Raise the incumbent's certified quality to mu, and add its weak directions (m, d) to the trial directions."""
+        """Raise the incumbent's certified quality to mu, and remember the grasp's weak directions (m, d)."""
         self.incumbent = max(self.incumbent, mu)
         if weak is not None and len(weak):
             self._tree.bounding.twists.remember(normalise_twists(self.scope.problem.task, weak))
 
     def branch(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Branch until a number of further nodes are bounded, the search is finished, or ``stopped``.
+        """Branch until ``nodes`` more nodes are bounded, the search is finished, or ``stopped()`` is true.
 
         The root nodes are bounded first.
         """
@@ -117,19 +123,19 @@ class BranchAndBound:
             self._tree.branch(self._target)
 
     def relaxed_placements(self, count: int) -> list[FloatArray]:
-        """Return contact positions (k, space) from the latest fractional placements, the largest bounds first."""
+        """Return contact positions (k, space) of the latest relaxed placements, the largest bounds first."""
         order, groups = np.argsort(self.scope.contact_of_slot), [group for group, _ in self.scope.group_of]
         loosest = sorted(self._tree.bounding.placements, key=lambda placement: -placement.bound)[:count]
         rows = [zip(groups, placement.heaviest_rows().tolist(), strict=True) for placement in loosest]
         return [np.stack([group.supports.points[row] for group, row in pairs])[order] for pairs in rows]
 
     def certificate(self) -> tuple[float, Json]:
-        """Return the bound proven by the recorded tree, and the record (docs/how_close.md)."""
+        """Return the bound that the recorded tree proves, and its certificate as JSON data (docs/how_close.md)."""
         upper, proof = build_certificate(self._tree)
         return upper, {"asked": self.gap, **proof}
 
     def bound(self) -> GlobalBound:
-        """Return the current bound with its certificate; on a mesh the root's where splits hardly lower it.
+        """Return the current bound with its certificate.
 
         The certificate of a mesh whose cells were split holds the order of all triangles. Where splits hardly lower the
         bound, the much smaller certificate of the root is returned.

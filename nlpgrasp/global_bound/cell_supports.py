@@ -1,4 +1,4 @@
-"""Support functions of single contacts at representative contacts of cells, and their sum by force budget.
+"""Support functions of single contacts at the representative contacts of cells, and their combination by budget.
 
 A row is a surface point with its inward normal. The rows of a flat cell bound the support all over the cell; curved
 cells also have parts between their rows (``CurvedParts``), over which ``support_table`` bounds it.
@@ -29,7 +29,7 @@ Powers = TypeVar("Powers", bound=FloatArray | NDArray[np.float32])
 
 @dataclass(frozen=True)
 class CombinationRule:
-    """Rule by which a force budget combines the contacts' supports to that of the grasp, ``phi_G^p = sum_i s_i^p``.
+    """Rule by which a force budget combines the contacts' supports: ``phi_G^p = sum_i s_i^p``.
 
     Under the shared budget the largest s_i is the support. For any threshold theta it is at most
     ``theta + sum_i (s_i - theta)_+``, a sum over contacts again, and tight where one s_i alone exceeds theta.
@@ -64,7 +64,7 @@ class CombinationRule:
         raise NotCoveredError("force_budget", budget.kind, allowed)
 
     def support(self, contact: ContactModel, z: FloatArray) -> FloatArray:
-        """Return the support s, (...), at least zero, for work z (..., n_i) along the force components."""
+        """Return a contact's support s, at least zero, (...), for work z (..., n_i) along its force components."""
         if not self.lengths:
             return contact.extreme(z)[0]
         square = contact.squared_support(_work_sizes(contact, z), np)
@@ -73,19 +73,22 @@ class CombinationRule:
         return np.asarray(np.sqrt(square))
 
     def powers(self, contact: ContactModel, z: FloatArray) -> FloatArray:
-        """Return ``s^p``, (...), for work z (..., n_i) along the force components."""
+        """Return the power ``s^p`` of a contact's support, (...), for work z (..., n_i) along its force components."""
         powers = self.powers_of(contact, _work_sizes(contact, z))
         return np.asarray(self.support(contact, z) ** self.power) if powers is None else powers
 
     def powers_of(self, contact: ContactModel, work: Work) -> FloatArray | None:
-        """Return ``s^p`` for work along normal, surface and about the normal; None without closed form."""
+        """Return ``s^p`` from the work along the normal, along the surface and about the normal.
+
+        None without closed form.
+        """
         square = contact.squared_support(work, np) if self.lengths else None
         if square is None:
             return None
         return np.asarray(square if self.power == 2.0 else square ** (0.5 * self.power))
 
     def has_closed_form(self, contact: ContactModel) -> bool:
-        """Whether the support has a closed form, so that no projections are needed."""
+        """Return whether a contact's support has a closed form, so that no projections are needed."""
         return not self.lengths or contact.squared_support(Work(0.0, 0.0, 0.0), np) is not None
 
     def lipschitz(self, contact: ContactModel, space: int) -> tuple[float, float]:
@@ -107,11 +110,11 @@ class CombinationRule:
         return SEARCH_POWER if self.takes_largest else self.power
 
     def excess(self, powers: Powers, thresholds: FloatArray | float) -> Powers:
-        """Return the excess ``(s - theta)_+`` of supports over thresholds; without thresholds in the rule, ``s^p``."""
+        """Return the excess ``(s - theta)_+`` of supports over thresholds, or ``s^p`` for rules without thresholds."""
         return cast("Powers", np.maximum(powers - thresholds, 0.0)) if self.takes_largest else powers
 
     def thresholds(self, bounds: FloatArray, round_number: int) -> FloatArray:
-        """Return the thresholds of a round for current bounds on mu (b,), (b,); zero where the support is a sum."""
+        """Return a round's thresholds (b,) from current bounds on mu (b,); zero for rules without thresholds."""
         if not self.takes_largest:
             return np.zeros(len(bounds))
         return np.asarray(np.round(THRESHOLDS[round_number % len(THRESHOLDS)] * bounds, DIGITS))
@@ -126,7 +129,7 @@ COMBINATION_RULES: dict[type[ForceBudget], CombinationRule] = {
 
 
 def _work_sizes(contact: ContactModel, z: FloatArray) -> Work:
-    """Return the absolute work along the normal, along the surface and about the normal."""
+    """Return the work along the normal, and the absolute work along the surface and about the normal."""
     space = 2 if z.shape[-1] == 2 else 3
     tangential = np.abs(z[..., 1]) if space == 2 else np.hypot(z[..., 1], z[..., 2]) if z.shape[-1] > 2 else np.zeros(1)
     torsion = np.abs(z[..., 3]) if z.shape[-1] > 3 else np.zeros(1)
@@ -134,7 +137,7 @@ def _work_sizes(contact: ContactModel, z: FloatArray) -> Work:
 
 
 class Supports:
-    """Support functions of one contact model over the rows of numbered cells.
+    """Support function of one contact model at the representative contacts (rows) of cells.
 
     Parameters
     ----------
@@ -170,7 +173,7 @@ class Supports:
         self.evaluations, self.largest_radius, self.is_curved = 0, 0.0, False
 
     def add(self, cell: SurfaceCell) -> None:
-        """Add the rows of a cell, which gets the next number."""
+        """Add the representative contacts of a cell, which gets the next index."""
         contacts = cell.representative_contacts()
         self.balls.append(cell.ball())
         self.largest_radius = max(self.largest_radius, self.balls[-1][1])
@@ -184,12 +187,12 @@ class Supports:
         self._row_count += len(rows)
 
     def maps_at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return grasp maps of the contact at points with inward normals: (m, space) each to (m, d, n_i)."""
+        """Return grasp maps (m, d, n_i) of the contact at points with inward normals, (m, space) each."""
         frames = np.concatenate([normals[:, None], self.contact.tangents(normals)], axis=1).transpose(0, 2, 1)
         return wrench_transform(points - self.origin, frames) @ self.contact.basis(self.space)
 
     def _reserve(self, count: int) -> None:
-        """Allocate memory for further rows."""
+        """Allocate memory for ``count`` further representative contacts."""
         if self._row_count + count <= len(self.points):
             return
         more = max(count, 256, len(self.points))
@@ -198,11 +201,11 @@ class Supports:
             setattr(self, name, np.concatenate([values, np.zeros((more, *values.shape[1:]))]))
 
     def count(self, cell: int) -> int:
-        """Return the number of rows of a cell."""
+        """Return the number of representative contacts of a cell."""
         return len(self._rows[cell])
 
     def rows_of(self, cells: IntArray) -> IntArray:
-        """Return the numbers of the rows of each cell (b,), (b, m), padded with the last."""
+        """Return the indices of the representative contacts of cells (b,), (b, m), each padded with its last one."""
         rows = [self._rows[c] for c in cells.tolist()]
         result = np.empty((len(rows), max(map(len, rows))), dtype=np.int64)
         for padded, numbers in zip(result, rows, strict=True):
@@ -211,20 +214,20 @@ class Supports:
         return result
 
     def speed_bounds(self, cells: IntArray, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return upper bounds on the speeds in cells (c,) under twists (c, j, 6), and angular speeds, (c, j) each."""
+        """Return upper bounds on speeds within cells (c,) under twists (c, j, 6), and angular speeds, (c, j) each."""
         arms = np.stack([self.balls[c][0] for c in cells.tolist()])[:, None] - self.origin
         turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
         at_centre = np.sqrt(np.sum((twists[..., :3] + np.cross(twists[..., 3:], arms)) ** 2, axis=2))
         return at_centre + self.radii(cells)[:, None] * turning, turning
 
     def radii(self, cells: IntArray) -> FloatArray:
-        """Return the radii of balls around cells (c,), metres, (c,)."""
+        """Return the radii of the balls that contain cells (c,), metres, (c,)."""
         return np.array([self.balls[c][1] for c in cells.tolist()])
 
     def evaluate(
         self, points: FloatArray, normals: FloatArray, twists: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return ``s^p``, ``|v|`` and ``|tau|`` of contacts at any points along twists.
+        """Return powers ``s^p``, speeds and angular speeds of contacts at any points along twists.
 
         Parameters
         ----------
@@ -254,5 +257,5 @@ class Supports:
         return powers, np.sqrt(square), turning
 
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:
-        """Return ``s^p`` at rows (b, m) along twists (b, j, d), (b, m, j)."""
+        """Return powers ``s^p`` at representative contacts (b, m) along twists (b, j, d), (b, m, j)."""
         return self.rule.powers(self.contact, twists[:, None] @ self.maps[rows])

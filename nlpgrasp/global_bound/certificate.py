@@ -1,4 +1,4 @@
-"""Certificate of a global bound: JSON data from which plain arithmetic recomputes it."""
+"""Certificate of a global bound: JSON data from which plain arithmetic recomputes the bound."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MOTION_DIGITS = 9  # decimal digits in which equal motions agree
 
 
 def build_certificate(tree: NodeTree) -> tuple[float, Json]:
-    """Return the bound proven by a recorded tree, and the record.
+    """Return the bound that a recorded tree proves, and its certificate as JSON data.
 
-    The bound is the largest of the leaves, each computed from its dual weights as recorded.
+    The bound is the largest bound of the leaves, each computed from its dual weights as recorded.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
 
 
 def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
-    """Return dual weights without duplicates, and the index of each among these."""
+    """Return the distinct dual weights, and the index of each given one among them."""
     keys = [(dual.numbers.tobytes(), dual.weights.tobytes(), dual.threshold) for dual in dual_weights]
     distinct = dict(zip(keys, dual_weights, strict=True))
     positions = {key: i for i, key in enumerate(distinct)}
@@ -74,7 +74,7 @@ def _split_cells(tree: NodeTree, group_slots: slice) -> IntArray:
 
 
 def _group_data(group: ContactCells, split_cells: IntArray) -> Json:
-    """Return the data of a group of identical contacts: root cells and splits."""
+    """Return the JSON data of a group of identical contacts: root cells and splits."""
     roots = [(i, group.cell(i)) for i in group.roots]
     pairs = group.child_numbers(split_cells).tolist()
     children = [[None if child == NONE else child for child in pair] for pair in pairs]
@@ -87,7 +87,7 @@ def _group_data(group: ContactCells, split_cells: IntArray) -> Json:
 
 
 class _Motions:
-    """Numbered set of rigid motions and reflections."""
+    """Indexed list of the rigid motions and reflections in a certificate."""
 
     def __init__(self, scope: BoundScope) -> None:
         space = len(scope.origin)
@@ -99,7 +99,7 @@ class _Motions:
         self.data: list[Json] = []
 
     def number(self, forward: int, back: int) -> int:
-        """Return the number of a composed motion: one symmetry, then the inverse of another."""
+        """Return the index of a composed motion: one symmetry followed by the inverse of another."""
         if (forward, back) not in self._number_of_pair:
             self._number_of_pair[forward, back] = self._find(forward, back)
         return self._number_of_pair[forward, back]

@@ -1,4 +1,4 @@
-"""Numbered cells of one contact, or several identical ones, bundled and split on demand."""
+"""Cells of one contact or several identical contacts, referred to by index and split on demand."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NONE = -1  # number that stands for no cell, slot or symmetry
 
 
 class BundleLevel(IntEnum):
-    """Degree to which root cells are merged: not at all, into one union per face, or all into one."""
+    """Degree to which root cells are united: not at all, into one union per face, or all into one."""
 
     NONE = 0
     FACES = 1
@@ -47,7 +47,7 @@ class RootCells:
 
 
 class ContactCells:
-    """Numbered cells of one contact or several identical ones, split on demand.
+    """Cells of one contact or several identical contacts, referred to by index and split on demand.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class ContactCells:
         return len(self.cells) - 1
 
     def children(self, cell: int) -> tuple[int, ...]:
-        """Return the numbers of a cell's two parts, ``NONE`` for an excluded part; for a point, its own number."""
+        """Return the indices of a cell's two parts, ``NONE`` for an excluded part; a point returns its own index."""
         if cell not in self._children:
             parts = self.cells[cell].split()
             if len(parts) == 1:
@@ -89,15 +89,15 @@ class ContactCells:
         return self._children[cell]
 
     def cell(self, number: int) -> SurfaceCell:
-        """Return a cell by number."""
+        """Return the cell with an index."""
         return self.cells[number]
 
     def child_numbers(self, cells: IntArray) -> IntArray:
-        """Return the numbers of both parts of cells (n,) that can be split, ``NONE`` of excluded ones, (n, 2)."""
+        """Return the indices of both parts of cells (n,) that can be split, (n, 2), ``NONE`` for excluded parts."""
         return np.array([self.children(cell) for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
 
     def find_equal(self, points: FloatArray, candidates: Sequence[int], tolerance: float) -> int:
-        """Return the candidate cell whose anchors are these points in any order, or ``NONE``."""
+        """Return the index of the candidate cell with these anchors in any order, or ``NONE``."""
         for candidate in candidates:
             if candidate == NONE:
                 continue
@@ -110,9 +110,10 @@ class ContactCells:
 
 
 class ContactClusters(ContactCells):
-    """Numbered triangle clusters of one contact or several identical ones on a mesh.
+    """Triangle clusters of a mesh as cells of one contact or several identical contacts.
 
-    Rows of ``supports`` are the corners of all pieces of the mesh, in order.
+    Rows of ``supports`` are the corners of all pieces of the mesh, in order. The index of a cluster is that of its node
+    in the cluster tree.
     """
 
     def __init__(
@@ -123,19 +124,19 @@ class ContactClusters(ContactCells):
 
     @property
     def clusters(self) -> ClusterTree:
-        """Tree of triangle clusters of the mesh that the cells belong to."""
+        """Cluster tree of the mesh, to which the cells belong."""
         root = self.cells[0]
         if not isinstance(root, TriangleCluster):
             raise TypeError(f"a {root.kind}, no cell of a mesh")
         return root.clusters
 
     def cell(self, number: int) -> SurfaceCell:
-        """Return a cluster by number."""
+        """Return the cluster with an index."""
         return TriangleCluster(self.clusters, number)
 
     @cached_property
     def _numbers(self) -> IntArray:
-        """Number of each cluster, ``NONE`` of those without an allowed point."""
+        """Index of each cluster, ``NONE`` for clusters without an allowed point."""
         numbers = np.arange(self.clusters.node_limit)
         if self.allowed.is_restricted:
             excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
@@ -143,14 +144,17 @@ class ContactClusters(ContactCells):
         return numbers
 
     def child_numbers(self, cells: IntArray) -> IntArray:
-        """Return the numbers of the halves of clusters (n,) above the last level, ``NONE`` of excluded ones, (n, 2)."""
+        """Return the indices of both halves of clusters (n,), (n, 2), ``NONE`` for excluded halves.
+
+        The clusters are above the last level.
+        """
         return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
 
 
 def _bundle(
     allowed_cells: Sequence[tuple[CellFace, SurfaceCell]], level: BundleLevel, size: float
 ) -> list[SurfaceCell]:
-    """Return the cells, or their unions by face or altogether."""
+    """Return the cells, united as far as the bundle level says."""
     if level is BundleLevel.NONE:
         return [cell for _, cell in allowed_cells]
     bundles: dict[CellFace | None, list[SurfaceCell]] = {}
@@ -160,7 +164,7 @@ def _bundle(
 
 
 class CellUnion(SurfaceCell):
-    """Union of cells, with the rows of all.
+    """Union of cells, with the representative contacts of all of them.
 
     Parameters
     ----------
@@ -188,12 +192,12 @@ class CellUnion(SurfaceCell):
         return RepresentativeContacts(points, normals, curved=tuple(curved))
 
     def split(self) -> tuple[SurfaceCell, ...]:
-        """Return two unions; a part of one member is that member."""
+        """Return two unions of members; a union of one member is that member."""
         parts = [[self.members[i] for i in part] for part in self.cut()]
         return tuple(part[0] if len(part) == 1 else CellUnion(part, self.size) for part in parts)
 
     def cut(self) -> list[list[int]]:
-        """Return the indices of the members of both parts, split where points and normals are most spread."""
+        """Return the indices of the members in each part, split where points and normals are most spread."""
         centres = np.stack([member.ball()[0] for member in self.members])
         normals = np.stack([np.mean(member.representative_contacts().normals, axis=0) for member in self.members])
         features = np.concatenate([centres / self.size, 0.5 * normals], axis=1)

@@ -27,20 +27,20 @@ LEAST = 1e-5  # recorded weight below which a direction is dropped
 
 
 class DualWeights(NamedTuple):
-    """Dual weights (j,), at least zero, of numbered directions (j,), and a threshold (``CombinationRule.above``)."""
+    """Dual weights (j,), at least zero, with the indices of their directions (j,) and a threshold."""
 
     numbers: IntArray
     weights: FloatArray
     threshold: float = 0.0
 
     def rounded(self) -> DualWeights:
-        """Return the weights as recorded: few digits, without negligible ones."""
+        """Return the weights as recorded: rounded, without negligible ones."""
         weights = round_weights(self.weights)
         return DualWeights(self.numbers[weights > 0.0], weights[weights > 0.0], self.threshold)
 
 
 def round_weights(weights: FloatArray) -> FloatArray:
-    """Return weights (j,) rounded to the recorded digits, negligible ones as zero."""
+    """Return weights (j,) rounded to the recorded digits, with negligible ones set to zero."""
     result = np.where(weights < LEAST, 0.0, np.round(weights, DIGITS))
     return np.asarray(np.round(result / np.sum(result), DIGITS)) if np.count_nonzero(result) == 1 else result
 
@@ -94,15 +94,15 @@ class _InteriorPoint:
         self.direction_slack = totals_by_direction - np.min(totals_by_direction, axis=1, keepdims=True) + 0.1
 
     def _weight_directions(self, x: FloatArray) -> FloatArray:
-        """Return ``A x``, (b, k, m)."""
+        """Return ``A x``, the supports weighted over directions, (b, k, m)."""
         return np.asarray((self.A @ x[:, :, None]).reshape(self.shape))
 
     def _weight_rows(self, w: FloatArray) -> FloatArray:
-        """Return ``A^T w``, (b, j)."""
+        """Return ``A^T w``, the supports weighted over contacts and rows, (b, j)."""
         return np.asarray((self.AT @ w.reshape(len(w), -1, 1))[:, :, 0])
 
     def gap(self) -> FloatArray:
-        """Return the mean complementarity, (b,)."""
+        """Return the mean complementarity of each program, (b,)."""
         total = np.sum(self.row_slack * self.fractions, axis=(1, 2)) + np.sum(
             self.direction_slack * self.directions, axis=1
         )

@@ -1,4 +1,4 @@
-"""Marginal bound of a contact over the surface: an upper bound on its contribution to mu."""
+"""Marginal bound: upper bound on a contact's contribution to mu, as a function over the surface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlpgrasp.problem.problem import GraspProblem
 
 @dataclass(frozen=True)
 class MarginalBound:
-    """Upper bound on one contact's contribution to ``mu^p`` of any grasp, by its position.
+    """Upper bound on one contact's contribution to ``mu^p`` of any grasp, as a function of its position.
 
     For directions y with unit support of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for
     contacts at any points p_i, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone

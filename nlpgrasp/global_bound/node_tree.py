@@ -28,7 +28,7 @@ Floats = FloatArray | NDArray[np.float32]
 
 @dataclass(frozen=True)
 class NodeArrays:
-    """Nodes of a branch-and-bound tree, as arrays.
+    """Set of nodes of a branch-and-bound tree, as arrays.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class NodeArrays:
 
 @dataclass(frozen=True)
 class FractionalPlacement:
-    """Relaxed placement that attains a node's bound: each contact a convex combination of its cell's contacts.
+    """Relaxed placement that attains a node's bound: contacts spread over their cells by fractions.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ class FractionalPlacement:
     fractions: FloatArray
 
     def heaviest_rows(self) -> IntArray:
-        """Return the row of each contact with the largest fraction, (k,)."""
+        """Return for each contact the representative contact with the largest fraction, (k,)."""
         return np.asarray(self.rows[np.arange(len(self.rows)), np.argmax(self.fractions, axis=1)])
 
 
 @dataclass(frozen=True)
 class SymmetricCopy:
-    """Symmetry that maps a node to one bounded before, so that it needs no bound of its own.
+    """Symmetry that maps a node to an earlier one, so that the node need not be bounded.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class SymmetricCopy:
 
 
 class BoundingStrategy(ABC):
-    """Interface of a bounding strategy, which also selects nodes and contacts to branch on.
+    """Interface of strategies that bound nodes, and select the nodes and contacts to branch on.
 
     Parameters
     ----------
@@ -134,33 +134,39 @@ class BoundingStrategy(ABC):
 
     @abstractmethod
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
-        """Return nodes (n, k) with their bounds, in any order, given their parents.
+        """Return nodes (n, k) with their bounds, in any order, given their parents' bounds.
 
         Bounds need not be lowered below the target, on mu.
         """
 
     @abstractmethod
     def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
-        """Return the indices of the open nodes to branch on next, in order, given the number of all nodes so far."""
+        """Return the indices of the open nodes to branch on next, in order.
+
+        ``count`` is the number of all nodes so far.
+        """
 
     @abstractmethod
     def select_slots(self, nodes: NodeArrays) -> IntArray:
-        """Return the slot of each node's cell to split, ``NONE`` where no cell can be split."""
+        """Return for each node which contact's cell to split, by position; ``NONE`` if no cell can be split."""
 
     @abstractmethod
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
         """Return bounds on mu recomputed from the recorded dual weights by plain arithmetic, (n,)."""
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Return the indices of nodes within the target, on mu; a strategy may first lower some bounds in place."""
+        """Return the indices of nodes with a bound on mu of at most ``target``.
+
+        A strategy may first lower some bounds in place.
+        """
         return np.flatnonzero(nodes.bounds <= target**self.power)
 
     def is_full(self, count: int) -> bool:
-        """Return whether a number of open nodes, or the dual weights, reach the memory limit."""
+        """Return whether ``count`` open nodes, or the recorded dual weights, reach the memory limit."""
         return count >= self.max_open
 
     def certified_tree(self, tree: NodeTree) -> NodeTree:
-        """Return the tree that is recorded in the certificate of a search."""
+        """Return the tree to record in the certificate of a search."""
         return tree
 
 
@@ -205,7 +211,7 @@ class NodeTree:
 
     @property
     def leaves(self) -> NodeArrays:
-        """Recorded leaves: together with their symmetric copies they cover all placements."""
+        """Recorded leaves, which together with their symmetric copies cover all placements."""
         if self._recorded_leaves is not None:
             return self._recorded_leaves
         return NodeArrays.concatenate([*self._closed, self.open])
@@ -253,7 +259,7 @@ class NodeTree:
         self.open = NodeArrays.concatenate([self.open, new_nodes])
 
     def _pop_open(self, indices: IntArray) -> NodeArrays:
-        """Remove some of the open nodes and return them."""
+        """Remove and return some of the open nodes."""
         nodes = self.open[indices]
         if len(nodes):
             remaining = np.ones(len(self.open), dtype=bool)
@@ -262,7 +268,7 @@ class NodeTree:
         return nodes
 
     def _close(self, nodes: NodeArrays) -> None:
-        """Close nodes: their bounds are final."""
+        """Close nodes, so that their bounds are final."""
         self._highest_closed = max(self._highest_closed, self._largest_bound(nodes))
         if self.complete and len(nodes):
             self._closed.append(nodes)
@@ -272,7 +278,7 @@ class NodeTree:
         return float(float(np.max(nodes.bounds, initial=0.0)) ** (1.0 / self.bounding.power))
 
     def _drop_copies(self, cells: IntArray, parent: IntArray) -> tuple[IntArray, IntArray]:
-        """Return nodes and their parents without symmetric copies of earlier nodes."""
+        """Return nodes and their parents, without nodes that are symmetric copies of earlier ones."""
         if not self.bounding.drops_copies:
             return cells, parent
         order = np.lexsort((-np.arange(len(parent)), parent))
@@ -281,7 +287,7 @@ class NodeTree:
         return cells[order], parent[order]
 
     def _is_new(self, cells: Cells) -> bool:
-        """Return whether a node is no symmetric copy of an earlier one; remember the node or record the copy."""
+        """Return whether a node is no symmetric copy of an earlier one, and record the node or the copy."""
         representative, symmetry = min([(cells, NONE), *((image, i) for i, image in self._images(cells))])
         previous = self._bounded.get(representative)
         if previous is None:
@@ -291,7 +297,7 @@ class NodeTree:
         return previous is None
 
     def _images(self, cells: Cells) -> Iterator[tuple[int, Cells]]:
-        """Yield the images of a node that are nodes, with the numbers of the symmetries."""
+        """Yield the index of each symmetry that maps a node to a node, and the image."""
         for index, symmetry in enumerate(self.scope.symmetries):
             image: list[int] = []
             for i, (group, slots) in enumerate(self.scope.groups):

@@ -1,4 +1,4 @@
-"""Bounding strategy for bodies other than meshes: dual weights of each node by batches of small linear programs."""
+"""Bounding strategy for bodies other than meshes: dual weights for each node, by small linear programs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SPREAD = 1e-2  # weight of a cell's squared radius relative to the variance of t
 
 
 class DualBounds(NamedTuple):
-    """Bounds of nodes (b,) with the dual weights and direction numbers (b, j), and thresholds (b,), that prove them."""
+    """Bounds of nodes (b,), with dual weights and direction indices (b, j) and thresholds (b,) as proof."""
 
     bounds: FloatArray
     weights: FloatArray
@@ -37,11 +37,14 @@ class DualBounds(NamedTuple):
     thresholds: FloatArray
 
     def select(self, mask: NDArray[np.bool_]) -> DualBounds:
-        """Return the bounds of some of the nodes."""
+        """Return the bounds of the nodes in a mask."""
         return DualBounds(self.bounds[mask], self.weights[mask], self.numbers[mask], self.thresholds[mask])
 
     def lower_of(self, other: DualBounds) -> DualBounds:
-        """Return the lower of two bounds of each node, its own where the other is infinite."""
+        """Return the lower of two bounds for each node.
+
+        The own bound stays where the other is infinite.
+        """
         is_lower = (self.bounds < other.bounds) | np.isinf(other.bounds)
         weights = np.where(is_lower[:, None], self.weights, other.weights)
         numbers = np.where(is_lower[:, None], self.numbers, other.numbers)
@@ -50,7 +53,7 @@ class DualBounds(NamedTuple):
 
 
 class NodeWeightStrategy(BoundingStrategy):
-    """Bounding strategy for bodies other than meshes, with optimal dual weights for the cells of each node.
+    """Bounding strategy for bodies other than meshes, with dual weights optimised for each node's cells.
 
     A node that is closed by its parent's dual weights shares them.
 
@@ -88,7 +91,7 @@ class NodeWeightStrategy(BoundingStrategy):
             begin = end
 
     def _bound_by_parents(self, cells: IntArray, inherited: IntArray, target: float) -> list[NodeArrays]:
-        """Return nodes (b, k) with bounds by their parents' dual weights (b,), by their own where above the target."""
+        """Return nodes (b, k) bounded by their parents' dual weights, or by new ones if above the target."""
         numbers, weights, thresholds = self._dense(inherited)
         bounds = self._table(cells, numbers, thresholds).bounds(weights)
         is_low = bounds <= target
@@ -100,7 +103,7 @@ class NodeWeightStrategy(BoundingStrategy):
     def _bound_by_rounds(
         self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, thresholds: FloatArray, target: float
     ) -> list[NodeArrays]:
-        """Return nodes (b, k) with bounds by dual weights of their own, as they converge.
+        """Return nodes (b, k) bounded by rounds of linear programs for each node's dual weights.
 
         Parameters
         ----------
@@ -147,7 +150,7 @@ class NodeWeightStrategy(BoundingStrategy):
         return order[: 1 + int(np.searchsorted(work, BATCHES * WORK))]
 
     def select_slots(self, nodes: NodeArrays) -> IntArray:
-        """Return the slot with the largest spread of the fractional contact, ``NONE`` where all cells are points."""
+        """Return for each node the contact most spread over its cell, by position; ``NONE`` if all are points."""
         return np.array([self._loosest_slot(tuple(cells)) for cells in nodes.cells.tolist()], dtype=np.int64)
 
     def _loosest_slot(self, cells: Cells) -> int:
@@ -164,7 +167,7 @@ class NodeWeightStrategy(BoundingStrategy):
         return loosest
 
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
-        """Return bounds recomputed from recorded dual weights."""
+        """Return bounds recomputed from the recorded dual weights."""
         results = [np.zeros(0)]
         for i in range(0, len(nodes), BATCH):
             numbers, weights, thresholds = self._dense(nodes.dual_index[i : i + BATCH])
@@ -174,15 +177,15 @@ class NodeWeightStrategy(BoundingStrategy):
         return np.concatenate(results)
 
     def _table(self, cells: IntArray, numbers: IntArray, thresholds: FloatArray) -> SupportTable:
-        """Return the support table of nodes (b, k) along each node's directions (b, j), with its threshold (b,)."""
+        """Return the support table of nodes (b, k) for their directions (b, j) and thresholds (b,)."""
         return SupportTable(self.scope.groups, cells, self.twists[numbers], thresholds)
 
     def _dense(self, indices: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return numbers and weights of the directions of some dual weights, (b, j) each, and thresholds, (b,)."""
+        """Return recorded dual weights as arrays: direction indices and weights (b, j), thresholds (b,)."""
         numbers, weights, thresholds = zip(*(self.dual_weights[i] for i in indices.tolist()), strict=True)
         return np.stack(numbers), np.stack(weights), np.array(thresholds)
 
     def _work(self, cells: IntArray) -> IntArray:
-        """Return the number of rows times directions of each node."""
+        """Return the cost of bounding each node: its representative contacts times directions."""
         counts = [[self.scope.group_of[i][0].supports.count(c) for i, c in enumerate(node)] for node in cells.tolist()]
         return np.asarray(self.twists.per_node * np.sum(np.array(counts, dtype=np.int64).reshape(cells.shape), axis=1))

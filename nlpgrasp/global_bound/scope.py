@@ -1,4 +1,4 @@
-"""Scope of the bound: the relaxed problem that it covers, and the parts that it drops."""
+"""Scope of the bound: the relaxed problem that the bound covers, and the problem parts that it drops."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_ROOTS = 300  # largest number of root nodes; beyond it root cells are unite
 
 @dataclass(frozen=True)
 class BoundScope:
-    """Relaxed problem of the bound: each contact anywhere in its own allowed region.
+    """Relaxed problem of the bound, with each contact anywhere in its own allowed region.
 
     Parameters
     ----------
@@ -56,23 +56,23 @@ class BoundScope:
 
     @cached_property
     def groups(self) -> tuple[tuple[ContactCells, slice], ...]:
-        """Groups of identical contacts: their cells, and their slots in a node."""
+        """Groups of identical contacts: the cells of each group, and the range of its contacts in a node."""
         ends = np.cumsum([0] + [len(group.contact_indices) for group in self.contact_cells]).tolist()
         return tuple((group, slice(*limits)) for group, limits in zip(self.contact_cells, pairwise(ends), strict=True))
 
     @cached_property
     def group_of(self) -> tuple[tuple[ContactCells, slice], ...]:
-        """The group of each slot of a node."""
+        """The group of each contact, in the order of contacts in a node."""
         return tuple(group for group in self.groups for _ in group[0].contact_indices)
 
     @property
     def contact_of_slot(self) -> tuple[int, ...]:
-        """Index of the contact in each slot of a node."""
+        """The problem's index of each contact, in the order of contacts in a node."""
         return tuple(contact for group in self.contact_cells for contact in group.contact_indices)
 
 
 def scope_of(problem: GraspProblem) -> BoundScope:
-    """Return the relaxed problem that the bound covers, with few enough root nodes.
+    """Return the relaxed problem that the bound covers, with a limited number of root nodes.
 
     There is a root node for each choice of root cells. Where these are too many, the root cells of a face, or of all
     faces, are united.
@@ -110,7 +110,7 @@ def whole_scope(problem: GraspProblem) -> BoundScope:
 
 
 def _relax(problem: GraspProblem, contacts: Sequence[ContactModel]) -> tuple[list[AllowedRegion], tuple[str, ...]]:
-    """Return the region of each contact, and the names of dropped parts.
+    """Return the allowed region of each contact, and the names of dropped problem parts.
 
     These are also the edge margin of a mesh, and what relaxed contacts ignore.
     """
@@ -146,7 +146,7 @@ def _create_cells(
     level: BundleLevel,
     rotated: Sequence[RotatedRoots],
 ) -> list[ContactCells]:
-    """Return the cells of each group of identical contacts; a contact restricted by rotation has its own."""
+    """Return the cells of each group of identical contacts; contacts restricted by rotation are groups alone."""
     groups, create = list[ContactCells](), ContactClusters if isinstance(problem.body, Mesh) else ContactCells
     for identical in identical_contacts(contacts, regions):
         region = regions[identical[0]]

@@ -1,4 +1,4 @@
-"""Bounding strategy for meshes: dual weights shared by all nodes, optimised for a few of the loosest.
+"""Bounding strategy for meshes: dual weights shared by all nodes, optimised for a few of the loosest nodes.
 
 Any dual weights bound every placement. The maxima of their weighted supports over all clusters of the mesh are computed
 once (``ClusterMaxima``), by matrix products over the mesh's corners (``CornerContacts``), so that a node is bounded in
@@ -45,7 +45,7 @@ ROUNDING = np.float32(3e-5)  # relative margin above the rounding of a single-pr
 
 
 class SharedWeightStrategy(BoundingStrategy):
-    """Bounding strategy for meshes: a node's bound is the least over shared dual weights.
+    """Bounding strategy for meshes: a node's bound is the least of those by all shared dual weights.
 
     Dual weights are optimal for the maximal rows of earlier weights (``optimal_dual_weights``). The certificate records
     a new tree, bounded by all of them, with a tenth of the nodes.
@@ -63,7 +63,10 @@ class SharedWeightStrategy(BoundingStrategy):
         self.power, self.maxima = scope.rule.power, ClusterMaxima(scope, self.twists, self.dual_weights)
 
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
-        """Return nodes (n, k) with their least bounds over all dual weights; compute the first ones at the root."""
+        """Return nodes (n, k) with their least bounds over all dual weights.
+
+        The first dual weights are computed for the root node.
+        """
         del target
         if not self.dual_weights:
             initial = self.twists.draw_initial()
@@ -76,14 +79,14 @@ class SharedWeightStrategy(BoundingStrategy):
         return NodeArrays(cells, bounds, dual_index)
 
     def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
-        """Return the indices of the looser half of the loosest open nodes, the largest bounds first."""
+        """Return the indices of the loosest open nodes, the largest bounds first."""
         del count, target
         indices = self._refresh_bounds(nodes)
         bounds = nodes.bounds[indices]
         return indices[bounds >= np.quantile(bounds, CUT)]
 
     def _refresh_bounds(self, nodes: NodeArrays) -> IntArray:
-        """Return the indices of the loosest nodes, the largest bounds first, and update their bounds in place."""
+        """Lower the bounds of the loosest nodes in place, and return their indices, the largest bounds first."""
         indices = np.arange(len(nodes))
         loosest = indices if len(nodes) <= TOP else np.argpartition(-nodes.bounds, TOP - 1)[:TOP]
         bounds, dual_index = self.maxima.bounds(nodes.cells[loosest])
@@ -92,7 +95,10 @@ class SharedWeightStrategy(BoundingStrategy):
         return loosest[np.argsort(-nodes.bounds[loosest], kind="stable")]
 
     def select_slots(self, nodes: NodeArrays) -> IntArray:
-        """Return the slot whose split gives the least mean bound of the children, ``NONE`` where none can be split."""
+        """Return for each node which contact's split gives the least mean bound, by position.
+
+        ``NONE`` where no cell can be split.
+        """
         chosen, score = np.full(len(nodes), NONE), np.full(len(nodes), np.inf)
         for slot in range(nodes.cells.shape[1]):
             is_splittable = nodes.cells[:, slot] < self.maxima.clusters.first_leaf
@@ -111,7 +117,10 @@ class SharedWeightStrategy(BoundingStrategy):
         return chosen
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Add dual weights for a few of the loosest nodes; return the indices of nodes within the target, on mu."""
+        """Add dual weights for a few of the loosest nodes; return the indices of nodes within the target.
+
+        The target is on mu.
+        """
         indices = self._refresh_bounds(nodes)
         is_low = nodes.bounds[indices] <= target**self.power
         selected = self._select_different(nodes.cells[indices[~is_low]])
@@ -119,7 +128,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.asarray(indices[is_low])
 
     def _select_different(self, nodes: IntArray) -> IntArray:
-        """Return the first few of nodes (n, k) that differ from each other in several slots."""
+        """Return the first few of nodes (n, k) that differ from each other in several cells."""
         chosen = list[IntArray]()
         for node in nodes:
             if len(chosen) < LOOKED and all(np.sum(node != other) >= APART for other in chosen):
@@ -157,7 +166,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return [FractionalPlacement(*values) for values in zip(roots, rows, fractions, strict=True)]
 
     def _powers(self, rows: IntArray, numbers: IntArray) -> FloatArray:
-        """Return ``s^p`` at sorted rows (b, k, m), (b, k, m, j), zero for duplicates."""
+        """Return powers ``s^p`` at sorted mesh corners (b, k, m), (b, k, m, j), zero for duplicates."""
         parts = []
         for group, slots in self.scope.groups:
             group_rows = rows[:, slots]
@@ -167,7 +176,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.where(is_copy[..., None], 0.0, np.concatenate(parts, axis=1))
 
     def _directions(self, node: IntArray) -> IntArray:
-        """Return directions of the dual weights with the least bounds on a node, the heaviest first, (DIRECTIONS,)."""
+        """Return the heaviest direction indices of the tightest dual weights on a node, (DIRECTIONS,)."""
         tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
         numbers, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
         sorted_numbers = numbers[np.argsort(-weights, kind="stable")]
@@ -175,16 +184,16 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.concatenate([distinct, self.twists.draw_initial()])[:DIRECTIONS]
 
     def _rows(self, node: IntArray) -> IntArray:
-        """Return the maximal rows of each cell by the dual weights with the least bounds on a node, (k, ROWS)."""
+        """Return the corners where the tightest dual weights are attained in each cell of a node, (k, ROWS)."""
         tightest = np.argsort(self.maxima.bounds_by_weights(node))[:ROWS]
         return self.maxima.rows(node, np.resize(tightest, ROWS))
 
     def is_full(self, count: int) -> bool:
-        """Return whether a number of open nodes, or the dual weights, reach the memory limit."""
+        """Return whether ``count`` open nodes, or the number of dual weights, reach the memory limit."""
         return super().is_full(count) or len(self.dual_weights) >= MOST_WEIGHTS
 
     def certified_tree(self, tree: NodeTree) -> NodeTree:
-        """Return a new tree, split until no bound exceeds the search's, or until the limit on leaves."""
+        """Return a new tree, split until its bound is that of the search or it has the most leaves."""
         result = NodeTree(self, MOST_LEAVES)
         result.begin(0.0)
         goal = np.float32(tree.upper**self.power) * (1 + AGAIN)
@@ -194,7 +203,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return result
 
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
-        """Return bounds in double precision from recorded weights, with a margin for rounding."""
+        """Return bounds recomputed in double precision from recorded weights, with a margin for rounding."""
         result = np.empty(len(nodes))
         for number in np.unique(nodes.dual_index).tolist():
             indices = np.flatnonzero(nodes.dual_index == number)
@@ -204,7 +213,7 @@ class SharedWeightStrategy(BoundingStrategy):
 
 
 class ClusterMaxima:
-    """Maxima of weighted supports over the clusters of a mesh, for all shared dual weights.
+    """Maxima of weighted supports over the clusters of a mesh, for each of the shared dual weights.
 
     Dual weights w of directions y bound every placement, ``mu^p <= sum_i g_i(p_i)`` with
     ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. Under the shared budget ``g_i(p) = theta / k + sum_j w_j (s_i - theta)_+`` for
@@ -241,7 +250,7 @@ class ClusterMaxima:
         self._cluster = np.repeat(np.arange(clusters.first_leaf), np.diff(clusters.begin))
 
     def add(self, dual: DualWeights) -> None:
-        """Add dual weights."""
+        """Add dual weights, and compute the maxima of their weighted supports over all clusters."""
         k, last = len(self._dual_weights), self.clusters.first_leaf
         if k == self._maxima.shape[1]:
             self._maxima, self._maximal_rows = (
@@ -258,16 +267,16 @@ class ClusterMaxima:
         self._dual_weights.append(dual)
 
     def maxima_over_clusters(self, dual: DualWeights) -> FloatArray:
-        """Return the largest weighted support of a contact on each cluster, group by group, in double precision."""
+        """Return the largest weighted support of a contact on each cluster, by group, in double precision."""
         maxima = [self._over_clusters(self._weighted_powers(corners, dual)) for corners in self._double]
         return np.concatenate(maxima) + self._threshold_share(dual)
 
     def _threshold_share(self, dual: DualWeights) -> float:
-        """Return the part of a threshold in the bound of one contact."""
+        """Return the part of a threshold that each contact contributes to a bound."""
         return dual.threshold / len(self._group)
 
     def largest_rows(self, node: IntArray, dual: DualWeights) -> tuple[IntArray, float]:
-        """Return the maximal row of each cell of a node (k,), (k,), and the bound by given dual weights."""
+        """Return the corner of largest weighted support in each cell of a node (k,), and the node's bound."""
         maxima: dict[tuple[int, int], tuple[int, float]] = {}
         pairs = list(zip(node.tolist(), self._group.tolist(), strict=True))
         for cell, group in pairs:
@@ -291,7 +300,7 @@ class ClusterMaxima:
         return corners.weighted_powers(self._twists[dual.numbers], shares, rows, dual.threshold)
 
     def _over_clusters(self, values: FloatArray) -> FloatArray:
-        """Return the maxima over every cluster of values at all rows."""
+        """Return the maximum over each cluster of values at all corners."""
         first = self.clusters.first_leaf
         maxima = np.zeros(2 * first)
         maxima[first:] = np.maximum.reduceat(values, self.clusters.begin[:-1])
@@ -302,11 +311,14 @@ class ClusterMaxima:
         return maxima
 
     def bounds_by_weights(self, node: IntArray) -> Single:
-        """Return the bounds on a node (k,) by all dual weights, on mu to the rule's power."""
+        """Return the bound on a node (k,) by each of the dual weights, on mu to the rule's power."""
         return np.asarray(np.sum(self._maxima[node + self.offsets, : len(self._dual_weights)], axis=0))
 
     def bounds(self, nodes: IntArray) -> tuple[Single, IntArray]:
-        """Return the least bounds on nodes (n, k), (n,), on mu to the rule's power, and the weights' indices."""
+        """Return the least bounds on nodes (n, k) over all dual weights, and the indices of these weights.
+
+        Bounds are on mu to the rule's power.
+        """
         least, best = np.empty(len(nodes), dtype=np.float32), np.empty(len(nodes), dtype=np.int64)
         maxima, indices = self._maxima[:, : len(self._dual_weights)], nodes + self.offsets
         step = max(1, WORK // len(self._dual_weights))
@@ -320,7 +332,7 @@ class ClusterMaxima:
         return least, best
 
     def rows(self, node: IntArray, dual_indices: IntArray) -> IntArray:
-        """Return the maximal rows of a node's cells (k,) by dual weights (n,), (k, n)."""
+        """Return the corner of largest weighted support in each cell of a node by dual weights (n,), (k, n)."""
         result = np.empty((len(node), len(dual_indices)), dtype=np.int64)
         last, count = self.clusters.first_leaf, self.clusters.node_limit
         for slot, (cell, offset) in enumerate(zip(node.tolist(), self.offsets.tolist(), strict=True)):
@@ -370,7 +382,7 @@ class CornerContacts:
     def weighted_powers(
         self, twists: FloatArray, weights: FloatArray, rows: slice = EVERY, threshold: float = 0.0
     ) -> FloatArray:
-        """Return ``sum_j w_j s_j^p`` for each row of supports s, or the same of their excesses over a threshold, (m,).
+        """Return ``sum_j w_j s_j^p`` of the supports s at each corner, or of their excesses, (m,).
 
         Parameters
         ----------
@@ -395,7 +407,7 @@ class CornerContacts:
         return result
 
     def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:
-        """Return ``s^p``, (j, m): supports s along twists (j, 6), to the rule's power p, at the contacts of m rows.
+        """Return powers ``s^p`` of the supports along twists (j, 6) at m corners, (j, m).
 
         ``squares`` are the coefficients of the squared lengths of the work, from which the tangential part follows.
         """
@@ -419,7 +431,10 @@ class CornerContacts:
 
 
 def _squares(twists: FloatArray) -> FloatArray:
-    """Return the coefficients of ``|f + tau x a|^2`` in 1, a, and the products of a's components, (j, 10)."""
+    """Return the coefficients of ``|f + tau x a|^2`` as a quadratic polynomial in a, (j, 10).
+
+    They are those of 1, a, and the products of a's components.
+    """
     force, (x, y, z) = twists[:, :3], twists[:, 3:].T
     square = x * x + y * y + z * z
     parts = [square - x * x, square - y * y, square - z * z, -2.0 * x * y, -2.0 * y * z, -2.0 * z * x]

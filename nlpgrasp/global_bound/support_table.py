@@ -1,4 +1,4 @@
-"""Support tables over the cells of many nodes, curved cells by adaptive subdivision.
+"""Support tables over the cells of many nodes, with adaptive subdivision of curved cells.
 
 A table holds ``s^p`` of every contact at the rows of its cell, along the directions of each node. Linear programs for
 dual weights use a selection of these rows, and bounds follow from the largest weighted sums. Over flat cells a row is
@@ -43,7 +43,7 @@ THRESHOLD_SHARE = 0.25  # share of the threshold that counts, with one contact's
 
 
 class SupportTable:
-    """Powers of the contacts' supports by node, contact slot, representative contact and direction.
+    """Table of support powers ``s^p`` by node, contact, representative contact and direction.
 
     Parameters
     ----------
@@ -69,13 +69,13 @@ class SupportTable:
         self.powers = np.zeros((0, 0, 0, 0))
 
     def upper_bounds(self, weights: FloatArray | None) -> FloatArray:
-        """Return upper bounds on weighted supports by slot, (b, k), or on supports along each direction, (b, k, j)."""
+        """Return upper bounds on weighted supports (b, k), or without weights on single supports (b, k, j)."""
         if weights is None:
             return np.concatenate([part.single_upper_bounds() for part in self._parts], axis=1)
         return np.concatenate([part.upper_bounds(weights) for part in self._parts], axis=1)
 
     def bounds(self, weights: FloatArray) -> FloatArray:
-        """Return the nodes' bounds by dual weights, (b,), with a margin for rounding."""
+        """Return the nodes' bounds on mu by dual weights, (b,), with a margin for rounding."""
         total = np.sum(self.upper_bounds(weights), axis=1) ** (1.0 / self._rule.power)
         return np.asarray((self._thresholds + total) * (1.0 + ROUNDING_MARGIN))
 
@@ -100,7 +100,7 @@ class SupportTable:
         )
 
     def select_rows(self, weights: FloatArray | None) -> None:
-        """Select rows for a linear program: all where they are few, else those of the largest supports."""
+        """Select the representative contacts of a linear program: all of few, else those of largest supports."""
         max_rows = max(part.powers.shape[1] for part in self._parts)
         rows, tables = [], []
         for part in self._parts:
@@ -113,7 +113,7 @@ class SupportTable:
 
 
 def _pad_rows(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return arrays (b, s, m, ...) padded with zero rows to equal m."""
+    """Return arrays (b, s, m, ...) padded with zeros to the same m."""
     max_rows = max(part.shape[2] for part in parts)
     return [
         np.pad(part, [(0, 0), (0, 0), (0, max_rows - part.shape[2])] + [(0, 0)] * (part.ndim - 3)) for part in parts
@@ -122,7 +122,7 @@ def _pad_rows(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class GroupTable:
-    """Supports of identical contacts over the distinct pairs of node and cell.
+    """Table of supports of identical contacts, by distinct pair of node and cell.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class GroupTable:
 
     @classmethod
     def over_cells(cls, group: ContactCells, cells: IntArray, twists: FloatArray, thresholds: FloatArray) -> GroupTable:
-        """Return the table over cells (b, s) along each node's twists (b, j, d), with its threshold (b,)."""
+        """Return the table for nodes with cells (b, s), twists (b, j, d) and thresholds (b,)."""
         pairs = np.arange(len(cells))[:, None] * len(group.cells) + cells
         distinct, pair_of = np.unique(pairs, return_inverse=True)
         owner, pair_cells = np.divmod(distinct, len(group.cells))
@@ -163,15 +163,15 @@ class GroupTable:
 
     @cached_property
     def excesses(self) -> FloatArray:
-        """Excesses over the thresholds, (c, m, j); powers where the rule has no thresholds."""
+        """Excesses over the thresholds, (c, m, j); powers ``s^p`` for rules without thresholds."""
         return self.group.supports.rule.excess(self.powers, self.thresholds[:, None, None])
 
     def weighted(self, weights: FloatArray) -> FloatArray:
-        """Return powers weighted by each node's dual weights (b, j), by pair and row."""
+        """Return the sums over directions, (c, m), weighted by each node's dual weights (b, j)."""
         return np.asarray((self.excesses @ weights[self.owner][:, :, None])[:, :, 0])
 
     def select_rows(self, weights: FloatArray | None, max_rows: int) -> tuple[IntArray, FloatArray]:
-        """Return the selected rows, sorted, and their powers: (c, m) and (c, m, j)."""
+        """Return the selected representative contacts, sorted, (c, m), and their powers, (c, m, j)."""
         c, m, _ = self.powers.shape
         if max_rows <= FEW:
             indices = np.broadcast_to(np.minimum(np.arange(max_rows), m - 1), (c, max_rows))
@@ -183,7 +183,7 @@ class GroupTable:
         return rows, np.take_along_axis(self.excesses, indices[..., None], axis=1)
 
     def upper_bounds(self, weights: FloatArray) -> FloatArray:
-        """Return upper bounds on the weighted supports under each node's dual weights, (b, s)."""
+        """Return upper bounds on the supports weighted by each node's dual weights, (b, s)."""
         supports = self.group.supports
         if supports.is_curved:
             maxima = weighted_supports(
@@ -205,7 +205,7 @@ def weighted_supports(
     weights: FloatArray,
     thresholds: FloatArray,
 ) -> FloatArray:
-    """Return upper bounds on the weighted supports of contacts in cells, (c,).
+    """Return upper bounds on the weighted supports of contacts anywhere in cells, (c,).
 
     Parameters
     ----------
@@ -239,7 +239,10 @@ def weighted_supports(
 
 
 def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return upper bounds on the supports in cells along each direction, (c, j); see ``weighted_supports``."""
+    """Return upper bounds on the support powers ``s^p`` anywhere in cells along each direction, (c, j).
+
+    See ``weighted_supports``.
+    """
     maxima = np.max(powers, axis=1)
     curved = [supports.curved[c] for c in cells.tolist()]
     if not any(curved):
@@ -252,7 +255,7 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
 
 
 def bound_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
-    """Return the accepted relative excess of a bound over the largest known support, (c,)."""
+    """Return for each cell the accepted relative excess of a bound over the largest known support, (c,)."""
     radii = supports.radii(cells)
     return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.largest_radius, 1e-300)) ** 2))
 
@@ -265,7 +268,7 @@ def increase_inside_parts(
     turning: FloatArray,
     thresholds: FloatArray,
 ) -> FloatArray:
-    """Return a bound on the increase of ``s^p``, or of its excess over thresholds, from corners to insides of parts.
+    """Return a bound on how much ``s^p``, or its excess, inside a part exceeds that at the corners.
 
     Parameters
     ----------
@@ -287,7 +290,7 @@ def increase_inside_parts(
 
 
 def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the directions with weights, (b, j, d), padded to the same number, and the weights, (b, j)."""
+    """Return the directions of positive weight, (b, j, d), and their weights (b, j), padded to the same j."""
     count = int(np.max(np.count_nonzero(weights, axis=1)))
     if count == weights.shape[1]:
         return twists, weights
@@ -298,7 +301,10 @@ def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[Float
 def _parts_by_surface(
     supports: Supports, cells: IntArray
 ) -> list[tuple[CurvedSurface, FloatArray, IntArray, FloatArray, IntArray]]:
-    """Return the parts of cells by surface: surface, corners (n, c, q), rows (n, c), deviations, and cells' indices."""
+    """Return the curved parts of cells, grouped by surface.
+
+    Each group has its surface, corners (n, c, q), rows (n, c), deviations, and the parts' cells (n,).
+    """
     kinds: dict[tuple[int, int], list[tuple[CurvedParts, int]]] = {}
     for pair, cell in enumerate(cells.tolist()):
         for curved in supports.curved[cell]:
@@ -341,9 +347,10 @@ class _SupportInterval:
         self._lower, self._upper, self._thresholds = lower, lower.copy(), thresholds
 
     def refine(self, surface: CurvedSurface, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
-        """Bound the maxima over cells by those over their parts (n, c, q), subdividing parts that may contain one.
+        """Bound the largest weighted support over cells by their parts (n, c, q), subdivided where necessary.
 
-        ``owner`` are the parts' cells, ``upper`` their upper bounds; subdivision raises the cells' lower bounds.
+        ``owner`` are the parts' cells, ``upper`` their upper bounds. Parts that may contain a maximum are subdivided,
+        which raises the cells' lower bounds.
         """
         for _ in range(ROUNDS):
             is_open = upper > (self._lower + self._tolerances(self._lower))[owner]
@@ -383,5 +390,5 @@ class _SupportInterval:
         return np.asarray(largest + ARITHMETIC_MARGIN * self._tolerances(largest))
 
     def _tolerances(self, supports: FloatArray) -> FloatArray:
-        """Return the tolerances at weighted supports (c,), (c,)."""
+        """Return the absolute tolerances for weighted supports (c,), (c,)."""
         return np.asarray(self._tolerance * (supports + THRESHOLD_SHARE * self._thresholds))

@@ -46,11 +46,11 @@ class Symmetry:
         self._images: dict[tuple[int, int], int] = {}
 
     def maps_roots(self, group_number: int, group: ContactCells) -> bool:
-        """Return whether every root cell of a group has an image among them, and remember the images."""
+        """Return whether each root cell of a group is mapped to a root cell; the images are remembered."""
         return all(self._find(group_number, group, root, group.roots) != NONE for root in group.roots)
 
     def image(self, group_number: int, group: ContactCells, cell: int) -> int:
-        """Return the number of a cell's image in the same group, ``NONE`` if it was split differently."""
+        """Return the index of a cell's image in the same group, ``NONE`` if the image is no cell."""
         if (group_number, cell) not in self._images:
             parent = self.image(group_number, group, group.parents[cell])
             self._find(group_number, group, cell, group.children(parent) if parent != NONE else ())
@@ -63,7 +63,7 @@ class Symmetry:
 
 
 def symmetries(body: Body, task: Task, origin: FloatArray, groups: Sequence[ContactCells]) -> list[Symmetry]:
-    """Return the symmetries of a problem without the identity."""
+    """Return the symmetries of a problem other than the identity."""
     result = []
     for rotation, translation in motions_of(body):
         if np.array_equal(rotation, np.eye(body.space)):
@@ -102,7 +102,7 @@ def motions_of(body: Body) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _polygon_symmetries(corners: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the rotations and reflections of the plane that map a polygon's corners onto each other in order."""
+    """Return the plane rotations and reflections that map the corners of a polygon onto each other in order."""
     centre = corners.mean(axis=0)
     arms = corners - centre
     size = float(np.max(np.abs(arms)))
@@ -120,11 +120,11 @@ def _polygon_symmetries(corners: FloatArray) -> list[tuple[FloatArray, FloatArra
 def restrict_by_rotation(
     problem: GraspProblem, faces: Sequence[CellFace], regions: Sequence[AllowedRegion]
 ) -> list[RotatedRoots]:
-    """Return the root cells to which a rotational symmetry restricts the first contacts; empty without one.
+    """Return the root cells to which a rotational symmetry restricts the first contacts.
 
-    On a sphere with a task invariant under all rotations, the first contact is rotated to the pole and the second to a
-    meridian. On a body of revolution with a task invariant about its axis, the first contact is rotated to the
-    half-plane at angle 0.
+    An empty list without such a symmetry. On a sphere with a task invariant under all rotations, the first contact is
+    rotated to the pole and the second to a meridian. On a body of revolution with a task invariant about its axis, the
+    first contact is rotated to the half-plane at angle 0.
     """
     if any(region.allowed.is_restricted for region in regions):
         return []
@@ -154,7 +154,7 @@ def restrict_by_rotation(
 
 
 def _axis(problem: GraspProblem, faces: Sequence[CellFace]) -> FloatArray | None:
-    """Return the unit axis about which body and task are invariant under rotation by any angle, or None."""
+    """Return the unit axis of rotations that leave body and task invariant, or None."""
     if problem.body.space == 2:
         return None
     for axis in _axes_of(faces):
@@ -167,7 +167,7 @@ def _axis(problem: GraspProblem, faces: Sequence[CellFace]) -> FloatArray | None
 
 
 def _axes_of(faces: Sequence[CellFace]) -> list[FloatArray]:
-    """Return the axes of revolution that all faces share."""
+    """Return the axes of revolution shared by all faces."""
     if all(isinstance(face, DiscFace | RevolvedFace) for face in faces):
         return [np.eye(3)[2]]
     face = faces[0]
@@ -187,7 +187,7 @@ def rotation_by_one_radian(axis: FloatArray) -> FloatArray:
 
 
 def wrench_map(rotation: FloatArray) -> FloatArray:
-    """Return the map of wrenches about a fixed point under R: forces by R, moments by det(R) R."""
+    """Return the matrix of R acting on wrenches about a fixed point: forces by R, moments by det(R) R."""
     space = len(rotation)
     determinant = float(np.round(np.linalg.det(rotation)))
     result = np.zeros((3, 3) if space == 2 else (6, 6))
@@ -215,7 +215,7 @@ def is_invariant_task(task: Task, matrix: FloatArray) -> bool:
 
 
 def _component_scales(scale: FloatArray) -> FloatArray:
-    """Return for each wrench component the largest force or moment, 1 where all are zero."""
+    """Return for each wrench component the largest force or the largest moment, 1 if that is zero."""
     space = 2 if len(scale) == 3 else 3
     force, moment = float(np.max(scale[:space])), float(np.max(scale[space:]))
     sizes = np.array([force] * space + [moment] * (len(scale) - space))

@@ -1,4 +1,4 @@
-"""Directions of wrench space in which relaxed placements (contacts spread over their cells) are weakest.
+"""Directions of wrench space in which relaxed placements are weakest, with contacts spread over their cells.
 
 ``NumberedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
 placements dual to the bounds (``FractionalContacts``), by inverse iteration.
@@ -34,7 +34,7 @@ DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # significant digits of directions; exce
 
 
 class NumberedDirections:
-    """Numbered list of directions y with unit support of the task, ``phi_A(y) = 1``, that grows in a search.
+    """Growing list of directions y with unit support of the task, ``phi_A(y) = 1``, referred to by index.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class NumberedDirections:
         return self._all[numbers]
 
     def draw_initial(self) -> IntArray:
-        """Return the numbers of random lattice directions, with which a search begins, (per_node,)."""
+        """Return the indices of random lattice directions for the first linear program, (per_node,)."""
         chosen = self._rng.permutation(len(self.lattice))[: self.per_node]
         return np.resize(chosen, self.per_node)
 
@@ -106,7 +106,9 @@ class NumberedDirections:
         rows: IntArray,
         fractions: FloatArray,
     ) -> IntArray:
-        """Return directions of nodes, the least useful replaced by the weakest of their fractional placements.
+        """Return the nodes' direction indices, with the least useful directions replaced by new weak ones.
+
+        The new ones are the weakest of the nodes' fractional placements.
 
         Parameters
         ----------
@@ -146,7 +148,7 @@ class NumberedDirections:
 
 
 def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of directions (b, m, d) that nearly equal others with smaller ratios (b, m)."""
+    """Return the mask of directions (b, m, d) that nearly equal one with a smaller ratio (b, m)."""
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
     is_near = unit @ unit.transpose(0, 2, 1) > ALIKE
@@ -168,7 +170,7 @@ def _round_directions(task: Task, twists: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FractionalContacts:
-    """Fractional placement of identical contacts over rows, for a batch of nodes.
+    """Identical contacts spread over representative contacts by fractions, for a batch of nodes.
 
     Parameters
     ----------
@@ -187,7 +189,7 @@ class FractionalContacts:
 
     @classmethod
     def at_rows(cls, supports: Supports, rows: IntArray, weights: FloatArray, count: int) -> FractionalContacts:
-        """Return fractional contacts at rows (b, m), reduced to the ``count`` heaviest."""
+        """Return contacts spread over representative contacts (b, m), reduced to the ``count`` heaviest."""
         if rows.shape[1] > count:
             heaviest = np.argpartition(-weights, count, axis=1)[:, :count]
             total = np.sum(weights, axis=1, keepdims=True)
@@ -197,7 +199,7 @@ class FractionalContacts:
         return cls(supports.contact, supports.rule, supports.maps[rows], weights)
 
     def value(self, twists: FloatArray) -> FloatArray:
-        """Return ``sum of w s^p`` along twists (b, m, d), (b, m)."""
+        """Return the weighted sum ``sum of w s^p`` along twists (b, m, d), (b, m)."""
         s = self._work(twists)[1]
         return np.asarray(np.sum(s**self.rule.search_power * self.weights[:, None], axis=2))
 
@@ -217,14 +219,14 @@ class FractionalContacts:
         return np.sum(s**p * self.weights[:, None], axis=2), left @ right
 
     def _work(self, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return force components (b, m, r, n) and supports (b, m, r)."""
+        """Return the work along force components, (b, m, r, n), and the supports, (b, m, r), for twists (b, m, d)."""
         b, r, d, n = self.maps.shape
         z = (twists @ self.maps.transpose(0, 2, 1, 3).reshape(b, d, r * n)).reshape(b, twists.shape[1], r, n)
         return z, self.rule.support(self.contact, z)
 
 
 def normalise_twists(task: Task, twists: FloatArray) -> FloatArray:
-    """Return twists (..., d) scaled to unit support of the task, zero without work."""
+    """Return twists (..., d) scaled to unit support of the task; zero where the task does no work."""
     reach = task.support(twists.reshape(-1, twists.shape[-1]))[0].reshape(twists.shape[:-1])
     size = np.linalg.norm(twists, axis=-1)
     has_work = (reach > 1e-12 * size) & np.isfinite(size)

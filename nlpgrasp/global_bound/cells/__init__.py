@@ -1,1 +1,1 @@
-"""Surface cells for branch and bound: subdivisions of a body's faces."""
+"""Cells of a body's faces for branch and bound: subdivisions of the surface."""

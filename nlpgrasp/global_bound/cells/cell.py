@@ -18,26 +18,26 @@ IntArray = NDArray[np.int64]
 
 
 class CurvedSurface(Protocol):
-    """Interface of a curved surface whose small parts have c corners, of q coordinates each."""
+    """Interface of a curved surface with q coordinates, divided into small parts with c corners."""
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return coefficients of two bounds on a contact's work inside parts over its interpolation, (n, 2, 3).
+        """Return coefficients (n, 2, 3) of two bounds on how a contact's work deviates inside parts.
 
-        The first bounds the deviation of z from a linear interpolation between the corners, the second that from any
-        corner. Coefficients are of ``|v|`` and ``|tau|`` for the force part of z, and of ``|tau|`` for its moment part
-        ``R^T tau``, where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
+        The first bounds the deviation of the work z from a linear interpolation between the corners, the second that
+        from any corner. Coefficients are of ``|v|`` and ``|tau|`` for the force part of z, and of ``|tau|`` for its
+        moment part ``R^T tau``, where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
         """
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Subdivide parts (n, c, q); return vertices (n, v, q) and the r smaller parts as indices of these, (r, c)."""
+        """Subdivide parts (n, c, q); return vertices (n, v, q), and r smaller parts as vertex indices (r, c)."""
 
 
 @dataclass(frozen=True)
 class CurvedParts:
-    """Small parts of a cell on one curved surface, between the cell's representative contacts.
+    """Small parts of a cell on a curved surface, with representative contacts at their corners.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class CurvedParts:
 
 @dataclass(frozen=True)
 class RepresentativeContacts:
-    """Finitely many contacts (rows) that stand for a cell: a bound that holds at each holds on the whole cell.
+    """Finitely many contacts (called rows) whose supports bound the support on a whole cell.
 
     Parameters
     ----------
@@ -99,15 +99,18 @@ class SurfaceCell(ABC):
 
     @abstractmethod
     def split(self) -> tuple[SurfaceCell, ...]:
-        """Return two cells that cover this one; itself alone where it is a point."""
+        """Return two cells that cover this one; a cell that cannot be split returns itself alone."""
 
     @abstractmethod
     def cut(self) -> Cut:
-        """Return the cut of ``split`` as recorded in a certificate; its meaning depends on the kind of cell."""
+        """Return the description of the cut of ``split`` for a certificate.
+
+        Its meaning depends on the kind of cell.
+        """
 
     @abstractmethod
     def ball(self) -> tuple[FloatArray, float]:
-        """Return centre (space,) and radius, metres, of a ball around the cell."""
+        """Return centre (space,) and radius, metres, of a ball that contains the cell."""
 
     @abstractmethod
     def anchors(self) -> FloatArray:
@@ -115,10 +118,10 @@ class SurfaceCell(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return ``kind`` and the numbers that determine the rows."""
+        """Return the cell as JSON data: kind, and the geometry that determines its representative contacts."""
 
     def unsplit_data(self) -> Json:
-        """Return the shorter JSON data that suffice for a cell which is not split."""
+        """Return the shorter JSON data that suffice for a cell that was not split."""
         return self.to_dict()
 
 

@@ -19,7 +19,9 @@ Faces = list[CellFace]
 
 
 def cell_faces(body: Body, margin: float) -> Faces | None:
-    """Return the faces of a body in the order of their names, None for a kind of body without cells.
+    """Return the faces of a body as unions of cells; None for a kind of body without cells.
+
+    They are in the order of the body's face names.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ def cell_faces(body: Body, margin: float) -> Faces | None:
 
 
 def _box_faces(body: Box, margin: float) -> Faces:
-    """Return the rectangles of a box at a margin from its edges."""
+    """Return the faces of a box, reduced by a margin from its edges."""
     half = body.half_size
     result: Faces = []
     for name in body.face_names:
@@ -49,13 +51,13 @@ def _box_faces(body: Box, margin: float) -> Faces:
 
 
 def _polygon_faces(body: Polygon, margin: float) -> Faces:
-    """Return the edges of a polygon at a margin from its sharp corners."""
+    """Return the edges of a polygon, reduced by a margin from its sharp corners."""
     edges = enumerate(_polygon_edges(body.corners, margin))
     return [FlatFaceCells(f"edge{i}", [ends], normal) for i, (ends, normal) in edges if ends is not None]
 
 
 def _prism_faces(body: Prism, margin: float) -> Faces:
-    """Return the sides and ends of a prism at a margin from its sharp edges."""
+    """Return the sides and ends of a prism, reduced by a margin from its sharp edges."""
     half = body.height / 2.0
     result: Faces = []
     for i, (ends, normal) in enumerate(_polygon_edges(body.corners, margin)):
@@ -70,7 +72,10 @@ def _prism_faces(body: Prism, margin: float) -> Faces:
 
 
 def _polygon_edges(corners: FloatArray, margin: float) -> list[tuple[FloatArray | None, FloatArray]]:
-    """Return the ends, None of a short edge, and the inward unit normal of each edge, counter-clockwise."""
+    """Return the ends and inward unit normal of each edge, counter-clockwise, less a margin at sharp corners.
+
+    The ends are None for an edge that is too short.
+    """
     result: list[tuple[FloatArray | None, FloatArray]] = []
     setbacks = margin * (np.abs(exterior_angles(corners)) > SHARP)
     next_corners = zip(np.roll(corners, -1, axis=0), np.roll(setbacks, -1), strict=True)
@@ -96,7 +101,7 @@ def _inset_polygon(corners: FloatArray, margin: float) -> FloatArray:
 
 
 def _cylinder_faces(body: Cylinder, margin: float) -> Faces:
-    """Return the side and the ends of a cylinder at a margin from its edges."""
+    """Return the side and the ends of a cylinder, reduced by a margin from its edges."""
     half, radius = body.height / 2.0, body.radius - margin
     ends = [DiscFace(n, radius, s * half, np.array([0.0, 0.0, -s])) for n, s in (("top", 1.0), ("bottom", -1.0))]
     side = RevolvedFace("side", np.array([0.0, body.radius]), np.array([margin - half, half - margin]))

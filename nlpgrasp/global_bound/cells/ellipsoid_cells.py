@@ -21,7 +21,7 @@ LEVELS = (1, 4)  # least and largest number of halvings of a cell's sides for it
 
 
 class EllipsoidCell(SurfaceCell):
-    """A triangle, an arc or a point u of the unit sphere, mapped onto an ellipsoid about the origin by ``p = A u``.
+    """Cell of an ellipsoid: a triangle, an arc or a point u of the unit sphere, mapped by ``p = A u``.
 
     Parameters
     ----------
@@ -48,7 +48,10 @@ class EllipsoidCell(SurfaceCell):
         return RepresentativeContacts(*self.surface.contacts(u), curved=(curved,) if len(self.corners) > 1 else ())
 
     def split(self) -> tuple[EllipsoidCell, ...]:
-        """Return both halves, cut at the middle of the side longest on the ellipsoid; for a point, the cell itself."""
+        """Return both halves, cut at the middle of the longest side; a point returns itself alone.
+
+        The longest side is that on the ellipsoid.
+        """
         if len(self.corners) == 1:
             return (self,)
         i = self.cut()
@@ -60,13 +63,16 @@ class EllipsoidCell(SurfaceCell):
         return EllipsoidCell(first, self.surface), EllipsoidCell(second, self.surface)
 
     def cut(self) -> int:
-        """Return the number i of the side from corner i to the next; the half with corner i comes first."""
+        """Return the index i of the side that is cut, from corner i to the next.
+
+        The half with corner i comes first.
+        """
         next_corners = np.roll(self.corners, -1, axis=0)
         lengths = np.round(np.linalg.norm((self.corners - next_corners) * self.a, axis=1) / np.max(self.a), 9)
         return int(np.argmax(lengths))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the central point, and the largest semi-axis times the angle to the farthest corner."""
+        """Return a ball around the central point, with largest semi-axis times angle to a corner as radius."""
         centre = self.corners.mean(axis=0)
         centre /= np.linalg.norm(centre)
         return centre * self.a, float(np.max(self.a) * np.max(angles_along(self.corners, centre[None])))
@@ -160,7 +166,7 @@ class EllipsoidSurface:
         return np.stack([quadratic[:, None] * second_order, side[:, None] * first_order], axis=1)
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the quarters of triangles (n, 3, 3), or halves of arcs (n, 2, 3), as vertices and indices of these."""
+        """Return quarters of triangles (n, 3, 3), or halves of arcs (n, 2, 3), as vertices and vertex indices."""
         pairs, corner_indices = subdivision_grid(parts.shape[1], 1)
         (first, second), *_ = pairs
         midpoints = parts[:, first] + parts[:, second]
@@ -176,7 +182,7 @@ def ellipsoid_inward_normals(points: FloatArray, semi_axes: FloatArray) -> Float
 
 @cache
 def subdivision_grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, IntArray], ...], IntArray]:
-    """Return the repeated subdivision of a triangle into quarters, or an arc into halves.
+    """Return the repeated subdivision of a triangle into quarters, or of an arc into halves.
 
     Returns
     -------
@@ -205,7 +211,10 @@ def subdivision_grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, I
 
 
 def angles_along(u: FloatArray, v: FloatArray, axis: int = -1) -> FloatArray:
-    """Return angles between unit vectors along an axis, exact for small ones, radians."""
+    """Return angles between unit vectors, radians, accurate for small angles.
+
+    The vectors' components are along an array ``axis``.
+    """
     chords = np.sqrt(np.sum((u - v) ** 2, axis=axis))
     return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0)))
 

@@ -36,11 +36,11 @@ class PolygonCell(SurfaceCell):
         self.vertices, self.normal, self.axes = vertices, normal, axes
 
     def representative_contacts(self) -> RepresentativeContacts:
-        """Return the vertices."""
+        """Return the vertices of the polygon, with its normal at each."""
         return RepresentativeContacts(self.vertices, np.broadcast_to(self.normal, self.vertices.shape))
 
     def split(self) -> tuple[PolygonCell, PolygonCell]:
-        """Return both halves, cut across the axis of the longer extent."""
+        """Return both halves, cut across the axis with the larger extent."""
         i = self.cut()
         coordinates = self.axes[i] @ self.vertices.T
         midpoint = 0.5 * float(np.max(coordinates) + np.min(coordinates))
@@ -48,12 +48,15 @@ class PolygonCell(SurfaceCell):
         return PolygonCell(low, self.normal, self.axes), PolygonCell(high, self.normal, self.axes)
 
     def cut(self) -> int:
-        """Return the number of the axis with the larger extent; it is cut in the middle, the lower part first."""
+        """Return the index of the axis with the larger extent, across which the cell is cut.
+
+        It is cut in the middle; the lower part comes first.
+        """
         extents = np.ptp(self.axes @ self.vertices.T, axis=1)
         return int(np.argmax(extents >= (1.0 - ROUNDING) * np.max(extents)))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the mean of the vertices and the distance to the farthest."""
+        """Return the mean of the vertices as centre, and the distance to the farthest vertex as radius."""
         centre = self.vertices.mean(axis=0)
         return centre, float(np.max(np.linalg.norm(self.vertices - centre, axis=1)))
 
@@ -85,7 +88,7 @@ class FlatFaceCells(CellFace):
         self.axes = tangents(normal[None])[0]
 
     def cells(self) -> Sequence[SurfaceCell]:
-        """Return a cell for each piece."""
+        """Return a cell for each convex polygon."""
         return [PolygonCell(piece, self.normal, self.axes) for piece in self.pieces]
 
 

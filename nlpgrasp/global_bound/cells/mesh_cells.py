@@ -21,7 +21,7 @@ SMALLEST = 1e-300  # least twice the area of a triangle with a normal
 
 
 class TriangleCluster(SurfaceCell):
-    """Cell of a mesh: a cluster of triangles or pieces of them.
+    """Cell of a mesh: a cluster of triangles and of pieces of triangles.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ class TriangleCluster(SurfaceCell):
         self.clusters, self.node = clusters, node
 
     def representative_contacts(self) -> RepresentativeContacts:
-        """Return the corners of all pieces with the normal of each."""
+        """Return the corners of all pieces, each with the normal of its piece."""
         rows = self.clusters.rows_of(self.node)
         return RepresentativeContacts(self.clusters.rows.points[rows], self.clusters.rows.normals[rows])
 
     def split(self) -> tuple[SurfaceCell, ...]:
-        """Return both halves of the cluster; itself at the last level."""
+        """Return both halves of the cluster; the cluster itself at the last level."""
         if self.node >= self.clusters.first_leaf:
             return (self,)
         return tuple(TriangleCluster(self.clusters, 2 * self.node + i) for i in (0, 1))
@@ -51,7 +51,7 @@ class TriangleCluster(SurfaceCell):
         return len(self.clusters.members(2 * self.node))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the centre of the bounding box and the distance to the farthest corner of a piece."""
+        """Return the centre of the bounding box, and the distance to the farthest corner as radius."""
         corners = self.anchors()
         centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         return centre, float(np.max(np.linalg.norm(corners - centre, axis=1)))
@@ -61,7 +61,7 @@ class TriangleCluster(SurfaceCell):
         return self.clusters.pieces[self.clusters.members(self.node)].reshape(-1, 3)
 
     def to_dict(self) -> Json:
-        """Return the halvings of the mesh's triangles, and the numbers of the cell's pieces in order."""
+        """Return the halvings of the mesh's triangles, and the indices of the cell's pieces in order."""
         order = self.clusters.members(self.node).tolist()
         return {"kind": self.kind, "halved": list(self.clusters.halved), "order": order}
 
@@ -144,23 +144,23 @@ class ClusterTree:
 
     @property
     def first_leaf(self) -> int:
-        """Number of the first cluster of the last level."""
+        """Index of the first cluster of the last level."""
         return int(2**self.levels)
 
     def members(self, node: int) -> IntArray:
-        """Return the numbers of a cluster's pieces."""
+        """Return the indices of the pieces of a cluster."""
         level, count = node.bit_length() - 1, len(self.order)
         first = node - 2**level
         return self.order[first * count // 2**level : (first + 1) * count // 2**level]
 
     def rows_of(self, node: int) -> slice:
-        """Return the range of a cluster's rows."""
+        """Return the index range of a cluster's representative contacts."""
         below = self.levels - node.bit_length() + 1
         first = (node << below) - self.first_leaf
         return slice(int(self.begin[first]), int(self.begin[first + 2**below]))
 
     def _rows(self) -> tuple[RepresentativeContacts, IntArray]:
-        """Return the distinct corners of each last-level cluster, in order, and the first row of each cluster."""
+        """Return the distinct corners of each last-level cluster, in order, and the index of each cluster's first."""
         points = self.pieces[self.order].reshape(-1, 3)
         normals = np.repeat(self.normals[self.order], 3, axis=0)
         offsets = 3 * _level_ranges(len(self.order), self.levels)
@@ -171,7 +171,7 @@ class ClusterTree:
 
 
 def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
-    """Return the halvings of triangles across their longest sides, the pieces, and each piece's triangle."""
+    """Halve large triangles across their longest sides; return the halvings, pieces, and triangle of each piece."""
     owner, pieces, rounds = np.arange(len(corners)), corners, list[str]()
     sides = corners[:, 1:] - corners[:, :1]
     area = 0.5 * float(np.sum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)))
@@ -194,7 +194,10 @@ def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, 
 
 
 def _ordered(features: FloatArray, levels: int) -> IntArray:
-    """Return the order of pieces in which all clusters are ranges, halved repeatedly across the largest spread."""
+    """Return an order of the pieces in which each cluster is a contiguous range.
+
+    Clusters are halved repeatedly across the largest spread of the features.
+    """
     order = np.arange(len(features))
     for level in range(levels):
         offsets = _level_ranges(len(order), level)
@@ -209,5 +212,5 @@ def _ordered(features: FloatArray, levels: int) -> IntArray:
 
 
 def _level_ranges(count: int, level: int) -> IntArray:
-    """Return the limits of a level's clusters in the order, (2^level + 1,)."""
+    """Return the offsets of a level's clusters in the order of pieces, (2^level + 1,)."""
     return np.asarray(np.arange(2**level + 1) * count // 2**level)

@@ -21,7 +21,7 @@ PARTS = 4  # number of root cells per turn
 
 
 class SectorCell(SurfaceCell):
-    """The part of a horizontal disc about the z axis with ``r_0 <= r <= r_1`` and ``phi_0 <= phi <= phi_1``.
+    """Sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc about the z axis.
 
     The normal is the same everywhere, so that a convex function of the work is largest at a corner of any polygon
     around the sector: its own corners, and where the outer arc's end tangents meet.
@@ -53,7 +53,7 @@ class SectorCell(SurfaceCell):
         return RepresentativeContacts(points, np.broadcast_to(self.normal, points.shape))
 
     def split(self) -> tuple[SectorCell, SectorCell]:
-        """Return both halves, cut across the longer of radii and angles."""
+        """Return both halves, cut across the longer of the radial and the angular extent."""
         if self.cut() == 0:
             first, second = halve(self.radii)
             return self._with(first, self.angles), self._with(second, self.angles)
@@ -61,14 +61,17 @@ class SectorCell(SurfaceCell):
         return self._with(self.radii, first), self._with(self.radii, second)
 
     def cut(self) -> int:
-        """Return 0 for a cut of the radii, 1 for one of the angles, each in the middle, the lower part first."""
+        """Return 0 for a cut across the radii, 1 for a cut across the angles.
+
+        It is in the middle; the lower part comes first.
+        """
         return int(np.ptp(self.radii) < self.radii[1] * np.ptp(self.angles))
 
     def _with(self, radii: FloatArray, angles: FloatArray) -> SectorCell:
         return SectorCell(radii, angles, self.height, self.normal)
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the mean of the rows and the distance to the farthest."""
+        """Return the mean of the representative contacts, and the distance to the farthest as radius."""
         points = self.representative_contacts().points
         centre = points.mean(axis=0)
         return centre, float(np.max(np.linalg.norm(points - centre, axis=1)))
@@ -117,7 +120,7 @@ class DiscFace(CellFace):
 
 
 class RevolvedCell(SurfaceCell):
-    """A patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface of revolution about the z axis.
+    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface of revolution about the z axis.
 
     On a cylinder's side t is the height z; on a torus it is the angle around the tube.
 
@@ -144,7 +147,7 @@ class RevolvedCell(SurfaceCell):
         return RepresentativeContacts(*self.surface.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
 
     def split(self) -> tuple[RevolvedCell, RevolvedCell]:
-        """Return both halves of the longer side in metres."""
+        """Return both halves, cut across the side that is longer in metres."""
         if self.cut() == 0:
             first, second = halve(self.angles)
             return RevolvedCell(self.surface, first, self.along), RevolvedCell(self.surface, second, self.along)
@@ -152,7 +155,10 @@ class RevolvedCell(SurfaceCell):
         return RevolvedCell(self.surface, self.angles, first), RevolvedCell(self.surface, self.angles, second)
 
     def cut(self) -> int:
-        """Return 0 for a cut of phi, 1 for one of t, each in the middle, the lower part first."""
+        """Return 0 for a cut across phi, 1 for a cut across t.
+
+        It is in the middle; the lower part comes first.
+        """
         around, across = self._side_lengths()
         return int(around <= across)
 
@@ -162,7 +168,7 @@ class RevolvedCell(SurfaceCell):
         return around, float(np.ptp(self.along)) * (float(self.radii[1]) if self.surface.is_torus else 1.0)
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the central point and the largest distance along the surface to a corner."""
+        """Return the central point, and the largest distance along the surface to a corner as radius."""
         centre = contacts_at(self.radii, np.mean(self.angles, keepdims=True), np.mean(self.along, keepdims=True))[0][0]
         around, across = self._side_lengths()
         return centre, 0.5 * (around + across)
@@ -201,17 +207,17 @@ class RevolvedFace(CellFace):
         return [ends[i : i + 2] for i in range(PARTS)]
 
     def cells(self) -> Sequence[SurfaceCell]:
-        """Return quarter turns, on a torus each in quarters around the tube."""
+        """Return the quarter turns of the face, on a torus each divided into quarters around the tube."""
         ends = 2.0 * np.pi * np.arange(PARTS + 1) / PARTS
         return [RevolvedCell(self.surface, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
 
     def meridian_cells(self) -> Sequence[SurfaceCell]:
-        """Return the lines at angle 0, to which every contact can be rotated."""
+        """Return the cells at angle 0, to which every contact of the face can be rotated."""
         return [RevolvedCell(self.surface, np.zeros(2), t) for t in self._parts()]
 
 
 def _interval_count(interval: FloatArray) -> int:
-    """Return the number of intervals between rows over an interval of angles, 0 where it is a point."""
+    """Return the number of grid intervals over an interval of angles; 0 if the interval is a point."""
     size = float(np.ptp(interval))
     return int(np.clip(np.ceil(size / FINE), 2, MOST)) if size > 0.0 else 0
 
@@ -240,7 +246,7 @@ class RevolvedSurface:
 
     @property
     def is_torus(self) -> bool:
-        """Whether t is an angle."""
+        """Whether the surface is a torus, where the coordinate t is an angle."""
         return bool(self.radii[0] > 0.0)
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -267,7 +273,7 @@ class RevolvedSurface:
         return np.stack([second_order, first_order], axis=1)
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the quarters of rectangles (n, 4, 2), or halves of lines (n, 2, 2), as vertices and indices of these.
+        """Return quarters of rectangles (n, 4, 2), or halves of lines (n, 2, 2), as vertices and vertex indices.
 
         Corners are ordered as by ``rectangles``.
         """
