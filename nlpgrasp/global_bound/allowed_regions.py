@@ -224,10 +224,10 @@ def _region_limits(constraint: PlacementConstraint, contact: int, radius: float,
         lowest = constraint.height + constraint.clearance + radius
         return PositionLimits(half_spaces=(HalfSpaces(-np.eye(space)[-1:], np.array([-lowest]), radius),))
     if isinstance(constraint, Forbid) and constraint.region is not None:
-        half_spaces = _region(constraint.region)
+        half_spaces = _half_spaces_of(constraint.region)
         return None if half_spaces is None else PositionLimits(excluded=(half_spaces,))
     if isinstance(constraint, Workspace) and not constraint.palm and isinstance(constraint.region, Region):
-        half_spaces = _region(constraint.region)
+        half_spaces = _half_spaces_of(constraint.region)
         applies = constraint.fingers is None or contact in constraint.fingers
         return PositionLimits(half_spaces=(half_spaces,)) if applies and half_spaces is not None else None
     if isinstance(constraint, Obstacle) and isinstance(constraint.body, EXACT):
@@ -236,7 +236,7 @@ def _region_limits(constraint: PlacementConstraint, contact: int, radius: float,
     return None
 
 
-def _region(region: Region) -> HalfSpaces | None:
+def _half_spaces_of(region: Region) -> HalfSpaces | None:
     """Return the half-spaces of a region; None for a region given by a user's function."""
     if isinstance(region, HalfSpace):
         return HalfSpaces(-np.asarray(region.normal, dtype=float)[None], np.array([-region.offset]))

@@ -208,9 +208,9 @@ class Supports:
         """Return the indices of the representative contacts of cells (b,), (b, m), each padded with its last one."""
         rows = [self._rows[c] for c in cells.tolist()]
         result = np.empty((len(rows), max(map(len, rows))), dtype=np.int64)
-        for padded, numbers in zip(result, rows, strict=True):
-            padded[: len(numbers)] = numbers
-            padded[len(numbers) :] = numbers[-1]
+        for padded, indices in zip(result, rows, strict=True):
+            padded[: len(indices)] = indices
+            padded[len(indices) :] = indices[-1]
         return result
 
     def speed_bounds(self, cells: IntArray, twists: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -34,21 +34,21 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
     bounding, scope, leaves = recorded.bounding, recorded.scope, recorded.leaves
     bounds, motions = bounding.recompute_bounds(leaves), _Motions(scope)
     indices, positions = np.unique(leaves.dual_index, return_inverse=True)
-    dual_weights, numbers = _deduplicate([bounding.dual_weights[i].rounded() for i in indices.tolist()])
-    directions = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(dual.numbers for dual in dual_weights)]))
+    dual_weights, dual_index = _deduplicate([bounding.dual_weights[i].rounded() for i in indices.tolist()])
+    directions = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(dual.indices for dual in dual_weights)]))
     data = {
         "origin": scope.origin.tolist(),
         "complete": recorded.complete,
         "groups": [_group_data(group, _split_cells(recorded, slots)) for group, slots in scope.groups],
         "directions": bounding.twists[directions].tolist(),
         "mixtures": [
-            [np.searchsorted(directions, dual.numbers).tolist(), dual.weights.tolist()] for dual in dual_weights
+            [np.searchsorted(directions, dual.indices).tolist(), dual.weights.tolist()] for dual in dual_weights
         ],
         "motions": motions.data,
         "splits": [[*split] for batch in recorded.splits for split in zip(*(a.tolist() for a in batch), strict=True)],
-        "twins": [[list(c), motions.number(t.forward, t.back), list(t.node)] for c, t in recorded.copies.items()],
+        "twins": [[list(c), motions.index_of(t.forward, t.back), list(t.node)] for c, t in recorded.copies.items()],
         "leaves": [
-            [*leaf] for leaf in zip(leaves.cells.tolist(), numbers[positions].tolist(), bounds.tolist(), strict=True)
+            [*leaf] for leaf in zip(leaves.cells.tolist(), dual_index[positions].tolist(), bounds.tolist(), strict=True)
         ],
     }
     if scope.rule.takes_largest:
@@ -58,7 +58,7 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
 
 def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
     """Return the distinct dual weights, and the index of each given one among them."""
-    keys = [(dual.numbers.tobytes(), dual.weights.tobytes(), dual.threshold) for dual in dual_weights]
+    keys = [(dual.indices.tobytes(), dual.weights.tobytes(), dual.threshold) for dual in dual_weights]
     distinct = dict(zip(keys, dual_weights, strict=True))
     positions = {key: i for i, key in enumerate(distinct)}
     return list(distinct.values()), np.array([positions[key] for key in keys], dtype=np.int64)
@@ -66,17 +66,17 @@ def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights]
 
 def _split_cells(tree: NodeTree, group_slots: slice) -> IntArray:
     """Return the indices of the split cells of a group, parents before children."""
-    numbers = [np.zeros(0, dtype=np.int64)]
+    split_cells = [np.zeros(0, dtype=np.int64)]
     for nodes, slots in tree.splits:
         selected = np.flatnonzero((slots >= group_slots.start) & (slots < group_slots.stop))
-        numbers.append(nodes[selected, slots[selected]])
-    return np.unique(np.concatenate(numbers))
+        split_cells.append(nodes[selected, slots[selected]])
+    return np.unique(np.concatenate(split_cells))
 
 
 def _group_data(group: ContactCells, split_cells: IntArray) -> Json:
     """Return the JSON data of a group of identical contacts: root cells and splits."""
     roots = [(i, group.cell(i)) for i in group.roots]
-    pairs = group.child_numbers(split_cells).tolist()
+    pairs = group.child_indices(split_cells).tolist()
     children = [[None if child == NONE else child for child in pair] for pair in pairs]
     return {
         "contacts": list(group.contact_indices),
@@ -94,22 +94,22 @@ class _Motions:
         identity = np.eye(space), np.zeros(space)
         self._motions = {NONE: identity} | {i: (s.rotation, s.translation) for i, s in enumerate(scope.symmetries)}
         self._size = scope.problem.body.size
-        self._number_of_pair: dict[tuple[int, int], int] = {}
-        self._number_of_motion: dict[bytes, int] = {}
+        self._index_of_pair: dict[tuple[int, int], int] = {}
+        self._index_of_motion: dict[bytes, int] = {}
         self.data: list[Json] = []
 
-    def number(self, forward: int, back: int) -> int:
+    def index_of(self, forward: int, back: int) -> int:
         """Return the index of a composed motion: one symmetry followed by the inverse of another."""
-        if (forward, back) not in self._number_of_pair:
-            self._number_of_pair[forward, back] = self._find(forward, back)
-        return self._number_of_pair[forward, back]
+        if (forward, back) not in self._index_of_pair:
+            self._index_of_pair[forward, back] = self._find(forward, back)
+        return self._index_of_pair[forward, back]
 
     def _find(self, forward: int, back: int) -> int:
         (R, t), (Q, s) = self._motions[forward], self._motions[back]
         rotation, translation = Q.T @ R, Q.T @ (t - s)
         values = np.append(rotation, translation / self._size)
         key = (np.round(values, MOTION_DIGITS) + 0.0).tobytes()
-        if key not in self._number_of_motion:
-            self._number_of_motion[key] = len(self.data)
+        if key not in self._index_of_motion:
+            self._index_of_motion[key] = len(self.data)
             self.data.append({"rotation": rotation.tolist(), "translation": translation.tolist()})
-        return self._number_of_motion[key]
+        return self._index_of_motion[key]

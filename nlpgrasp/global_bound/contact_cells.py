@@ -17,7 +17,7 @@ from nlpgrasp.global_bound.cell_supports import Supports
 from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
 
-NONE = -1  # number that stands for no cell, slot or symmetry
+NONE = -1  # index that stands for no cell, slot or symmetry
 
 
 class BundleLevel(IntEnum):
@@ -84,15 +84,15 @@ class ContactCells:
             if len(parts) == 1:
                 self._children[cell] = (cell,)
             else:
-                numbers = [NONE if self.allowed.excludes(part) else self._add(part, cell) for part in parts]
-                self._children[cell] = tuple(numbers)
+                parts_or_none = [NONE if self.allowed.excludes(part) else self._add(part, cell) for part in parts]
+                self._children[cell] = tuple(parts_or_none)
         return self._children[cell]
 
-    def cell(self, number: int) -> SurfaceCell:
+    def cell(self, index: int) -> SurfaceCell:
         """Return the cell with an index."""
-        return self.cells[number]
+        return self.cells[index]
 
-    def child_numbers(self, cells: IntArray) -> IntArray:
+    def child_indices(self, cells: IntArray) -> IntArray:
         """Return the indices of both parts of cells (n,) that can be split, (n, 2), ``NONE`` for excluded parts."""
         return np.array([self.children(cell) for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
 
@@ -130,25 +130,25 @@ class ContactClusters(ContactCells):
             raise TypeError(f"a {root.kind}, no cell of a mesh")
         return root.clusters
 
-    def cell(self, number: int) -> SurfaceCell:
+    def cell(self, index: int) -> SurfaceCell:
         """Return the cluster with an index."""
-        return TriangleCluster(self.clusters, number)
+        return TriangleCluster(self.clusters, index)
 
     @cached_property
-    def _numbers(self) -> IntArray:
+    def _allowed_nodes(self) -> IntArray:
         """Index of each cluster, ``NONE`` for clusters without an allowed point."""
-        numbers = np.arange(self.clusters.node_limit)
+        nodes = np.arange(self.clusters.node_limit)
         if self.allowed.is_restricted:
-            excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
-            numbers[1:][excluded] = NONE
-        return numbers
+            excluded = [self.allowed.excludes(self.cell(node)) for node in range(1, len(nodes))]
+            nodes[1:][excluded] = NONE
+        return nodes
 
-    def child_numbers(self, cells: IntArray) -> IntArray:
+    def child_indices(self, cells: IntArray) -> IntArray:
         """Return the indices of both halves of clusters (n,), (n, 2), ``NONE`` for excluded halves.
 
         The clusters are above the last level.
         """
-        return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
+        return np.asarray(self._allowed_nodes[2 * cells[:, None] + np.arange(2)])
 
 
 def _bundle(

@@ -29,14 +29,14 @@ LEAST = 1e-5  # recorded weight below which a direction is dropped
 class DualWeights(NamedTuple):
     """Dual weights (j,), at least zero, with the indices of their directions (j,) and a threshold."""
 
-    numbers: IntArray
+    indices: IntArray
     weights: FloatArray
     threshold: float = 0.0
 
     def rounded(self) -> DualWeights:
         """Return the weights as recorded: rounded, without negligible ones."""
         weights = round_weights(self.weights)
-        return DualWeights(self.numbers[weights > 0.0], weights[weights > 0.0], self.threshold)
+        return DualWeights(self.indices[weights > 0.0], weights[weights > 0.0], self.threshold)
 
 
 def round_weights(weights: FloatArray) -> FloatArray:

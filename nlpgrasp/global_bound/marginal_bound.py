@@ -50,8 +50,8 @@ class MarginalBound:
         scope = whole_scope(problem)
         tree = tree_of(scope)
         tree.begin(0.0)
-        numbers, weights, threshold = tree.bounding.dual_weights[int(tree.leaves.dual_index[0])]
-        return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights), threshold)
+        indices, weights, threshold = tree.bounding.dual_weights[int(tree.leaves.dual_index[0])]
+        return cls(scope, tree.bounding.twists[indices], weights / np.sum(weights), threshold)
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the largest marginal bound of any contact, (m,), at surface points with inward normals, (m, 3) each.

@@ -2,6 +2,9 @@
 
 The nodes with the largest bounds are split, their children are bounded, and children with low enough bounds are closed.
 A strategy (``BoundingStrategy``) bounds nodes: by dual weights of every node's own, or by weights that all nodes share.
+
+The contacts of a node are in slots, identical contacts side by side. Cells are referred to by their indices, and rows
+are the representative contacts of cells.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.scope import BoundScope
 from nlpgrasp.global_bound.weak_twists import NumberedDirections
 
-Cells = tuple[int, ...]  # a node, as the number of a cell for each slot
+Cells = tuple[int, ...]  # a node, as the index of a cell for each slot
 Floats = FloatArray | NDArray[np.float32]
 
 
@@ -33,7 +36,7 @@ class NodeArrays:
     Parameters
     ----------
     cells : (n, k) array
-        Number of a cell for each slot.
+        Index of a cell for each slot.
     bounds : (n,) array
         Upper bounds on mu over these cells, to the power ``BoundingStrategy.power``.
     dual_index : (n,) array
@@ -70,7 +73,7 @@ class FractionalPlacement:
     bound : float
         Upper bound on mu.
     rows : (k, m) array
-        Numbers of the rows.
+        Indices of the rows.
     fractions : (k, m) array
         Fraction of each contact at each row, of sum one.
     """
@@ -91,7 +94,7 @@ class SymmetricCopy:
     Parameters
     ----------
     forward, back : int
-        Numbers of the symmetries to the common representative; ``NONE`` is the identity.
+        Indices of the symmetries to the common representative; ``NONE`` is the identity.
     node : tuple of int
         Cells of the node bounded before.
     """
@@ -332,7 +335,7 @@ def children(
         is_split = np.zeros((len(parent_indices), nodes.shape[1]), dtype=bool)
         is_split[:, group_slots] = nodes[parent_indices, group_slots] == cell[:, None]
         rank, counts = np.cumsum(is_split, axis=1), np.sum(is_split, axis=1)
-        halves = group.child_numbers(cell)
+        halves = group.child_indices(cell)
         for first_count in range(group_slots.stop - group_slots.start + 1):
             selected = counts >= first_count
             sides = np.where(rank[selected] > first_count, halves[selected, 1:], halves[selected, :1])

@@ -33,12 +33,12 @@ class DualBounds(NamedTuple):
 
     bounds: FloatArray
     weights: FloatArray
-    numbers: IntArray
+    directions: IntArray
     thresholds: FloatArray
 
     def select(self, mask: NDArray[np.bool_]) -> DualBounds:
         """Return the bounds of the nodes in a mask."""
-        return DualBounds(self.bounds[mask], self.weights[mask], self.numbers[mask], self.thresholds[mask])
+        return DualBounds(self.bounds[mask], self.weights[mask], self.directions[mask], self.thresholds[mask])
 
     def lower_of(self, other: DualBounds) -> DualBounds:
         """Return the lower of two bounds for each node.
@@ -47,15 +47,15 @@ class DualBounds(NamedTuple):
         """
         is_lower = (self.bounds < other.bounds) | np.isinf(other.bounds)
         weights = np.where(is_lower[:, None], self.weights, other.weights)
-        numbers = np.where(is_lower[:, None], self.numbers, other.numbers)
+        directions = np.where(is_lower[:, None], self.directions, other.directions)
         thresholds = np.where(is_lower, self.thresholds, other.thresholds)
-        return DualBounds(np.minimum(self.bounds, other.bounds), weights, numbers, thresholds)
+        return DualBounds(np.minimum(self.bounds, other.bounds), weights, directions, thresholds)
 
 
 class NodeWeightStrategy(BoundingStrategy):
     """Bounding strategy for bodies other than meshes, with dual weights optimised for each node's cells.
 
-    A node that is closed by its parent's dual weights shares them.
+    A node that is closed by its parent's dual weights keeps these.
 
     Parameters
     ----------
@@ -84,31 +84,31 @@ class NodeWeightStrategy(BoundingStrategy):
 
     def _batches(self, cells: IntArray) -> Iterator[slice]:
         """Yield ranges of nodes small enough to be bounded together."""
-        work, begin = self._work(cells), 0
+        cost, begin = self._cost(cells), 0
         while begin < len(cells):
-            end = begin + min(BATCH, 1 + int(np.searchsorted(np.cumsum(work[begin:]), WORK)))
+            end = begin + min(BATCH, 1 + int(np.searchsorted(np.cumsum(cost[begin:]), WORK)))
             yield slice(begin, end)
             begin = end
 
     def _bound_by_parents(self, cells: IntArray, inherited: IntArray, target: float) -> list[NodeArrays]:
         """Return nodes (b, k) bounded by their parents' dual weights, or by new ones if above the target."""
-        numbers, weights, thresholds = self._dense(inherited)
-        bounds = self._table(cells, numbers, thresholds).bounds(weights)
+        directions, weights, thresholds = self._weight_arrays(inherited)
+        bounds = self._table(cells, directions, thresholds).bounds(weights)
         is_low = bounds <= target
         closed = NodeArrays(cells[is_low], bounds[is_low], inherited[is_low])
         thresholds = self.scope.rule.thresholds(bounds, 0)
-        cells, numbers, weights = cells[~is_low], numbers[~is_low], weights[~is_low]
-        return [closed, *self._bound_by_rounds(cells, numbers, weights, thresholds[~is_low], target)]
+        cells, directions, weights = cells[~is_low], directions[~is_low], weights[~is_low]
+        return [closed, *self._bound_by_rounds(cells, directions, weights, thresholds[~is_low], target)]
 
     def _bound_by_rounds(
-        self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, thresholds: FloatArray, target: float
+        self, cells: IntArray, directions: IntArray, weights: FloatArray | None, thresholds: FloatArray, target: float
     ) -> list[NodeArrays]:
         """Return nodes (b, k) bounded by rounds of linear programs for each node's dual weights.
 
         Parameters
         ----------
         cells : (b, k) array
-        numbers : (b, j) array
+        directions : (b, j) array
             Initial directions.
         weights : (b, j) array, optional
             Dual weights of their parents.
@@ -117,37 +117,37 @@ class NodeWeightStrategy(BoundingStrategy):
         """
         rounds = 2 if weights is not None else int(np.clip(FIRST_ROUNDS // max(1, len(cells)), 2, FIRST_ROUNDS))
         finished = list[NodeArrays]()
-        best = DualBounds(np.full(len(cells), np.inf), np.zeros(numbers.shape), numbers, thresholds)
+        best = DualBounds(np.full(len(cells), np.inf), np.zeros(directions.shape), directions, thresholds)
         for round_number in range(1, rounds + 1):
             if not len(cells):
                 break
-            table = self._table(cells, numbers, thresholds)
+            table = self._table(cells, directions, thresholds)
             table.select_rows(weights)
-            weights, shares = optimal_dual_weights(table.powers)
+            weights, fractions = optimal_dual_weights(table.powers)
             bounds, weights, thresholds = table.tighten(weights)
-            best = DualBounds(bounds, weights, numbers, thresholds).lower_of(best)
+            best = DualBounds(bounds, weights, directions, thresholds).lower_of(best)
             is_finished = (best.bounds <= target) | (round_number == rounds)
             dual_index = len(self.dual_weights) + np.arange(np.count_nonzero(is_finished))
             finished.append(NodeArrays(cells[is_finished], best.bounds[is_finished], dual_index))
             for i in np.flatnonzero(is_finished).tolist():
-                self.dual_weights.append(DualWeights(best.numbers[i], best.weights[i], float(best.thresholds[i])))
+                self.dual_weights.append(DualWeights(best.directions[i], best.weights[i], float(best.thresholds[i])))
                 if best.bounds[i] > target:
-                    self.placements.append(FractionalPlacement(float(best.bounds[i]), table.rows[i], shares[i]))
+                    self.placements.append(FractionalPlacement(float(best.bounds[i]), table.rows[i], fractions[i]))
                     self._placement_of[tuple(cells[i].tolist())] = self.placements[-1]
             best = best.select(~is_finished)
-            cells, numbers, weights = cells[~is_finished], numbers[~is_finished], weights[~is_finished]
+            cells, directions, weights = cells[~is_finished], directions[~is_finished], weights[~is_finished]
             thresholds = self.scope.rule.thresholds(best.bounds, round_number)
             if len(cells):
-                spread = table.rows[~is_finished], shares[~is_finished]
-                numbers = self.twists.renew(self.scope.groups, numbers, weights, *spread)
+                spread = table.rows[~is_finished], fractions[~is_finished]
+                directions = self.twists.renew(self.scope.groups, directions, weights, *spread)
         return finished
 
     def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
         """Return the indices of some open nodes with the largest bounds above the target, the largest first."""
         order = np.argsort(-nodes.bounds, kind="stable")[: min(BATCH, max(FEWEST, count // PART))]
         order = order[nodes.bounds[order] > target]
-        work = np.cumsum(self._work(nodes.cells[order]))
-        return order[: 1 + int(np.searchsorted(work, BATCHES * WORK))]
+        cost = np.cumsum(self._cost(nodes.cells[order]))
+        return order[: 1 + int(np.searchsorted(cost, BATCHES * WORK))]
 
     def select_slots(self, nodes: NodeArrays) -> IntArray:
         """Return for each node the contact most spread over its cell, by position; ``NONE`` if all are points."""
@@ -170,22 +170,22 @@ class NodeWeightStrategy(BoundingStrategy):
         """Return bounds recomputed from the recorded dual weights."""
         results = [np.zeros(0)]
         for i in range(0, len(nodes), BATCH):
-            numbers, weights, thresholds = self._dense(nodes.dual_index[i : i + BATCH])
+            directions, weights, thresholds = self._weight_arrays(nodes.dual_index[i : i + BATCH])
             weights = np.array([round_weights(weight) for weight in weights])
             weights /= np.sum(weights, axis=1, keepdims=True)
-            results.append(self._table(nodes.cells[i : i + BATCH], numbers, thresholds).bounds(weights))
+            results.append(self._table(nodes.cells[i : i + BATCH], directions, thresholds).bounds(weights))
         return np.concatenate(results)
 
-    def _table(self, cells: IntArray, numbers: IntArray, thresholds: FloatArray) -> SupportTable:
+    def _table(self, cells: IntArray, directions: IntArray, thresholds: FloatArray) -> SupportTable:
         """Return the support table of nodes (b, k) for their directions (b, j) and thresholds (b,)."""
-        return SupportTable(self.scope.groups, cells, self.twists[numbers], thresholds)
+        return SupportTable(self.scope.groups, cells, self.twists[directions], thresholds)
 
-    def _dense(self, indices: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    def _weight_arrays(self, indices: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return recorded dual weights as arrays: direction indices and weights (b, j), thresholds (b,)."""
-        numbers, weights, thresholds = zip(*(self.dual_weights[i] for i in indices.tolist()), strict=True)
-        return np.stack(numbers), np.stack(weights), np.array(thresholds)
+        directions, weights, thresholds = zip(*(self.dual_weights[i] for i in indices.tolist()), strict=True)
+        return np.stack(directions), np.stack(weights), np.array(thresholds)
 
-    def _work(self, cells: IntArray) -> IntArray:
+    def _cost(self, cells: IntArray) -> IntArray:
         """Return the cost of bounding each node: its representative contacts times directions."""
         counts = [[self.scope.group_of[i][0].supports.count(c) for i, c in enumerate(node)] for node in cells.tolist()]
         return np.asarray(self.twists.per_node * np.sum(np.array(counts, dtype=np.int64).reshape(cells.shape), axis=1))

@@ -89,7 +89,7 @@ def scope_of(problem: GraspProblem) -> BoundScope:
     for level in BundleLevel:
         cells = _create_cells(problem, faces, contacts, regions, rule, level, rotated)
         group = symmetries(problem.body, problem.task, problem.origin, cells)
-        choices = prod(comb(len(own.roots) + len(own.contact_indices) - 1, len(own.contact_indices)) for own in cells)
+        choices = prod(comb(len(c.roots) + len(c.contact_indices) - 1, len(c.contact_indices)) for c in cells)
         if choices <= MOST_ROOTS * (1 + len(group)):
             break
     return BoundScope(problem, rule, tuple(cells), tuple(group), dropped)

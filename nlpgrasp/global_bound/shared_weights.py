@@ -24,7 +24,7 @@ from nlpgrasp.global_bound.support_table import ROUNDING_MARGIN
 from nlpgrasp.global_bound.weak_twists import NumberedDirections
 
 Single = NDArray[np.float32]
-Numbers = FloatArray | Single  # double or single precision
+RealArray = FloatArray | Single  # double or single precision
 
 CHUNK = 80_000  # corners times directions at a time, to fit the processor's cache
 EVERY = slice(0, None)  # all rows
@@ -71,7 +71,7 @@ class SharedWeightStrategy(BoundingStrategy):
         if not self.dual_weights:
             initial = self.twists.draw_initial()
             self.maxima.add(DualWeights(initial, np.full(len(initial), 1.0 / len(initial))))
-            self.placements = self._improve(cells, ROOT_ROUNDS)
+            self.placements = self._add_optimal_weights(cells, ROOT_ROUNDS)
         bounds, dual_index = self.maxima.bounds(cells)
         if parents is not None:
             dual_index = np.where(bounds <= parents.bounds, dual_index, parents.dual_index)
@@ -124,7 +124,7 @@ class SharedWeightStrategy(BoundingStrategy):
         indices = self._refresh_bounds(nodes)
         is_low = nodes.bounds[indices] <= target**self.power
         selected = self._select_different(nodes.cells[indices[~is_low]])
-        self.placements = self._improve(selected, ROUNDS) if len(selected) else []
+        self.placements = self._add_optimal_weights(selected, ROUNDS) if len(selected) else []
         return np.asarray(indices[is_low])
 
     def _select_different(self, nodes: IntArray) -> IntArray:
@@ -135,42 +135,42 @@ class SharedWeightStrategy(BoundingStrategy):
                 chosen.append(node)
         return np.array(chosen, dtype=np.int64)
 
-    def _improve(self, nodes: IntArray, rounds: int) -> list[FractionalPlacement]:
+    def _add_optimal_weights(self, nodes: IntArray, rounds: int) -> list[FractionalPlacement]:
         """Add dual weights for nodes (b, k) by rounds of linear programs; return the last fractional placements.
 
         The weights of a round are evaluated over the node's own cells, and the best round is kept.
         """
-        numbers = np.stack([self._directions(node) for node in nodes])
+        directions = np.stack([self._directions(node) for node in nodes])
         rows = np.stack([self._rows(node) for node in nodes])
-        best = [(np.inf, DualWeights(numbers[0], np.zeros(0)))] * len(nodes)
-        weights, fractions, rule = np.zeros(numbers.shape), np.zeros(rows.shape), self.scope.rule
+        best = [(np.inf, DualWeights(directions[0], np.zeros(0)))] * len(nodes)
+        weights, fractions, rule = np.zeros(directions.shape), np.zeros(rows.shape), self.scope.rule
         bounds = np.array([np.min(self.maxima.bounds_by_weights(node)) for node in nodes], dtype=float)
         for remaining in reversed(range(rounds)):
             rows, thresholds = np.sort(rows, axis=2), rule.thresholds(bounds, remaining)
-            powers = rule.excess(self._powers(rows, numbers), thresholds[:, None, None, None])
+            powers = rule.excess(self._powers(rows, directions), thresholds[:, None, None, None])
             weights, fractions = optimal_dual_weights(powers)
             maximal = np.empty((*nodes.shape, 1), dtype=np.int64)
-            for i, (node, node_numbers, node_weights) in enumerate(zip(nodes, numbers, weights, strict=True)):
+            for i, (node, node_directions, node_weights) in enumerate(zip(nodes, directions, weights, strict=True)):
                 is_used = node_weights > LEAST
-                dual = DualWeights(node_numbers[is_used], round_weights(node_weights[is_used]), float(thresholds[i]))
+                dual = DualWeights(node_directions[is_used], round_weights(node_weights[is_used]), float(thresholds[i]))
                 maximal[i, :, 0], bound = self.maxima.largest_rows(node, dual)
                 if bound < best[i][0]:
                     best[i] = bound, dual
                 bounds[i] = min(bounds[i], bound)
             if remaining:
-                numbers = self.twists.renew(self.scope.groups, numbers, weights, rows, fractions)
+                directions = self.twists.renew(self.scope.groups, directions, weights, rows, fractions)
                 rows = np.concatenate([rows, maximal], axis=2)
         for _, dual in best:
             self.maxima.add(dual)
         roots = [bound ** (1.0 / self.power) for bound, _ in best]
         return [FractionalPlacement(*values) for values in zip(roots, rows, fractions, strict=True)]
 
-    def _powers(self, rows: IntArray, numbers: IntArray) -> FloatArray:
+    def _powers(self, rows: IntArray, directions: IntArray) -> FloatArray:
         """Return powers ``s^p`` at sorted mesh corners (b, k, m), (b, k, m, j), zero for duplicates."""
         parts = []
         for group, slots in self.scope.groups:
             group_rows = rows[:, slots]
-            powers = group.supports.powers(group_rows.reshape(len(group_rows), -1), self.twists[numbers])
+            powers = group.supports.powers(group_rows.reshape(len(group_rows), -1), self.twists[directions])
             parts.append(powers.reshape(*group_rows.shape, -1))
         is_copy = np.diff(rows, axis=2, prepend=-1) == 0
         return np.where(is_copy[..., None], 0.0, np.concatenate(parts, axis=1))
@@ -178,9 +178,9 @@ class SharedWeightStrategy(BoundingStrategy):
     def _directions(self, node: IntArray) -> IntArray:
         """Return the heaviest direction indices of the tightest dual weights on a node, (DIRECTIONS,)."""
         tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
-        numbers, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
-        sorted_numbers = numbers[np.argsort(-weights, kind="stable")]
-        distinct = sorted_numbers[np.sort(np.unique(sorted_numbers, return_index=True)[1])]
+        directions, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
+        by_weight = directions[np.argsort(-weights, kind="stable")]
+        distinct = by_weight[np.sort(np.unique(by_weight, return_index=True)[1])]
         return np.concatenate([distinct, self.twists.draw_initial()])[:DIRECTIONS]
 
     def _rows(self, node: IntArray) -> IntArray:
@@ -205,9 +205,9 @@ class SharedWeightStrategy(BoundingStrategy):
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
         """Return bounds recomputed in double precision from recorded weights, with a margin for rounding."""
         result = np.empty(len(nodes))
-        for number in np.unique(nodes.dual_index).tolist():
-            indices = np.flatnonzero(nodes.dual_index == number)
-            maxima = self.maxima.maxima_over_clusters(self.dual_weights[number].rounded())
+        for index in np.unique(nodes.dual_index).tolist():
+            indices = np.flatnonzero(nodes.dual_index == index)
+            maxima = self.maxima.maxima_over_clusters(self.dual_weights[index].rounded())
             result[indices] = np.sum(maxima[nodes.cells[indices] + self.maxima.offsets], axis=1)
         return np.asarray(result ** (1.0 / self.power) * (1.0 + ROUNDING_MARGIN))
 
@@ -247,7 +247,7 @@ class ClusterMaxima:
         self.offsets = clusters.node_limit * self._group
         self._maxima = np.zeros((clusters.node_limit * len(scope.contact_cells), FIRST), dtype=np.float32)
         self._maximal_rows = np.zeros((clusters.first_leaf * len(scope.contact_cells), FIRST), dtype=np.int32)
-        self._cluster = np.repeat(np.arange(clusters.first_leaf), np.diff(clusters.begin))
+        self._cluster = np.repeat(np.arange(clusters.first_leaf), np.diff(clusters.row_offsets))
 
     def add(self, dual: DualWeights) -> None:
         """Add dual weights, and compute the maxima of their weighted supports over all clusters."""
@@ -261,7 +261,7 @@ class ClusterMaxima:
             maxima = self._over_clusters(values)
             attained = np.flatnonzero(values == maxima[last:][self._cluster])
             self._maximal_rows[last * i + self._cluster[attained], k] = attained
-            maxima += self._threshold_share(dual)
+            maxima += self._threshold_per_contact(dual)
             with np.errstate(over="ignore"):  # infinity is a valid bound
                 self._maxima[2 * last * i : 2 * last * (i + 1), k] = maxima.astype(np.float32) * (1 + ROUNDING)
         self._dual_weights.append(dual)
@@ -269,9 +269,9 @@ class ClusterMaxima:
     def maxima_over_clusters(self, dual: DualWeights) -> FloatArray:
         """Return the largest weighted support of a contact on each cluster, by group, in double precision."""
         maxima = [self._over_clusters(self._weighted_powers(corners, dual)) for corners in self._double]
-        return np.concatenate(maxima) + self._threshold_share(dual)
+        return np.concatenate(maxima) + self._threshold_per_contact(dual)
 
-    def _threshold_share(self, dual: DualWeights) -> float:
+    def _threshold_per_contact(self, dual: DualWeights) -> float:
         """Return the part of a threshold that each contact contributes to a bound."""
         return dual.threshold / len(self._group)
 
@@ -284,7 +284,7 @@ class ClusterMaxima:
                 rows = self.clusters.rows_of(cell)
                 values = self._weighted_powers(self._single[group], dual, rows)
                 row = int(np.argmax(values))
-                maxima[cell, group] = rows.start + row, float(values[row]) + self._threshold_share(dual)
+                maxima[cell, group] = rows.start + row, float(values[row]) + self._threshold_per_contact(dual)
         return np.array([maxima[pair][0] for pair in pairs]), sum(maxima[pair][1] for pair in pairs)
 
     @cached_property
@@ -296,14 +296,14 @@ class ClusterMaxima:
         return [CornerContacts(group.supports, rows, single) for group in self._scope.contact_cells]
 
     def _weighted_powers(self, corners: CornerContacts, dual: DualWeights, rows: slice = EVERY) -> FloatArray:
-        shares = dual.weights / np.sum(dual.weights)
-        return corners.weighted_powers(self._twists[dual.numbers], shares, rows, dual.threshold)
+        weights = dual.weights / np.sum(dual.weights)
+        return corners.weighted_powers(self._twists[dual.indices], weights, rows, dual.threshold)
 
     def _over_clusters(self, values: FloatArray) -> FloatArray:
         """Return the maximum over each cluster of values at all corners."""
         first = self.clusters.first_leaf
         maxima = np.zeros(2 * first)
-        maxima[first:] = np.maximum.reduceat(values, self.clusters.begin[:-1])
+        maxima[first:] = np.maximum.reduceat(values, self.clusters.row_offsets[:-1])
         while first > 1:
             first //= 2
             halves = maxima[2 * first : 4 * first]
@@ -376,7 +376,7 @@ class CornerContacts:
         """Return the number of rows."""
         return int(self._along.shape[1])
 
-    def _convert(self, values: FloatArray) -> Numbers:
+    def _convert(self, values: FloatArray) -> RealArray:
         return np.ascontiguousarray(values, dtype=self._type)
 
     def weighted_powers(
@@ -406,7 +406,7 @@ class CornerContacts:
             result[begin - first : end - first] = single_weights @ self.supports.rule.excess(powers, threshold)
         return result
 
-    def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:
+    def _powers(self, twists: RealArray, squares: RealArray, rows: slice) -> RealArray:
         """Return powers ``s^p`` of the supports along twists (j, 6) at m corners, (j, m).
 
         ``squares`` are the coefficients of the squared lengths of the work, from which the tangential part follows.
@@ -424,7 +424,7 @@ class CornerContacts:
         z = (twists @ maps.reshape(6, -1)).reshape(len(twists), -1, maps.shape[2])
         return np.asarray(rule.support(contact, np.asarray(z, dtype=float)) ** rule.power)
 
-    def _work(self, along: Numbers, across: Numbers, twists: Numbers, rows: slice) -> Work:
+    def _work(self, along: RealArray, across: RealArray, twists: RealArray, rows: slice) -> Work:
         if not self.torsion:
             return Work(along, across, np.zeros(1))
         return Work(along, across, np.abs(twists[:, 3:] @ self._normals[:, rows]))

@@ -211,7 +211,7 @@ def weighted_supports(
     ----------
     supports : Supports
     cells : (c,) array
-        Numbers of cells.
+        Indices of cells.
     powers : (c, m, j) array
         ``s^p`` of each cell's rows along its directions.
     twists : (c, j, d) array

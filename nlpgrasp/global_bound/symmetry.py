@@ -128,7 +128,7 @@ def restrict_by_rotation(
     """
     if any(region.allowed.is_restricted for region in regions):
         return []
-    axis = _axis(problem, faces)
+    axis = _symmetry_axis(problem, faces)
     if axis is None:
         return []
     side = np.eye(3)[int(np.argmin(axis))]
@@ -153,7 +153,7 @@ def restrict_by_rotation(
     return [("half-plane", half_plane)]
 
 
-def _axis(problem: GraspProblem, faces: Sequence[CellFace]) -> FloatArray | None:
+def _symmetry_axis(problem: GraspProblem, faces: Sequence[CellFace]) -> FloatArray | None:
     """Return the unit axis of rotations that leave body and task invariant, or None."""
     if problem.body.space == 2:
         return None

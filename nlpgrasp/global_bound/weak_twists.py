@@ -1,6 +1,6 @@
 """Directions of wrench space in which relaxed placements are weakest, with contacts spread over their cells.
 
-``NumberedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
+``NumberedDirections`` lists all directions of a search. New ones minimise the support ratio of the fractional
 placements dual to the bounds (``FractionalContacts``), by inverse iteration.
 """
 
@@ -73,15 +73,15 @@ class NumberedDirections:
         twists = _round_directions(
             self.task, np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1])
         )
-        numbers = np.arange(self._count, self._count + len(twists))
+        indices = np.arange(self._count, self._count + len(twists))
         while self._count + len(twists) > len(self._all):
             self._all = np.concatenate([self._all, np.zeros_like(self._all)])
-        self._all[numbers] = twists
+        self._all[indices] = twists
         self._count += len(twists)
-        return numbers
+        return indices
 
-    def __getitem__(self, numbers: IntArray) -> FloatArray:
-        return self._all[numbers]
+    def __getitem__(self, indices: IntArray) -> FloatArray:
+        return self._all[indices]
 
     def draw_initial(self) -> IntArray:
         """Return the indices of random lattice directions for the first linear program, (per_node,)."""
@@ -101,7 +101,7 @@ class NumberedDirections:
     def renew(
         self,
         groups: Sequence[tuple[ContactCells, slice]],
-        numbers: IntArray,
+        indices: IntArray,
         weights: FloatArray,
         rows: IntArray,
         fractions: FloatArray,
@@ -114,8 +114,8 @@ class NumberedDirections:
         ----------
         groups : sequence of (ContactCells, slice)
             Groups of identical contacts, and their slots.
-        numbers, weights : (b, j) arrays
-            Numbers and dual weights of each node's directions.
+        indices, weights : (b, j) arrays
+            Indices and dual weights of each node's directions.
         rows, fractions : (b, k, m) arrays
             Fractional placement: rows of each contact, and its fraction at each.
         """
@@ -124,10 +124,10 @@ class NumberedDirections:
             b, c, m = rows[:, slots].shape
             group_rows, group_fractions = rows[:, slots].reshape(b, c * m), fractions[:, slots].reshape(b, c * m)
             fractional.append(FractionalContacts.at_rows(group.supports, group_rows, group_fractions, 3 * c))
-        count = numbers.shape[1] // FRESH
-        is_copy = _is_repeated(self[numbers], -weights)
+        count = indices.shape[1] // FRESH
+        is_copy = _is_repeated(self[indices], -weights)
         heaviest = np.argsort(np.where(is_copy, 0.0, -weights), axis=1)[:, :STARTS]
-        heaviest_twists = self[np.take_along_axis(numbers, heaviest, axis=1)]
+        heaviest_twists = self[np.take_along_axis(indices, heaviest, axis=1)]
         midpoints = normalise_twists(self.task, heaviest_twists + np.roll(heaviest_twists, 1, axis=1))
         # where the minimisation returned copies it is stuck at nonsmooth points, so it starts between directions
         is_stuck = np.any(is_copy & (weights > 0.0), axis=1)[:, None, None]
@@ -139,11 +139,11 @@ class NumberedDirections:
         minimisers, ratios = minimise_ratio(fractional, self.task, np.concatenate([starts, weakest], axis=1))
         order = np.argsort(np.where(_is_repeated(minimisers, ratios), np.inf, ratios), axis=1)[:, :count]
         new = np.take_along_axis(minimisers, order[..., None], axis=1)
-        new_numbers = self.add(new.reshape(-1, new.shape[2])).reshape(new.shape[:2])
+        new_indices = self.add(new.reshape(-1, new.shape[2])).reshape(new.shape[:2])
         self.remember(new[:, 0])
-        result = numbers.copy()
+        result = indices.copy()
         usefulness = np.where(is_copy, -1.0, weights)  # copies are replaced first
-        np.put_along_axis(result, np.argsort(usefulness, axis=1)[:, :count], new_numbers, axis=1)
+        np.put_along_axis(result, np.argsort(usefulness, axis=1)[:, :count], new_indices, axis=1)
         return result
 
 

@@ -25,8 +25,8 @@ def halves(cells):
 @pytest.mark.parametrize("slot", range(5))
 def test_identical_contacts_of_a_split_cell_go_to_its_halves_in_every_way(slot):
     groups = [
-        (SimpleNamespace(child_numbers=halves), slice(0, 3)),
-        (SimpleNamespace(child_numbers=halves), slice(3, 5)),
+        (SimpleNamespace(child_indices=halves), slice(0, 3)),
+        (SimpleNamespace(child_indices=halves), slice(3, 5)),
     ]
     nodes = np.array([[1, 1, 1, 1, 1], [2, 3, 3, 3, 3], [2, 2, 3, 4, 6], [4, 5, 6, 2, 2]])
     cells, parent = children(groups, nodes, np.full(len(nodes), slot))
@@ -42,7 +42,7 @@ def test_identical_contacts_of_a_split_cell_go_to_its_halves_in_every_way(slot):
 
 def test_no_nodes_have_no_parts():
     cells, parent = children(
-        [(SimpleNamespace(child_numbers=halves), slice(0, 2))],
+        [(SimpleNamespace(child_indices=halves), slice(0, 2))],
         np.ones((0, 2), dtype=np.int64),
         np.zeros(0, dtype=np.int64),
     )
@@ -52,7 +52,7 @@ def test_no_nodes_have_no_parts():
 
 def test_parts_cover_their_node():
     """Every placement of two contacts in a node's cells is in one of its children."""
-    groups = [(SimpleNamespace(child_numbers=lambda c: 2 * c[:, None] + np.arange(2)), slice(0, 2))]
+    groups = [(SimpleNamespace(child_indices=lambda c: 2 * c[:, None] + np.arange(2)), slice(0, 2))]
     cells, _ = children(groups, np.array([[1, 1]]), np.array([0]))
     for places in product((2, 3), repeat=2):
         assert sorted(places) in cells.tolist()

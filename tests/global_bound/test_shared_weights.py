@@ -123,7 +123,7 @@ def best_of_many(problem, clusters, rng, count=2000, count_kept=3):
 
 def leaf_bound(data, clusters, placement):
     """Return the least bound of the leaves that contain a placement, with identical contacts in any order."""
-    cluster = clusters.first_leaf + np.searchsorted(clusters.begin, placement, side="right") - 1
+    cluster = clusters.first_leaf + np.searchsorted(clusters.row_offsets, placement, side="right") - 1
     clusters_above = [{int(c) >> shift for shift in range(clusters.levels + 1)} for c in cluster]
     groups = [group["contacts"] for group in data["groups"]]
     orders = [[]]

@@ -81,7 +81,7 @@ class RepresentativeContacts:
 
 
 Cut = int | list[list[int]]
-"""Number of the side, interval or direction that a cell is cut across; of a union both parts, as lists of members."""
+"""Index of the side, interval or direction that a cell is cut across; of a union both parts, as lists of members."""
 
 
 class SurfaceCell(ABC):

@@ -27,7 +27,7 @@ class TriangleCluster(SurfaceCell):
     ----------
     clusters : ClusterTree
     node : int
-        Number of the node in the tree.
+        Index of the node in the tree.
     """
 
     kind: ClassVar[str] = "mesh"
@@ -125,7 +125,7 @@ class ClusterTree:
         Order of the pieces in which all clusters are ranges.
     rows : RepresentativeContacts
         Rows of all clusters of the last level in order.
-    begin : (2^levels + 1,) array
+    row_offsets : (2^levels + 1,) array
         First row of each of these clusters, and the number of rows.
     """
 
@@ -134,8 +134,8 @@ class ClusterTree:
         self.normals = normals[owner]
         self.levels = min(int(np.log2(len(self.pieces))), LEVELS)
         features = np.concatenate([self.pieces.mean(axis=1) / size, TURN * self.normals], axis=1)
-        self.order = _ordered(features, self.levels)
-        self.rows, self.begin = self._rows()
+        self.order = _cluster_order(features, self.levels)
+        self.rows, self.row_offsets = self._rows()
 
     @property
     def node_limit(self) -> int:
@@ -157,7 +157,7 @@ class ClusterTree:
         """Return the index range of a cluster's representative contacts."""
         below = self.levels - node.bit_length() + 1
         first = (node << below) - self.first_leaf
-        return slice(int(self.begin[first]), int(self.begin[first + 2**below]))
+        return slice(int(self.row_offsets[first]), int(self.row_offsets[first + 2**below]))
 
     def _rows(self) -> tuple[RepresentativeContacts, IntArray]:
         """Return the distinct corners of each last-level cluster, in order, and the index of each cluster's first."""
@@ -166,8 +166,8 @@ class ClusterTree:
         offsets = 3 * _level_ranges(len(self.order), self.levels)
         cluster = np.repeat(np.arange(self.first_leaf), np.diff(offsets))
         first_indices = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
-        begin = np.searchsorted(cluster[np.sort(first_indices)], np.arange(self.first_leaf + 1))
-        return RepresentativeContacts(points[np.sort(first_indices)], normals[np.sort(first_indices)]), begin
+        row_offsets = np.searchsorted(cluster[np.sort(first_indices)], np.arange(self.first_leaf + 1))
+        return RepresentativeContacts(points[np.sort(first_indices)], normals[np.sort(first_indices)]), row_offsets
 
 
 def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
@@ -193,7 +193,7 @@ def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, 
     return tuple(rounds), pieces, owner
 
 
-def _ordered(features: FloatArray, levels: int) -> IntArray:
+def _cluster_order(features: FloatArray, levels: int) -> IntArray:
     """Return an order of the pieces in which each cluster is a contiguous range.
 
     Clusters are halved repeatedly across the largest spread of the features.

@@ -306,11 +306,11 @@ def rectangles(first: FloatArray, second: FloatArray) -> tuple[FloatArray, IntAr
         Indices of corners: (low, low), (low, high), (high, low), (high, high) of both coordinates; of lines both ends.
     """
     corners = np.stack(np.meshgrid(first, second, indexing="ij"), axis=2).reshape(-1, 2)
-    number = np.arange(len(corners)).reshape(len(first), len(second))
+    index = np.arange(len(corners)).reshape(len(first), len(second))
     sides = [slice(None, -1), slice(1, None)]
     whole_range = slice(None)
     first_sides, second_sides = sides if len(first) > 1 else [whole_range], sides if len(second) > 1 else [whole_range]
-    return corners, np.stack([number[a, b].ravel() for a in first_sides for b in second_sides], axis=1)
+    return corners, np.stack([index[a, b].ravel() for a in first_sides for b in second_sides], axis=1)
 
 
 def halve(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
