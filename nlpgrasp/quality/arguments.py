@@ -1,4 +1,4 @@
-"""Argument validation of quality measures, and their application to stacks."""
+"""Argument validation of quality measures, and their extension to stacks of grasps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ P = ParamSpec("P")
 
 
 class StackableMeasure(Protocol[P]):
-    """Protocol of quality measures of a grasp (a number) or a stack (an array)."""
+    """Protocol of a quality measure: a number for a grasp, an array for a stack of grasps."""
 
     @overload
     def __call__(self, grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
@@ -26,7 +26,7 @@ class StackableMeasure(Protocol[P]):
 
 
 def extend_to_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> StackableMeasure[P]:
-    """Extend a measure of one grasp to stacks, evaluated grasp by grasp."""
+    """Return a measure of one grasp extended to stacks, evaluated grasp by grasp."""
 
     @overload
     def measure_each(grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
@@ -42,13 +42,13 @@ def extend_to_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> Stackab
 
 
 def require_grasp(value: object, *, stack: bool = False) -> None:
-    """Raise for anything but a grasp (or, if allowed, a stack)."""
+    """Raise an ``InputError`` for anything but a grasp (or, with ``stack``, a stack of grasps)."""
     if not isinstance(value, (Grasp, GraspStack) if stack else Grasp):
         raise InputError("grasp", value, "a Grasp or a GraspStack" if stack else "a Grasp")
 
 
 def task_for(value: object, grasp: Grasp | GraspStack) -> Task:
-    """Return the task about the grasp's torque origin; raise for other types or dimensions."""
+    """Return the task about the grasp's torque origin; raise an ``InputError`` unless it fits the grasp."""
     dimension = grasp.dimension
     if not isinstance(value, Task):
         raise InputError("task", value, "a task such as ng.TaskEllipsoid")

@@ -53,21 +53,21 @@ class Bounds:
 
     @property
     def gap(self) -> float:
-        """``upper - lower`` relative to ``upper`` (0 when both are 0)."""
+        """Relative width ``(upper - lower) / upper`` of the interval; 0 when both are 0."""
         return (self.upper - self.lower) / self.upper if self.upper > 0.0 else 0.0
 
     def of_measure(self, kind: str, task_beta: float | None = None) -> Self:
-        """Return a copy with a measure and the paper's task scale, if any."""
+        """Return a copy labelled with a measure and, if any, the paper's task scale."""
         return replace(self, kind=kind, task_beta=task_beta)
 
     def to_dict(self) -> dict[str, float]:
-        """Return the interval as JSON data, with its torque scale if any, and without its direction."""
+        """Return the interval as JSON data, with any torque scale and without the worst direction."""
         data = {"lower": self.lower, "upper": self.upper}
         return data if self.torque_scale is None else {**data, "torque_scale": self.torque_scale}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, float], name: str) -> Self:
-        """Return the interval from the data of its ``to_dict``.
+        """Return the interval from the data of ``to_dict``.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class StackBounds:
-    """Certified intervals of a stack of grasps; a sequence of ``Bounds``.
+    """Certified intervals of the grasps of a stack; a sequence of ``Bounds``.
 
     Parameters
     ----------

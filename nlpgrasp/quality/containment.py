@@ -1,4 +1,4 @@
-"""Containment problem of a task in a wrench set, in well-conditioned coordinates."""
+"""Task containment: the largest multiple of a task inside a wrench set, in well-conditioned coordinates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROUNDING = 1e-9  # relative guard against rounding
 
 @dataclass(frozen=True)
 class Containment:
-    """Containment problem ``alpha A inside W`` after a linear change of wrench coordinates ``w' = M w``.
+    """Task containment ``alpha A inside W``, in wrench coordinates ``w' = M w``.
 
     The largest alpha is ``min phi_W(y) / phi_A(y)`` over directions with ``phi_A(y) > 0`` (Theorem 3-9). It does not
     depend on the coordinates, which are chosen for conditioning: the task becomes round, and coordinates along which
@@ -41,11 +41,14 @@ class Containment:
 
     @property
     def rank(self) -> int:
-        """Number of coordinates kept."""
+        """Number r of the coordinates."""
         return int(self.matrix.shape[0])
 
     def ratio(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``phi_W / phi_A`` (inf where ``phi_A <= 0``) and its gradient, (m,) and (m, r)."""
+        """Return the support ratio ``phi_W / phi_A`` and its gradient at directions (m, r), (m,) and (m, r).
+
+        The ratio is inf where ``phi_A <= 0``.
+        """
         phi, wrench = self.wrenches.support(u)
         reach, demand = self.task.support(u)
         positive = reach > 1e-12 * np.linalg.norm(u, axis=1)
@@ -61,7 +64,7 @@ class Containment:
 
 
 def make_containment(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, FloatArray | None]:
-    """Return the containment problem in well-conditioned coordinates, or a proof of ``mu = 0`` by rank.
+    """Return the task containment in well-conditioned coordinates, or a proof by rank that mu is 0.
 
     Returns
     -------

@@ -26,7 +26,9 @@ MOST_NEW_CELLS = (
 
 
 class IncrementalHull:
-    """Incremental hull: simplicial cells around a centre, with planes ``{x : <a, x - centre> = 1}`` and values.
+    """Incremental convex hull, as simplicial cells around a centre, each with a value.
+
+    A cell's plane is ``{x : <a, x - centre> = 1}``.
 
     Parameters
     ----------
@@ -105,7 +107,10 @@ class IncrementalHull:
         return any(added)
 
     def _insert(self, p: FloatArray) -> bool:
-        """Insert a vertex relative to the centre, leaving its cells' values unset; return whether it was inserted."""
+        """Insert a vertex without computing the new cells' values; return whether it was inserted.
+
+        The vertex is relative to the centre.
+        """
         height = self.planes[: self._size] @ p
         visible = np.flatnonzero(height > 1.0 + BEYOND)
         if not visible.size:
@@ -157,7 +162,10 @@ class IncrementalHull:
         return planes
 
     def _match_ridges(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
-        """Return row, slot and opposite row of each ridge that two cells share; None if some ridge is unmatched."""
+        """Return the pairs of cells that share a ridge; None if some ridge is unmatched.
+
+        For each ridge of each cell: row of the cell, slot of the vertex opposite, and row of the other cell.
+        """
         names = self._names[cells]
         keys = names.sum(axis=1)[:, None] - names  # of the ridge opposite each vertex
         rows, slots = np.nonzero(inner)
@@ -171,7 +179,7 @@ class IncrementalHull:
         return rows, slots, partner
 
     def _first_neighbours(self) -> Indices:
-        """Return the neighbour across the ridge opposite each vertex, for Qhull's cells."""
+        """Return the neighbours of Qhull's cells, each across the ridge opposite a vertex, (f, d)."""
         cells = self._cells
         pairs = self._match_ridges(cells, np.ones(cells.shape, dtype=bool))
         if pairs is None:

@@ -55,10 +55,10 @@ def dual_newton(
 
 
 def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, default: FloatArray) -> FloatArray:
-    """Return warm starts: for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
+    """Return the best warm start for each wrench: a multiple ``s y_j`` of a known solution.
 
-    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the default
-    start where none is positive.
+    Its dual value is the largest. With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where
+    ``<w, y_j> / |x_j|`` is largest; the default start where none is positive.
     """
     y, size = y[:, size > 0.0], size[size > 0.0]
     if not size.size:
@@ -71,7 +71,7 @@ def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, default: FloatAr
 
 @dataclass
 class _State:
-    """Iterate of the unsolved wrenches, one per column."""
+    """Newton iterate of the unsolved wrenches, one per column."""
 
     index: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
     w: FloatArray
@@ -84,13 +84,13 @@ class _State:
     damping: FloatArray
 
     def select_columns(self, columns: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
-        """Drop the other columns."""
+        """Keep the columns in a mask, and drop the others."""
         for name in (f.name for f in fields(self)):
             setattr(self, name, getattr(self, name)[..., columns])
 
 
 class _Solver:
-    """Semismooth Newton method for the wrenches of one wrench set."""
+    """Semismooth Newton method for many wrenches of one wrench set."""
 
     def __init__(self, wrench_set: WrenchSet, tolerance: float, limit: float) -> None:
         self.tolerance, self.limit = tolerance, limit
@@ -110,11 +110,11 @@ class _Solver:
         self.assemble = np.stack(columns, axis=1)
 
     def unconstrained(self, w: FloatArray) -> FloatArray:
-        """Return the solutions for ``K = R^n`` as starting points."""
+        """Return the solutions without friction cones, ``K = R^n``, as starting points."""
         return np.linalg.pinv(self.G @ self.G.T, hermitian=True) @ w
 
     def solve(self, w: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-        """Solve for y (d, m) and x (n, m) by Newton's method."""
+        """Return dual solutions y (d, m) and forces x (n, m) by Newton's method."""
         m = w.shape[1]
         y_out, x_out, best = np.zeros_like(w), np.zeros((self.G.shape[1], m)), np.full(m, np.inf)
         state = self._state(np.arange(m), w, start, np.zeros(m))
@@ -154,7 +154,10 @@ class _Solver:
         return solve_columns(entries, shift, state.gradient)
 
     def _search(self, state: _State, step: FloatArray) -> _State:
-        """Return the state after a line search; without sufficient increase, unchanged with more damping."""
+        """Return the state after a line search.
+
+        Without sufficient increase it is unchanged, with more damping.
+        """
         slope = np.einsum("dm,dm->m", state.gradient, step)
         trial = self._state(state.index, state.w, state.y + step, 0.01 * state.damping)
         has_increased = trial.value >= state.value + 1e-4 * slope
@@ -185,7 +188,7 @@ class _Solver:
                 getattr(state, name)[..., columns] = getattr(source, name)
 
     def _project(self, z: FloatArray) -> FloatArray:
-        """Return ``P_K(z)``, (n, m)."""
+        """Return the projection ``P_K(z)`` onto the contacts' cones, (n, m)."""
         if self.is_one_domain:
             block = z.reshape(len(self.contacts), self.ranges[0].stop, z.shape[1]).transpose(0, 2, 1)
             return np.ascontiguousarray(self.contacts[0].project(block).transpose(0, 2, 1)).reshape(z.shape)

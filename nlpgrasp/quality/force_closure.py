@@ -13,9 +13,10 @@ EXACT = 1e-13  # tolerance at which the search for a separating direction stops
 
 
 def positive_share(wrenches: WrenchSet, y: FloatArray) -> FloatArray:
-    """Return ``|P_K(z)| / |z|`` (m,) with ``z = G^T y`` for y (m, d): 0 if no force in K does positive work along y.
+    """Return the fraction ``|P_K(z)| / |z|`` of ``z = G^T y`` within the force domain, (m,), for y (m, d).
 
-    Comparing ``P_K(z)`` with z itself depends neither on units nor on the torque origin.
+    It is 0 if no force in K does positive work along y. Comparing ``P_K(z)`` with z itself depends neither on units nor
+    on the torque origin.
     """
     z = y @ wrenches.G
     return np.asarray(np.linalg.norm(wrenches.project(z), axis=1) / np.maximum(np.linalg.norm(z, axis=1), 1e-300))
@@ -27,7 +28,7 @@ def has_no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
 
 
 def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray | None:
-    """Return a candidate direction along which no force in K does positive work, for the caller to check, or None.
+    """Return a candidate for a direction along which no force in K does positive work, or None.
 
     Take a force x0 inside the cones and the wrench ``w = -G x0``. If some force in K produces w, both together are an
     internal force inside the cones, and with G of full rank the grasp is force-closed. Otherwise a direction that
@@ -60,7 +61,7 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
 
 
 def separate_wrench(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
-    """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``; None if it is inside.
+    """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``; None for a wrench inside.
 
     The nearest point of ``G K`` is found by nonnegative least squares over a growing set of its rays; the residual is
     orthogonal to that point and in the polar cone.

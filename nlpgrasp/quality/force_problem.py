@@ -118,7 +118,7 @@ def finger_forces(
 
 
 def _as_rows(wrenches: ArrayLike, d: int) -> FloatArray:
-    """Return wrenches as rows; a single one may be given by itself."""
+    """Return validated wrenches, (m, d), from an array of wrenches or a single wrench."""
     try:
         single = np.ndim(wrenches) == 1 and np.shape(wrenches) == (d,)
     except ValueError:  # rows of different lengths
@@ -176,7 +176,7 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
 
 
 def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
-    """Project a conic solver's forces for wrenches w into the cones, and compensate the change of their wrench.
+    """Return a conic solver's forces projected into the cones and corrected to produce the wrenches w.
 
     The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
     """
@@ -194,7 +194,10 @@ def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> 
 
 
 def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
-    """Return where y separates w from ``G K``: no support along y, and <w, y> clearly above 0."""
+    """Return the mask of directions y that separate wrenches w from the cone ``G K``.
+
+    There is no support along y, and <w, y> is clearly above 0.
+    """
     size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
     return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))
 

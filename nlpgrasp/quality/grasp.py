@@ -28,7 +28,7 @@ UNIT_RATIO = 100.0  # ratio of a grasp's size to the median above which units se
 
 
 class ContactArrays:
-    """k contact models with points and normals, and a torque origin.
+    """Base of grasps and stacks of grasps: k contact models with points, normals and a torque origin.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ContactArrays:
 def contact_models(
     field: str, contacts: ContactModel | Sequence[ContactModel], k: int, space: int
 ) -> tuple[ContactModel, ...]:
-    """Return k validated contact models, from one or k of them."""
+    """Return k validated contact models; a single model stands for all k."""
     try:
         models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
     except TypeError:

@@ -47,7 +47,7 @@ RANGE_TOLERANCE = 1e-8  # relative distance of a wrench from the range of the gr
 
 
 class NoBalanceError(InputError):
-    """Error: the contacts cannot all press at once in balance.
+    """Error: no finger forces in balance press at all contacts at once.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class NoBalanceError(InputError):
 
 @dataclass(frozen=True)
 class BalancedForces:
-    """Balanced finger forces with their required share of friction.
+    """Balanced finger forces, and the fraction of the available friction that they need.
 
     Parameters
     ----------
@@ -117,7 +117,9 @@ def can_press(grasp: Grasp) -> bool:
 
 
 def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> BalancedForces:
-    """Return the forces of least friction that produce a wrench with a least normal force (see the module).
+    """Return the forces of least friction that produce a wrench and press at every contact.
+
+    The normal forces have a lower limit; see the module.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Ba
 
 
 class _FrictionProgram:
-    """Conic programs of a grasp, with forces in units of F."""
+    """Conic programs for balanced forces of a grasp, in units of the least normal force F."""
 
     def __init__(self, grasp: Grasp, wrench: FloatArray) -> None:
         space, contacts = grasp.space, grasp.contacts
@@ -171,20 +173,21 @@ class _FrictionProgram:
         return np.asarray(np.linalg.pinv(self.G))
 
     def least_normal_force(self, share: float) -> FloatArray | None:
-        """Return forces u of least total normal force for a share of friction; None if infeasible."""
+        """Return forces u of least total normal force with a fraction of the friction; None if infeasible."""
         if not self.is_in_range:
             return None
         return self._solve(self._cones(share), self._normal_limits, self.total)
 
     def least_forces(self, least_normal: FloatArray, share: float) -> FloatArray | None:
-        """Return forces of least L2 norm for a share of friction; None if the solver fails."""
+        """Return forces u of least L2 norm with a fraction of the friction; None if the solver fails."""
         return self._solve(self._cones(share), self._limits(least_normal), None, self.lift.T @ self.lift)
 
     def least_share(self, least_normal: FloatArray) -> tuple[FloatArray, float]:
-        """Return forces of least friction and their share, by Dinkelbach's method from forces of least normal force.
+        """Return forces of least friction, and the fraction of friction that they need.
 
-        The share is the largest ratio of a friction force to the most that the normal force permits. Each step
-        minimises the largest difference, friction less share times that most, over the most at the last forces.
+        By Dinkelbach's method, from forces of least normal force. The fraction is the largest ratio of a friction force
+        to the most that the normal force permits. Each step minimises the largest difference, friction less fraction
+        times that most, over the most at the last forces.
         """
         u, share, limits = least_normal, self.share(least_normal), self._limits(least_normal)
         for _ in range(STEPS):
@@ -202,7 +205,7 @@ class _FrictionProgram:
         return u, share
 
     def share(self, u: FloatArray) -> float:
-        """Return the least share of friction for which forces are in the cones."""
+        """Return the least fraction of friction with which forces u are in the cones."""
         shares = [0.0]
         for constant, slope in zip(self.constants, self.slopes, strict=True):
             slope_value = float(slope[0] @ u)
@@ -215,7 +218,7 @@ class _FrictionProgram:
         return max(shares)
 
     def idle(self) -> list[int]:
-        """Return the contacts without normal force in all forces of zero net wrench."""
+        """Return the contacts whose normal force is zero in all forces of zero net wrench."""
         total = (-self.total[None, :], np.array([-1.0]))
         rows = (np.concatenate([self.normals, total[0]]), np.concatenate([np.zeros(len(self.normals)), total[1]]))
         idle = []
@@ -236,7 +239,7 @@ class _FrictionProgram:
         return np.concatenate([rows, -self.total[None]]), np.append(bounds, total_bound)
 
     def _cones(self, share: float, weights: list[float] | None = None) -> list[FloatArray]:
-        """Return the cones for a share of friction; with weights, with a last column for v."""
+        """Return the cones with a fraction of the friction; with weights, with a last column for v."""
         cones = []
         for i, (constant, slope) in enumerate(zip(self.constants, self.slopes, strict=True)):
             M = constant + share * slope
@@ -254,7 +257,10 @@ class _FrictionProgram:
         square: FloatArray | None = None,
         wrench: FloatArray | None = None,
     ) -> FloatArray | None:
-        """Solve a program for u; if the cones have a column for v, minimise v."""
+        """Return the solution u of a conic program, None if there is none.
+
+        If the cones have a column for v, v is minimised.
+        """
         n, m = self.lift.shape[1], cones[0].shape[1] if cones else self.lift.shape[1]
         padding = [(0, 0), (0, m - n)]
         q = np.zeros(m) if cost is None else cost

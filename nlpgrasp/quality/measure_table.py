@@ -36,7 +36,7 @@ DEFAULT = ("mu", "delta", "epsilon")  # measures of a table
 
 @dataclass(frozen=True)
 class Columns(Mapping[str, Column]):
-    """A table as a mapping of column names to arrays of one length: a frame where pandas is not installed.
+    """Table as a mapping of column names to arrays of one length, used where pandas is not installed.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Columns(Mapping[str, Column]):
 
 @dataclass(frozen=True)
 class _Settings:
-    """What the measures of one table have in common."""
+    """Settings that the measures of a table share."""
 
     torque_scale: float
     force_budget: str | ForceBudget
@@ -91,7 +91,7 @@ Evaluation = Callable[[Grasp | GraspStack, Task | None, _Settings], Result]
 
 @dataclass(frozen=True)
 class _Measure:
-    """A measure of a table: its function, what it needs, and the flag of a certified 0."""
+    """Measure of a table: evaluating function, required arguments, and flag of a certified 0."""
 
     evaluate: Evaluation
     needs_task: bool = False
@@ -259,7 +259,10 @@ def _frictions(friction: Frictions) -> tuple[float | None, ...]:
 
 
 def _rough(contacts: Sequence[ContactModel], friction: float) -> list[ContactModel]:
-    """Return contact models with another friction coefficient; frictionless points become points with friction."""
+    """Return contact models with another friction coefficient.
+
+    Frictionless points become points with friction.
+    """
     result: list[ContactModel] = []
     for model in contacts:
         if isinstance(model, PointContact):
@@ -274,7 +277,7 @@ def _rough(contacts: Sequence[ContactModel], friction: float) -> list[ContactMod
 def _rows(
     stack: GraspStack, tasks: Mapping[str, Task | None], names: Sequence[str], settings: _Settings, has_scale: bool
 ) -> list[dict[str, Column]]:
-    """Return the columns of one stack, for each task."""
+    """Return the table's columns for one stack, a dictionary for each task."""
     count = len(stack)
     coefficients = {model.coefficients.get("friction", 0.0) for model in stack.contacts}
     friction = coefficients.pop() if len(coefficients) == 1 else np.nan
@@ -297,7 +300,7 @@ def _rows(
 
 
 def _columns(name: str, stack: GraspStack, task: Task | None, settings: _Settings) -> dict[str, Column]:
-    """Return the columns of one measure for the grasps of a stack."""
+    """Return the table's columns of one measure for the grasps of a stack."""
     kind, begin = MEASURES[name], time.perf_counter()
     try:
         parts = [_values(kind.evaluate(stack, task, settings), kind.zero)]
@@ -314,7 +317,7 @@ def _columns(name: str, stack: GraspStack, task: Task | None, settings: _Setting
 def _values_of_one(
     kind: _Measure, grasp: Grasp, task: Task | None, settings: _Settings
 ) -> tuple[FloatArray, FloatArray, Column]:
-    """Return the values of one grasp, NaN with the reason as its flag where it cannot be measured."""
+    """Return the bounds and flag of one grasp; NaN, with the reason as flag, where it cannot be measured."""
     try:
         return _values(kind.evaluate(grasp, task, settings), kind.zero)
     except InputError:
@@ -324,7 +327,10 @@ def _values_of_one(
 
 
 def _values(result: Result, zero: str) -> tuple[FloatArray, FloatArray, Column]:
-    """Return lower and upper bounds and flags, (b,) each; bounds are equal for a measure that is not certified."""
+    """Return lower bounds, upper bounds and flags, (b,) each, from the result of a measure.
+
+    Both bounds are equal for a measure that is not certified.
+    """
     if isinstance(result, StackBounds):
         bounds: Sequence[Bounds] = list(result)
     elif isinstance(result, Bounds):

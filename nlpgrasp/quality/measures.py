@@ -105,7 +105,7 @@ def mu(
 def _certify_stack(
     stack: GraspStack, task: Task, rtol: float, budget: str | ForceBudget, seed: int, deadline: float | None
 ) -> StackBounds:
-    """Return the certified bounds of each grasp of a stack, side by side where that settles them."""
+    """Return the certified bounds of each grasp of a stack, computed side by side where possible."""
     force_bound = find_budget(budget)
     force_bound.check(stack.contacts, stack.space)
     bounds: list[Bounds | None] = [None] * len(stack)

@@ -27,7 +27,7 @@ MOST_HULL = 600  # most wrenches that are nearly all vertices, about ten seconds
 def pyramid_wrenches(
     grasp: Grasp, edges: int = 8, torque_scale: float = 1.0, *, unit_edges: bool = False, first_edge: float = 0.0
 ) -> list[FloatArray]:
-    """Return each contact's wrenches of the edges of its friction pyramid, with unit normal force.
+    """Return the wrenches of the friction-pyramid edges of each contact, with unit normal force.
 
     Parameters
     ----------

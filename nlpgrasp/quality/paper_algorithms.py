@@ -49,7 +49,7 @@ Vertex = Callable[[FloatArray], FloatArray]  # a direction (d,) to the farthest 
 
 @dataclass(frozen=True)
 class InscribedPolytope:
-    """An inscribed polytope of ``G(B ∩ K)`` with all its faces.
+    """Polytope inscribed in ``G(B ∩ K)``, with all its faces.
 
     Wrenches are in newtons, torques over ``torque_scale``.
 
@@ -192,7 +192,10 @@ class SteppedMu:
 
     @property
     def bounds(self) -> Bounds:
-        """Bounds on mu from both errors, ``task_share beta`` to ``(beta + step) / polytope_share``, not certified."""
+        """Bounds on mu from the approximation errors of task and polytope, not certified.
+
+        They are ``task_share beta`` and ``(beta + step) / polytope_share``.
+        """
         upper = (self.beta + self.step) / self.polytope_share if self.polytope_share > 0.0 else np.inf
         return Bounds(self.task_share * self.beta, upper)
 
@@ -250,7 +253,7 @@ def mu_by_steps(
 
 
 def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
-    """Return boundary wrenches (m, d) of a task, and the share of the task in their hull."""
+    """Return boundary wrenches (m, d) of a task, and the largest multiple of the task in their hull."""
     if isinstance(task, TaskPolytope):
         return task.wrenches[np.any(task.wrenches != 0.0, axis=1)], 1.0
     if not isinstance(task, TaskEllipsoid):
@@ -264,10 +267,10 @@ def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
 
 
 def _centre_share(task: TaskEllipsoid, lengths: FloatArray, inradius: float) -> float:
-    """Return the share of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
+    """Return the largest multiple of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
 
     With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds
-    ``c + inside L u``, hence the share ``(inside - rho) / (1 - rho)`` of the whole.
+    ``c + inside L u``, hence ``(inside - rho) / (1 - rho)`` times the ellipsoid.
     """
     coordinates = np.linalg.lstsq(lengths.T, -task.center, rcond=None)[0]
     remainder = lengths.T @ coordinates + task.center
@@ -278,7 +281,7 @@ def _centre_share(task: TaskEllipsoid, lengths: FloatArray, inradius: float) -> 
 
 
 def _increase_beta(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[float, float, FloatArray]:
-    """Return beta, the last step, and the wrench that left the polytope."""
+    """Return the largest beta reached, the last step, and the wrench that left the polytope."""
     largest_beta = float(np.max(np.linalg.norm(vertices, axis=1)) / np.max(np.linalg.norm(wrenches, axis=1)))
     beta, step, worst_index = 0.0, FIRST_STEP * largest_beta, 0
     while True:
@@ -293,7 +296,10 @@ def _increase_beta(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> t
 
 
 def _first_outside(vertices: FloatArray, wrenches: FloatArray, first: int) -> int | None:
-    """Return the index of a wrench outside the hull of vertices, testing a given one first; None if all are inside."""
+    """Return the index of a wrench outside the hull of vertices; None if all are inside.
+
+    The wrench with index ``first`` is tested first.
+    """
     for i in [first, *(j for j in range(len(wrenches)) if j != first)]:
         if polytope_distance(vertices, wrenches[i]).outside:
             return i
@@ -377,7 +383,7 @@ def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int 
 
 
 def _vertex_function(points: ArrayLike, d: int) -> Vertex:
-    """Return the support-vertex function of the hull of points."""
+    """Return a function for the farthest of some points along a direction."""
     rows = array("polytope", points, (None, d))
     if not len(rows):
         raise InputError("polytope", "no points", "at least one vertex")

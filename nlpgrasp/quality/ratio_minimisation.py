@@ -54,7 +54,7 @@ def minimise_by_inverse_iteration(model: Model, u: FloatArray, steps: int) -> tu
 
 
 def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[FloatArray, FloatArray]:
-    """Minimise the support ratio by monotone gradient descent from each row of ``u``.
+    """Minimise the support ratio by monotone gradient descent from each direction in ``u``.
 
     A fixed step oscillates and overestimates the minimum by several percent (docs/certified_bounds.md), so each row has
     an adaptive step, longer after a success and shorter after a failure, and never ascends.
@@ -90,7 +90,7 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
 
 
 def minimise_l2_ratio(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Minimise the support ratio under the L2 budget by inverse iteration from each row of ``u``.
+    """Minimise the support ratio under the L2 budget by inverse iteration from each direction in ``u``.
 
     The squared support is piecewise quadratic, so this converges in fewer steps than ``descend``
     (``minimise_by_inverse_iteration``). Arguments and results are those of ``descend``; a narrow minimum far from all

@@ -126,7 +126,7 @@ def tighten(
 
 
 def _begin(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
-    """Return the initial state from descents and the first hull."""
+    """Return the initial state of the sandwich algorithm, from descents and the first hull."""
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     directions, values = descend(problem, seeds, DESCENT)
     separating = separating_direction(problem.wrenches)
@@ -161,7 +161,7 @@ def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.ra
 def _initial_hull(
     problem: Containment, start: FloatArray, shrink: float, with_origin: bool, rng: np.random.Generator
 ) -> IncrementalHull | None:
-    """Return the hull of support points in given and random directions; None if they stay flat.
+    """Return the hull of support points in given and random directions; None if the points stay flat.
 
     An origin on the boundary of W is added as a vertex.
     """
@@ -180,7 +180,10 @@ def _initial_hull(
 
 
 def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the largest alpha, (f,), that each half-space ``{x : <a, x> <= offset}`` of planes (f, d) allows."""
+    """Return the largest alpha, (f,), for which the half-space ``<a, x> <= offset`` of a plane holds ``alpha A``.
+
+    Planes a are (f, d).
+    """
     offsets = np.where(np.abs(offsets) < ROUNDING, 0.0, offsets)
     reach = task.support(planes)[0]
     binding = reach > 0.0
@@ -197,7 +200,7 @@ def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float
 
 @dataclass(frozen=True)
 class ResumableCertificate:
-    """A resumable certificate: the partly tightened sandwich of a grasp and a task.
+    """Resumable certificate of a grasp for a task: the state of the sandwich algorithm.
 
     Parameters
     ----------
@@ -217,16 +220,19 @@ class ResumableCertificate:
 
     @classmethod
     def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> ResumableCertificate | None:
-        """Return the certificate tightened to a tolerance, None if rank alone proves ``mu = 0``."""
+        """Return the certificate tightened to a tolerance; None if rank alone proves that mu is 0."""
         problem, _ = make_containment(WrenchSet.of(grasp, budget), task)
         return None if problem is None else cls(grasp, task, budget, problem, tighten(problem, rtol))
 
     def belongs_to(self, grasp: Grasp, budget: ForceBudget) -> bool:
-        """Return whether it belongs to a grasp with identical contact points and normals and the same budget object."""
+        """Return whether the certificate is of a grasp with these contacts and of this budget.
+
+        Contact points and normals have to be identical, and the budget the same object.
+        """
         has_same_points = np.array_equal(self.grasp.points, grasp.points)
         return budget is self.budget and has_same_points and np.array_equal(self.grasp.normals, grasp.normals)
 
     def bounds(self, rtol: float, deadline: float | None = None) -> Bounds:
-        """Return certified bounds, as ``mu`` does, resuming from the current sandwich."""
+        """Return certified bounds on mu, resuming from the current state of the sandwich algorithm."""
         bounds = sandwich(self.containment, rtol, 0, deadline, self.sandwich)
         return bounds.of_measure(self.task.measure, self.task.paper_beta)

@@ -1,4 +1,4 @@
-"""Fast upper bounds on mu for many grasps: sampled support ratios, and local minimisation from the weakest.
+"""Fast upper bounds on mu for many grasps: sampled support ratios, and local minimisation from the least.
 
 All work on stacks of grasps at once. ``screen`` is the complete bound; the other functions are its parts, for searches
 that choose the directions themselves.
@@ -71,7 +71,7 @@ def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
 
 
 def _descend(view: GraspBatch, task: Task, y: FloatArray) -> FloatArray:
-    """Return each grasp's least ratio over the directions and over descents from the weakest."""
+    """Return the least support ratio of each grasp over directions and local descents from the weakest, (b,)."""
     ratios = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least_sampled = ratios.min(axis=1)
     weakest = np.argpartition(ratios, min(DESCENTS, ratios.shape[1]) - 1, axis=1)[:, :DESCENTS]
@@ -80,7 +80,10 @@ def _descend(view: GraspBatch, task: Task, y: FloatArray) -> FloatArray:
 
 
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
-    """Return directions (m, d) well spread in the task's metric, regularised by the grasps' where it is flat."""
+    """Return directions (m, d) that are well spread in the task's metric.
+
+    The metric is regularised by the grasps' where the task is flat.
+    """
     planar = stack.dimension == 3
     spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
     y = spread @ np.linalg.inv(np.linalg.cholesky(second_moment(stack, task)))
@@ -124,7 +127,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
 
 
 def screening_score(ratios: FloatArray) -> FloatArray:
-    """Return ranking scores (b,) of grasps from their ratios (b, m).
+    """Return scores (b,) for ranking grasps from their support ratios (b, m).
 
     The least ratio, plus a small share of the lowest tenth's mean to break ties at 0.
     """
@@ -164,7 +167,7 @@ class GraspBatch:
         self._set = force_set
 
     def of(self, rows: NDArray[np.bool_]) -> GraspBatch:
-        """Return the batch of some of its grasps."""
+        """Return the batch of the grasps in a mask."""
         return GraspBatch(self.G[rows], self._set)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -174,7 +177,7 @@ class GraspBatch:
         return phi.reshape(z.shape[:2]), x.reshape(z.shape) @ self.G.transpose(0, 2, 1)
 
     def positive_share(self, y: FloatArray) -> FloatArray:
-        """Return ``|P_K(z)| / |z|`` (b, m) with ``z = G^T y``, as ``force_closure.positive_share``, for y (b, m, d)."""
+        """Return ``force_closure.positive_share`` of each grasp, (b, m), for y (b, m, d)."""
         z = y @ self.G
         x = project(z.reshape(-1, z.shape[2]), self._set.contacts, self._set.space).reshape(z.shape)
         return np.asarray(np.linalg.norm(x, axis=2) / np.maximum(np.linalg.norm(z, axis=2), 1e-300))

@@ -58,7 +58,7 @@ class SurfacePath:
 
 @dataclass(frozen=True)
 class QualityAlongPath:
-    """Least quality along a path.
+    """Bounds on the least mu along a path of a sliding contact.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class _SlidingContact:
         self.balls = dict[int, float]()
 
     def least(self, floor: float) -> QualityAlongPath:
-        """Return the least quality along the path."""
+        """Return bounds on the least mu along the path."""
         last = len(self.wrenches) - 1
         for station in {0, last}:
             self._certify(station)
@@ -137,7 +137,7 @@ class _SlidingContact:
         self.bounds[k] = mu(self.grasp(k), self.task, RTOL, force_budget=self.budget)
 
     def _ball(self, k: int) -> float:
-        """Return a certified lower bound on the radius of the ball about the origin inside the wrench set."""
+        """Return a certified lower bound on the radius of the ball about the origin inside a station's wrench set."""
         if k not in self.balls:
             self.balls[k] = delta(self.grasp(k), self.torque_scale, BALL_RTOL, force_budget=self.budget).lower
         return self.balls[k]
@@ -155,7 +155,7 @@ class _SlidingContact:
         )
 
     def _distances(self, i: int, j: int) -> FloatArray:
-        """Return the distances of the wrenches at the stations between two from combinations of theirs, (j - i - 1,).
+        """Return how far wrenches between stations i and j are from combinations of both, (j - i - 1,).
 
         Combinations ``a w_i + b w_j`` with a, b >= 0 and a + b >= 1 work at least as much as the lesser of the two. The
         nearest one is taken where it is such a combination, else the nearest of the segment.
@@ -169,7 +169,7 @@ class _SlidingContact:
         return np.asarray(np.linalg.norm(between - weights @ ends, axis=1))
 
     def _deviations(self, arms: FloatArray) -> FloatArray:
-        """Return the largest distance of the contact's wrench between neighbouring stations from their segment.
+        """Return how far the contact's wrench leaves the segment between neighbouring stations, (m - 1,).
 
         At a share a of the chord, with ``m = (1 - a) n_0 + a n_1``, the wrench of the chord times |m| is
         ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``. Its last term is largest and |m| least at
@@ -192,7 +192,7 @@ class _SlidingContact:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross products of rows, (m, 1) in the plane, (m, 3) in space."""
+    """Return the cross products of vectors, (m, 1) in the plane, (m, 3) in space."""
     if a.shape[1] == 3:
         return np.asarray(np.cross(a, b))
     return np.asarray(a[:, :1] * b[:, 1:] - a[:, 1:] * b[:, :1])

@@ -46,7 +46,7 @@ Mask = NDArray[np.bool_]
 def certify_side_by_side(
     stack: GraspStack, task: Task, rtol: float, force_set: ForceSet, seed: int
 ) -> list[Bounds | None]:
-    """Return certified bounds on mu for each grasp of a stack, None for grasps that are left to ``sandwich``.
+    """Return certified bounds on mu for each grasp of a stack; None for grasps left to ``sandwich``.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def certify_side_by_side(
 
 
 def _unit(bounds: Bounds, matrix: FloatArray) -> FloatArray | None:
-    """Return the worst direction, (d,), in the wrenches' own coordinates."""
+    """Return the unit worst direction, (d,), in the original wrench coordinates; None without one."""
     if bounds.worst_direction is None:
         return None
     y = bounds.worst_direction @ matrix
@@ -90,7 +90,7 @@ class _Chunk:
         self.upper, self.worst = np.zeros(0), np.zeros((0, 0))
 
     def certify(self) -> list[Bounds | None]:
-        """Return the bounds, None for grasps that are left."""
+        """Return the bounds of each grasp; None for grasps left to ``sandwich``."""
         low = self._descend()
         self._settle_without_closure()
         d = low.shape[2]
@@ -129,7 +129,7 @@ class _Chunk:
         return np.where(is_positive, phi / np.where(is_positive, reach, 1.0), np.inf), wrenches
 
     def _descend(self) -> FloatArray:
-        """Set the first upper bounds, by descents from the weakest of sampled directions; return their ends."""
+        """Set the first upper bounds by descents from the weakest sampled directions; return the descents' ends."""
         b, d = self.batch.G.shape[:2]
         spread = directions_around(np.eye(3)[0], PLANAR) if d == 3 else directions(d, 2)
         ratios = self._ratios(np.broadcast_to(spread, (b, *spread.shape)))[0]
@@ -142,7 +142,7 @@ class _Chunk:
         return np.asarray(low)
 
     def _settle_without_closure(self) -> None:
-        """Settle grasps whose worst direction proves that mu is 0, and leave those that are close to it."""
+        """Settle grasps whose worst direction proves that mu is 0, and leave grasps with almost no quality."""
         is_separated = self.batch.positive_share(self.worst[:, None])[:, 0] <= ZERO_SUPPORT
         is_finite = np.isfinite(self.upper)
         for i in np.flatnonzero(is_separated & is_finite):
@@ -160,7 +160,7 @@ class _Chunk:
         self.worst = np.where(is_better[:, None], normals, self.worst)
 
     def _settle(self, hulls: StackedHulls, is_done: Mask) -> None:
-        """Certify hulls; keep the bounds that are as narrow as ``rtol``."""
+        """Certify the hulls of settled grasps, and record bounds that are as narrow as ``rtol``."""
         lower = hulls.certified(self.task) * (1.0 - self.rounding)
         upper = self.upper * (1.0 + self.rounding)
         is_narrow = upper <= lower * (1.0 + self.rtol) * (1.0 + 2.0 * self.rounding)
@@ -175,7 +175,7 @@ class _Chunk:
 
 @dataclass(frozen=True)
 class _Horizon:
-    """The ridges around the removed cells: grasp, slot and vertices of the removed cell, and the corner opposite."""
+    """Ridges around the removed cells: grasp, slot and vertices of a removed cell, and the opposite corner."""
 
     row: Indices
     slot: Indices
@@ -184,7 +184,7 @@ class _Horizon:
 
 
 class StackedHulls:
-    """Inner hulls of b grasps as in ``IncrementalHull``, in arrays that all of them share.
+    """Inner hulls of b grasps as in ``IncrementalHull``, in shared arrays.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class StackedHulls:
         self.planes[row, slot] = self._inverses[row, slot].sum(axis=2)
 
     def measure(self, task: Task) -> None:
-        """Set the values of new cells."""
+        """Set the values of new cells: the largest multiple of the task that each cell allows."""
         row, slot = self._new
         planes = self.planes[row, slot]
         self.values[row, slot] = allowed_scales(task, planes, 1.0 + np.sum(planes * self.centre[row], axis=1))
@@ -245,7 +245,7 @@ class StackedHulls:
         return self.values[row, slot], planes / np.maximum(np.linalg.norm(planes, axis=1, keepdims=True), 1e-300)
 
     def insert(self, points: FloatArray, chosen: Mask) -> Mask:
-        """Insert a vertex (b, d) into each chosen hull; return where it was outside."""
+        """Insert a vertex (b, d) into each chosen hull; return the mask of hulls whose vertex was outside."""
         p = points - self.centre
         height = (self.planes @ p[:, :, None])[:, :, 0]
         removed_row, removed_slot = np.nonzero((height > 1.0 + BEYOND) & chosen[:, None])
@@ -279,7 +279,10 @@ class StackedHulls:
         return _Horizon(row[cell], slot[cell], cells[cell], corner)
 
     def _odd_ridges(self, row: Indices, cells: Indices) -> Indices:
-        """Return the ridges, numbered by cell and corner, that an odd number of cells (m, d) of a grasp share."""
+        """Return the ridges that an odd number of cells (m, d) of a grasp share.
+
+        They are indexed by cell and corner.
+        """
         names = self._names[cells]
         keys = ((names.sum(axis=1) + self._marks[row])[:, None] - names).ravel()  # of the ridge opposite each vertex
         order = np.argsort(keys)
@@ -310,7 +313,7 @@ class StackedHulls:
         return slot
 
     def keep(self, rows: Mask) -> None:
-        """Remove all hulls but some."""
+        """Keep the hulls in a mask, and remove the others."""
         self.centre, self.failed, self._points = self.centre[rows], self.failed[rows], self._points[rows]
         self._marks, self._sizes = self._marks[rows], self._sizes[rows]
         most = int(np.max(self._sizes, initial=1))
@@ -318,7 +321,7 @@ class StackedHulls:
         self.planes, self.values = self.planes[rows, :most], self.values[rows, :most]
 
     def certified(self, task: Task) -> FloatArray:
-        """Return certified lower bounds, (b,), with each cell's height computed anew from its vertices."""
+        """Return certified lower bounds on mu, (b,), with each cell's height computed anew from its vertices."""
         row, slot = np.nonzero(np.any(self.planes != 0.0, axis=2))
         planes, corners = self.planes[row, slot], self._points[row[:, None], self._cells[row, slot]]
         heights = np.min((corners @ planes[:, :, None])[:, :, 0], axis=1)
@@ -334,7 +337,7 @@ def _random_keys(random: np.random.Generator, count: int) -> NDArray[np.uint64]:
 
 
 def _facets(points: FloatArray) -> Indices:
-    """Return the facets (f, d) of the hull of points (n, d); none where they are flat."""
+    """Return the facets (f, d) of the hull of points (n, d); an empty array for flat points."""
     try:
         return np.asarray(ConvexHull(points).simplices, dtype=np.intp)
     except QhullError:

@@ -183,7 +183,7 @@ def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) 
 
 
 def _initial_wrench_hull(whitened: WrenchSet, rng: np.random.Generator) -> tuple[_InnerPolytope, FloatArray]:
-    """Return the hull of the origin and support points in random directions, and its points.
+    """Return the hull of the origin and support points in random directions, and the points.
 
     For a set with few vertices, few directions may give flat points; then more directions are used.
     """
@@ -339,7 +339,7 @@ def _radial_reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatAr
 
 @dataclass(frozen=True)
 class RadialVolume:
-    """Volume of W by rays from the origin, under the L2 budget, with what its derivative needs.
+    """Volume of W estimated by rays from the origin, under the L2 budget, with the data of its gradient.
 
     In coordinates in which unit directions u are uniform, ``nu = V_d mean rho(u)^d`` with the radial function
     ``rho(u) = 1 / gauge(u)``. The gauge is ``max <y, u> / phi(y)``. At the maximiser y, scaled to ``phi(y) = 1``, the
@@ -363,7 +363,7 @@ class RadialVolume:
 
     @classmethod
     def of(cls, wrenches: WrenchSet, matrix: FloatArray, rays: FloatArray) -> RadialVolume:
-        """Return the volume by unit rays (m, d) in the coordinates ``matrix w`` of wrenches w."""
+        """Return the volume estimated by unit rays (m, d), in wrench coordinates ``matrix w``."""
         whitened = wrenches.transformed(matrix)
         y, x = dual_newton(whitened, rays, GAUGE_TOLERANCE, MOST_FORCE)
         force = np.linalg.norm(x, axis=1)
@@ -385,7 +385,7 @@ def whitening(grasp: Grasp) -> FloatArray:
 
 
 def _gauge(whitened: WrenchSet) -> Gauge:
-    """Return the gauge function, the least force that produces a wrench, with its gradient."""
+    """Return the gauge function: the least force that produces a wrench, and its gradient."""
 
     def gauge(w: FloatArray) -> tuple[FloatArray, FloatArray]:
         size = np.linalg.norm(w, axis=1)

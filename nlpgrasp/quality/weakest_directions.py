@@ -111,14 +111,17 @@ def weakest_directions(
 
 
 def weakest_in_polytope(certificate: ResumableCertificate, value: float) -> WeakestDirections | None:
-    """Return the weakest directions of a certificate's polytope if the least ratio is well below a value, else None."""
+    """Return the weakest directions of a certificate's polytope, or None.
+
+    None unless the least ratio is well below ``value``.
+    """
     directions, values = _hull_directions(certificate.containment, certificate.sandwich)
     is_weaker = bool(np.min(values) < value * (1.0 - MISSED))
     return _weakest(certificate.containment, certificate.task, directions, values) if is_weaker else None
 
 
 def _weakest(problem: Containment, task: Task, directions: FloatArray, values: FloatArray) -> WeakestDirections:
-    """Return the weakest of directions in a containment's coordinates, well separated."""
+    """Return the weakest of some directions in a containment's coordinates, well separated."""
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = select_separated(directions, order, SEPARATION, KEEP)
@@ -126,7 +129,7 @@ def _weakest(problem: Containment, task: Task, directions: FloatArray, values: F
 
 
 def to_coordinates(problem: Containment, directions: FloatArray | None) -> FloatArray:
-    """Return directions (m, d) in the coordinates of a containment problem, those that are not zero there, (m', r)."""
+    """Return directions (m, d) in the coordinates of a task containment, (m', r), without vanishing ones."""
     if directions is None or not len(directions):
         return np.zeros((0, problem.rank))
     u = np.linalg.lstsq(problem.matrix.T, directions.T, rcond=None)[0].T
@@ -146,12 +149,12 @@ def _descend_and_iterate(problem: Containment, start: FloatArray, steps: int) ->
 
 
 def _minimise_over_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
-    """Return directions and ratios from the certificate's polytope."""
+    """Return weak directions and their support ratios from the polytope of a new certificate."""
     return _hull_directions(problem, tighten(problem, gap))
 
 
 def _hull_directions(problem: Containment, sandwich: Sandwich) -> tuple[FloatArray, FloatArray]:
-    """Return the normals of a polytope's lowest facets, and their ratios."""
+    """Return the normals of a polytope's lowest facets, and their support ratios."""
     directions = sandwich.worst[None, :]
     if sandwich.hull is not None and problem.rank > 1:
         cells = sandwich.hull.worst(SLACK * sandwich.upper, HULL_CELLS)

@@ -65,7 +65,7 @@ class WrenchSet:
 
     @property
     def is_ellipsoid(self) -> bool:
-        """Whether it is the ellipsoid ``{G x : |x| <= 1}``: only bilateral contacts, L2 budget."""
+        """Whether the set is the ellipsoid ``{G x : |x| <= 1}``: only bilateral contacts, L2 budget."""
         return isinstance(self.force_set, L2Set) and not any(c.unilateral for c in self.contacts)
 
     def project(self, z: FloatArray) -> FloatArray:
@@ -82,10 +82,10 @@ class WrenchSet:
         return phi, x @ self.G.T
 
     def curvature(self, y: FloatArray) -> FloatArray:
-        """Return the Hessian (m, d, d) of the L2 budget's ``phi^2 / 2`` at y (m, d), whatever this budget is.
+        """Return the Hessian (m, d, d) of ``phi^2 / 2`` at y (m, d) under the L2 budget.
 
-        ``phi^2 / 2 = |P_K(G^T y)|^2 / 2`` is differentiable everywhere; where its gradient has kinks, a generalised
-        Hessian is returned.
+        That is so whatever the budget of this set. ``phi^2 / 2 = |P_K(G^T y)|^2 / 2`` is differentiable everywhere;
+        where its gradient has kinks, a generalised Hessian is returned.
         """
         z = y @ self.G
         blocks = zip(derivative(z, self.contacts, self.space), self.ranges, strict=True)
@@ -102,7 +102,7 @@ def numerical_rank(values: FloatArray) -> int:
 
 
 def equilibrated(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return wrenches (rows) with equilibrated columns, and the column norms (d,) (1 for zero columns).
+    """Return wrenches (m, d) with columns scaled to unit norm, and the column norms (d,), 1 for zero columns.
 
     Forces and torques have different units; the rank must not depend on them.
     """
@@ -112,11 +112,11 @@ def equilibrated(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def wrench_rank(rows: FloatArray) -> int:
-    """Return the dimension of the span of wrenches (rows), independent of units."""
+    """Return the dimension of the span of wrenches (m, d), independent of units."""
     return numerical_rank(np.asarray(np.linalg.svd(equilibrated(rows)[0], compute_uv=False), dtype=np.float64))
 
 
 def torque_factors(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
-    """Return factors (d,) for wrench components that give torques as ``torque / torque_scale``."""
+    """Return the factors (d,) of wrench components: 1 for forces, ``1 / torque_scale`` for torques."""
     scale = number("torque_scale", torque_scale, above=0.0)
     return np.array([1.0] * grasp.space + [1.0 / scale] * (grasp.dimension - grasp.space))
