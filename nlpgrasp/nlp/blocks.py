@@ -64,12 +64,12 @@ class Block(Range):
 
     @property
     def name(self) -> str:
-        """Kind and index: ``"position 2"``, ``"hand joints"``, ``"beta"``."""
+        """Kind and index as one name, such as ``"position 2"``, ``"hand joints"`` or ``"beta"``."""
         return block_name(self.kind, self.index)
 
     @property
     def public_name(self) -> str:
-        """Displayed name; a hand's variables by their own names, ``"joints"`` or ``"palm position"``."""
+        """Displayed name; hand variables have names of their own, ``"joints"`` or ``"palm position"``."""
         return hand_variable_name(str(self.index)) if self.kind == HAND else self.name
 
 
@@ -91,18 +91,18 @@ class ConstraintBlock(Range):
 
     @property
     def kind(self) -> str:
-        """Kind of the label."""
+        """Kind of the constraints, from their label."""
         return self.label.kind
 
     @property
     def name(self) -> str:
-        """Text that names the block in reports."""
+        """Name of the block in reports."""
         return self.label.name
 
 
 @dataclass(frozen=True)
 class FaceConstraints:
-    """Surface constraints of a contact: at least ``lower``, at most zero."""
+    """Block of surface constraints of a contact, with values from ``lower`` to zero."""
 
     label: Label
     size: int
@@ -112,7 +112,7 @@ class FaceConstraints:
 
 @dataclass
 class SplineSurface:
-    """Surface constraints of a contact on a spline surface, nonlinear in its position alone.
+    """Surface constraints of a contact on a spline surface, nonlinear only in the contact's position.
 
     ``function(p)`` plus a linear expression of the variables. Separate because a mesh's spline exists only as ``MX``,
     while everything else is an ``SX`` graph that evaluates many times faster.
@@ -125,7 +125,10 @@ class SplineSurface:
 
 @dataclass
 class DistancePart:
-    """Clearance constraints ``distance(point(z)) / scale``, separate as the distance of a mesh is ``MX``."""
+    """Clearance constraints ``distance(point(z)) / scale`` that share a distance function.
+
+    They are separate because the distance of a mesh exists only as ``MX``.
+    """
 
     function: ca.Function  # point (space,) metres -> metres
     points: list[ca.SX]  # columns of the variables

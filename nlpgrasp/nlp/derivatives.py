@@ -48,7 +48,7 @@ class ProgramFunctions:
 
     @cached_property
     def nlp(self) -> dict[str, ca.SX] | dict[str, ca.MX]:
-        """Program as for CasADi's ``nlpsol``, with the negative objective to minimise."""
+        """Program as a dictionary for CasADi's ``nlpsol``, which minimises the negative objective."""
         z, theta = self.program.z, self.program.theta
         if self.is_sx:
             return {"x": z, "p": theta, "f": -self.program.objective, "g": self._sx_program_constraints()}
@@ -57,18 +57,18 @@ class ProgramFunctions:
 
     @property
     def first_derivatives(self) -> dict[str, ca.Function]:
-        """First-derivative function for ``nlpsol``; empty where CasADi's own is best."""
+        """Jacobian function as an option of ``nlpsol``; an empty dictionary if CasADi's own is best."""
         return {} if self.is_sx and not self.program.copies else {"jac_g": self.jacobian}
 
     @property
     def derivatives(self) -> dict[str, ca.Function]:
-        """Derivative functions for ``nlpsol``; empty where CasADi's own are best."""
+        """Jacobian and Hessian functions as options of ``nlpsol``; an empty dictionary if CasADi's own are best."""
         first = self.first_derivatives
         return first and {**first, "hess_lag": self.hessian}
 
     @cached_property
     def jacobian(self) -> ca.Function:
-        """Function of ``(x, p)`` that returns the constraints and their Jacobian."""
+        """CasADi function of ``(x, p)`` that returns the constraints and their Jacobian."""
         names = (["x", "p"], ["g", "jac_g_x"])
         z, theta = self.program.z, self.program.theta
         if self.is_sx:
@@ -92,7 +92,7 @@ class ProgramFunctions:
 
     @cached_property
     def hessian(self) -> ca.Function:
-        """Function of ``(x, p, lam_f, lam_g)`` that returns the upper triangle of the Lagrangian's Hessian."""
+        """CasADi function of ``(x, p, lam_f, lam_g)`` that returns the Lagrangian's Hessian, upper triangle."""
         names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
         if self.is_sx:
             return self._sx_program_hessian(*names)
@@ -114,7 +114,7 @@ class ProgramFunctions:
         return ca.Function("hess_lag", [self._x, self._p, sigma, lam_g], [ca.triu(matrix)], *names)
 
     def _expression_hessian(self) -> ca.Function:
-        """Return the upper triangle of the Hessian of objective, SX constraints and weighted distances."""
+        """Return a function for the upper-triangular Hessian of objective, SX constraints and distances."""
         program, distances = self.program, self.program.distances
         z, points = program.z, program.points
         lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._sx_count)
@@ -155,7 +155,7 @@ class ProgramFunctions:
 
     @property
     def _repeated(self) -> int:
-        """Number of repeated constraints, which are the first ones."""
+        """Number of repeated constraints, which come first among the SX constraints."""
         return self.program.copies[-1].rows.stop if self.program.copies else 0
 
     def _sx_program_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
@@ -172,26 +172,26 @@ class ProgramFunctions:
 
 
 def _face_jacobian(part: SplineSurface) -> ca.Function:
-    """Return the Jacobian of surface constraints with respect to the position."""
+    """Return a function for the Jacobian of surface constraints in the contact position."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     return ca.Function("face_jac", [q], [ca.jacobian(part.function(q), q)])
 
 
 def _face_hessian(part: SplineSurface) -> ca.Function:
-    """Return the upper triangle of the Hessian of a weighted sum of surface constraints."""
+    """Return a function for the upper-triangular Hessian of weighted surface constraints."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     weight = ca.MX.sym("w", part.linear.shape[0])
     return ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, part.function(q)), q)[0])])
 
 
 def _embed(block: ca.MX, part: SplineSurface, width: int) -> ca.MX:
-    """Embed a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
+    """Return a sparse (rows, width) matrix with a block (rows, space) at a contact position's columns."""
     rows, columns = block.shape[0], part.position
     return ca.horzcat(ca.MX(rows, columns.start), block, ca.MX(rows, width - columns.stop))
 
 
 def _embed_square(block: ca.MX, part: SplineSurface, width: int) -> ca.MX:
-    """Embed a block as a diagonal block of a sparse (width, width) matrix."""
+    """Return a sparse (width, width) matrix with a block on the diagonal at a contact position."""
     columns = part.position
     return ca.diagcat(ca.MX(columns.start, columns.start), block, ca.MX(width - columns.stop, width - columns.stop))
 
@@ -216,7 +216,7 @@ class DistanceConstraints:
             begin += count
 
     def first(self) -> tuple[ca.MX, ca.MX]:
-        """Return the constraint values (m,) and their gradients with respect to the points (3 m,)."""
+        """Return the constraint values (m,) and their gradients in the points (3 m,)."""
         values, slopes = [ca.MX(0, 1)], [ca.MX(0, 1)]
         for function, points, scales in self._parts:
             q = ca.MX.sym("q", 3)
@@ -228,7 +228,10 @@ class DistanceConstraints:
         return ca.vertcat(*values), ca.vertcat(*slopes)
 
     def second(self, multipliers: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Return gradients (3 m,) and upper triangles of the Hessians (6 m,), weighted by multipliers."""
+        """Return weighted gradients (3 m,) and weighted upper-triangular Hessians (6 m,) in the points.
+
+        The weights are the multipliers.
+        """
         slopes, bends = [ca.MX(0, 1)], [ca.MX(0, 1)]
         begin = 0
         for function, points, scales in self._parts:
@@ -268,7 +271,7 @@ def chain_second(along: ca.SX, bends: ca.SX, count: int) -> ca.SX:
 
 
 class Repeats:
-    """Derivatives of all copies' constraints, as expressions of the program's symbols.
+    """Derivatives of repeated constraints, from those of the first copy.
 
     A program with forces at many directions repeats the same constraints: ``g_j = g(s, f_j; theta_j)`` with shared
     variables s. CasADi differentiates only one copy instead of the whole graph, and the others' variables are
@@ -289,12 +292,12 @@ class Repeats:
 
     @cached_property
     def _first(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Variables of the first copy (shared ones first), its constraints and its parameters."""
+        """Variables, constraints and parameters of the first copy, with the shared variables first."""
         copy = self._copies[0]
         return self._columns_of(copy), ca.cse(self._g[copy.rows.start : copy.rows.stop]), copy.parameters
 
     def jacobian(self) -> ca.SX:
-        """Return the Jacobian (m, n) of the copies' constraints."""
+        """Return the Jacobian (m, n) of the constraints of all copies."""
         x, g, theta = self._first
         function = ca.Function("copy_jac", [x, theta], [ca.jacobian(g, x)], {"cse": True})
         entries = _SparseEntries(self._copies[-1].rows.stop, self._z.shape[0])
@@ -306,7 +309,7 @@ class Repeats:
         return entries.matrix()
 
     def hessian(self, lam: ca.SX) -> ca.SX:
-        """Return the Hessian (n, n) of the copies' constraints weighted by ``lam`` (m,)."""
+        """Return the Hessian (n, n) of the constraints of all copies, weighted by ``lam`` (m,)."""
         x, g, theta = self._first
         weight = ca.SX.sym("weight", g.shape[0])
         second = ca.hessian(ca.dot(weight, g), x)[0]

@@ -55,7 +55,7 @@ def optimal_grasp_program(
     pieces: bool = False,
     scaled: bool = True,
 ) -> Program:
-    """Build the program (3.5-4) with containment at ``count`` directions or wrenches, which are parameters.
+    """Build the program (3.5-4) with task constraints at ``count`` directions or wrenches (parameters).
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def optimal_grasp_program(
 
 
 def check_transcription(transcription: str) -> None:
-    """Raise for an unknown transcription.
+    """Raise an ``InputError`` for an unknown transcription.
 
     Raises
     ------
@@ -113,7 +113,10 @@ class ContactSymbols:
 
 
 def _add_contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
-    """Add the variables p_i and n_i; with normals as variables all constraints but the surface are polynomial."""
+    """Add the variables p_i and n_i, and return their symbols.
+
+    With normals as variables all constraints but the surface are polynomial.
+    """
     space, k = problem.body.space, len(problem.models)
     lower, upper = problem.body.bounds + BOX_MARGIN * scaling.length * np.array([[-1.0], [1.0]])
     size, origin = scaling.length, scaling.origin
@@ -123,13 +126,16 @@ def _add_contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> 
 
 
 def _add_hand_variables(program: Program, problem: GraspProblem) -> None:
-    """Add the hand's variables q: joint angles in radians (metres of sliding joints), palm position and quaternion."""
+    """Add the hand's variables q: joint positions, palm position and palm quaternion.
+
+    Joint positions are in radians, those of sliding joints in metres.
+    """
     for v in problem.hand.variables(problem.body.bounds) if problem.hand is not None else ():
         program.variable(HAND, len(v.lower), v.lower, v.upper, v.scale, index=v.name)
 
 
 def _maximise_beta(program: Program, scaling: Scaling) -> ca.SX:
-    """Add the scale beta of the task, the objective, and return its symbol."""
+    """Add beta, the scale of the task, as a variable and as the objective, and return its symbol."""
     beta = program.variable("beta", 1, 0.0, MOST_BETA / scaling.beta, 1.0 / scaling.beta)
     program.maximise(beta, 1.0 / scaling.beta)
     return beta
@@ -151,7 +157,10 @@ class SurfaceConstraints:
 
     @property
     def are_splines(self) -> bool:
-        """Whether surfaces are splines, which exist only as ``MX``; their constraints then come last in a program."""
+        """Whether the surfaces are splines, whose constraints come last in a program.
+
+        Splines exist only as ``MX``.
+        """
         return self.problem.body.symbol is ca.MX
 
     def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
@@ -188,7 +197,10 @@ class SurfaceConstraints:
         return parts[0], parts[1], parts[2]
 
     def _add_spline(self, program: Program, i: int, n: ca.SX) -> None:
-        """Add the constraints of a contact on a mesh's smooth surface, a spline, which exists only as ``MX``."""
+        """Add the surface constraints of a contact on a mesh's smooth spline surface.
+
+        The spline exists only as ``MX``.
+        """
         problem, block = self.problem, program.block("position", i)
         p, size = problem.body.point(), problem.body.size
         point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
@@ -202,7 +214,7 @@ class SurfaceConstraints:
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
-    """Return the parameters (q,) that select each contact's face, or state its geometry."""
+    """Return the parameters (q,) that select each contact's face, or give the face's geometry."""
     if problem.body.symbol is ca.MX:
         return np.zeros(0)
     if problem.body.shared_surface(problem.margin) is not None:
@@ -214,7 +226,7 @@ def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
 def _force_template(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols
 ) -> ForceTemplate:
-    """Return the force variables and their constraints, for repetition along every direction.
+    """Return a template of force variables and their constraints, to be repeated along every direction.
 
     Forces x_j, newtons (moments newton-metres), are in the friction cones (2.4-1) and the force budget (2.5-2).
     """
@@ -247,7 +259,7 @@ def wrench(problem: GraspProblem, contacts: ContactSymbols, forces: Sequence[ca.
 def _add_support_inequalities(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """Add the outer containment (3.4-3): ``<y_j, G(p) x_j> >= beta phi(y_j | A)``.
+    """Add the support inequalities (3.4-3), ``<y_j, G(p) x_j> >= beta phi(y_j | A)``.
 
     Parameters are the directions y_j, 1/N and 1/(N m), and ``phi(y_j | A)``, dimensionless.
     """
@@ -267,7 +279,10 @@ def _add_closed_form_supports(
     count: int,
     pieces: bool,
 ) -> bool:
-    """Add (3.4-3) without forces, ``phi(y_j | G(B ∩ K)) >= beta phi(y_j | A)``; return False without closed form."""
+    """Add the support inequalities (3.4-3) in closed form, without forces; return whether there is one.
+
+    They are ``phi(y_j | G(B ∩ K)) >= beta phi(y_j | A)``.
+    """
     closed_form = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
     if closed_form is None:
         return False
@@ -287,7 +302,7 @@ def _add_closed_form_supports(
 def _add_wrench_equations(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """Add the inner containment (3.3-4): ``G(p) x_j = beta w_j``, moments divided by the body's size.
+    """Add the wrench equations (3.3-4), ``G(p) x_j = beta w_j``, with moments divided by the body's size.
 
     Parameters are the wrenches w_j, N and N m.
     """
@@ -299,13 +314,16 @@ def _add_wrench_equations(
 
 
 def _has_distributed_forces(problem: GraspProblem) -> bool:
-    """Return whether some contact has forces at several points, so that derivatives of one copy are reused."""
+    """Return whether some contact has forces at several points.
+
+    Derivatives of one copy of its constraints are then reused.
+    """
     space = problem.body.space
     return any(m.generators(space).shape[1] != m.components(space) for m in problem.models)
 
 
 def _add_reachability_and_hand(program: Program, problem: GraspProblem, contacts: ContactSymbols) -> None:
-    """Add the constraints of reachability (3.5-15) and hand (3.5-16), with its links' clearance from the body."""
+    """Add the constraints of reachability (3.5-15), hand (3.5-16) and clearance of the hand's links."""
     p, n = contacts.positions, contacts.normals
     constraints = build_candidate_constraints(
         problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols
@@ -341,9 +359,9 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
 
 
 def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return the smooth pieces (k,) with maximum phi as a function of ``(y, p_1 ... p_k, n_1 ... n_k)``, and 1.
+    """Return a function of ``(y, p_1 ..., n_1 ...)`` for the k smooth pieces with maximum phi, and the power 1.
 
-    Units as in ``support_function``; the 1 is the power. None without such pieces.
+    Units as in ``support_function``. None without such pieces.
     """
     if not has_pieces(problem):
         return None

@@ -69,7 +69,7 @@ def pressing_forces(problem: GraspProblem, normals: FloatArray) -> FloatArray:
 
 
 def hand_from_contacts(problem: GraspProblem, points: FloatArray, normals: FloatArray) -> Values:
-    """Return the variables by name of a hand that follows its contacts; empty for other hands."""
+    """Return the variables, by name, of a hand that is determined by its contacts; empty for other hands."""
     hand = problem.hand
     if hand is None or not hand.follows_contacts:
         return {}
@@ -102,12 +102,12 @@ def random_contacts(problem: GraspProblem, rng: np.random.Generator) -> list[Sta
 
 
 def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
-    """Return the point of a cloud (m, space) nearest to a given one."""
+    """Return the point of a cloud (m, space) nearest to a given point."""
     return np.asarray(cloud[np.argmin(np.linalg.norm(cloud - point, axis=1))])
 
 
 def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
-    """Return the problem changed to have a closed-form support function: L2 budget, simpler contacts where needed."""
+    """Return the problem with the L2 budget and simpler contacts, as far as a closed-form support needs them."""
     if has_closed_form(problem):
         return problem
     l2_problem = problem.unchecked(force_budget=L2Budget())
@@ -119,7 +119,7 @@ def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
 
 
 def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
-    """Return the least sampled support (b,) of candidates (b, k, space), solver units, or an estimate of it."""
+    """Return an estimate (b,) of the least support of candidates (b, k, space), solver units."""
     scaling, ranked_problem = Scaling.of(problem), _closed_form_problem(problem)
     closed_form = support_function(ranked_problem, scaling)
     if closed_form is None:

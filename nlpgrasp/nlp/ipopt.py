@@ -68,7 +68,7 @@ Option = bool | int | float | str | ca.Function  # value of a solver option
 
 
 class CompiledProgram:
-    """A nonlinear program with its solver, compiled once for many starts and parameters.
+    """Nonlinear program compiled with its solver, for many initial values and parameters.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class CompiledProgram:
         return Evaluator(self._functions.jacobian)
 
     def with_hand_bounds(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
-        """Return a copy with other bounds of one of the hand's variables, without recompilation.
+        """Return a copy with the bounds of one of the hand's variables replaced, without recompilation.
 
         Arguments as of ``Program.with_hand_bounds``.
         """
@@ -125,7 +125,7 @@ class CompiledProgram:
         bounds: tuple[FloatArray, FloatArray] | None = None,
         multipliers: tuple[FloatArray, FloatArray] | None = None,
     ) -> NlpResult:
-        """Solve the program by IPOPT from a start.
+        """Solve the program by IPOPT from initial values.
 
         Parameters
         ----------

@@ -42,7 +42,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass
 class Program:
-    """A nonlinear program built block by block: variables, parameters, constraints and objective.
+    """Builder of a nonlinear program from blocks: variables, parameters, constraints and objective.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Program:
         return value
 
     def maximise(self, expression: ca.SX, scale: float) -> None:
-        """Set the objective and its scale."""
+        """Set the objective to be maximised, and its scale."""
         self.objective = expression / scale if self.scaled else expression
 
     def parameter(self, kind: str, size: int, index: int | None = None) -> ca.SX:
@@ -107,7 +107,10 @@ class Program:
         return symbol
 
     def constrain(self, constraint: ScalarConstraint) -> None:
-        """Add a scalar constraint or a column with common limits; call before ``constrain_distance``."""
+        """Add a scalar constraint, or a column of constraints with common limits.
+
+        Call before ``constrain_distance``.
+        """
         if self.distance_parts or self.spline_surfaces:
             raise RuntimeError(
                 f"{constraint.name}: an SX expression after rows through distances, whose limits it would get"
@@ -119,9 +122,9 @@ class Program:
         )
 
     def constrain_each(self, constraint: ScalarConstraint, symbols: dict[str, ca.SX], count: int) -> None:
-        """Add a scalar constraint (at least ``constraint.lower``) for each of ``count`` values of its parameters.
+        """Add ``count`` scalar constraints that differ only in the values of their parameters.
 
-        Call this first; these constraints are the slots and not in ``g``.
+        Each is at least ``constraint.lower``. Call this first; these constraints are the slots and not in ``g``.
 
         Parameters
         ----------
@@ -151,7 +154,9 @@ class Program:
     def constrain_copies(
         self, template: ForceTemplate, symbols: dict[str, ca.SX], count: int, differentiated: bool
     ) -> None:
-        """Add ``count`` copies of the variables and constraints of a ``ForceTemplate``; call before ``constrain``.
+        """Add ``count`` copies of the variables and constraints of a ``ForceTemplate``.
+
+        Call before ``constrain``.
 
         Parameters
         ----------
@@ -188,11 +193,11 @@ class Program:
                 )
 
     def end_containment(self) -> None:
-        """Mark all constraints so far as containment constraints."""
+        """Mark all constraints so far as task-containment constraints."""
         self.contained = _next_index(self.rows)
 
     def constrain_placement(self, constraints: CandidateConstraints, reachability_sources: int) -> None:
-        """Add the constraints of reachability and hand, with those on spline distances last.
+        """Add the constraints of reachability and hand, those on spline distances last.
 
         Those from the first ``reachability_sources`` sources are reachability constraints.
         """
@@ -208,7 +213,10 @@ class Program:
         self.placement = slice(begin, begin + len(constraints.named))
 
     def constrain_distance(self, clearance: Clearance) -> None:
-        """Add a clearance constraint on a spline distance; call after ``constrain``."""
+        """Add a clearance constraint on a spline distance.
+
+        Call after ``constrain``.
+        """
         if not self.distance_parts or self.distance_parts[-1].function is not clearance.distance:
             self.distance_parts.append(DistancePart(clearance.distance, [], []))
         part = self.distance_parts[-1]
@@ -219,7 +227,10 @@ class Program:
     def constrain_spline_surface(
         self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
     ) -> None:
-        """Add surface constraints ``function(position) + linear`` of a contact; call last."""
+        """Add surface constraints ``function(position) + linear`` of a contact.
+
+        Call last.
+        """
         for row in rows:
             self._add_constraints(row.label, row.size, (row.lower, 0.0), row.scale)
         self.spline_surfaces.append(SplineSurface(function, position, linear))
@@ -228,7 +239,7 @@ class Program:
         return scale if self.scaled else 1.0
 
     def _add_constraints(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
-        """Add a block of ``size`` scalar constraints with common limits, without their expressions."""
+        """Add a block of ``size`` scalar constraints with common limits, but no expressions."""
         start = _next_index(self.rows)
         self.rows.append(ConstraintBlock(start, start + size, scale, label=label.label, equation=self.equation))
         unit = self._applied(scale)
@@ -240,7 +251,7 @@ class Program:
         return next(b for b in (*self.variables, *self.parameters) if b.name == wanted)
 
     def blocks(self, kind: str, among: Sequence[Block] | None = None) -> list[Block]:
-        """Return all blocks of a kind, in order, among the variables or given blocks."""
+        """Return all blocks of a kind, in order, among the variables or among given blocks."""
         return [b for b in (self.variables if among is None else among) if b.kind == kind]
 
     @property
@@ -250,7 +261,7 @@ class Program:
 
     @property
     def hand_symbols(self) -> dict[str, ca.SX]:
-        """Hand's variables by name, in the hand's units."""
+        """Hand's variables by name, as symbols in the hand's units."""
         return {name: self._values[self.variables.index(block)] for name, block in self.hand_blocks}
 
     def constraint_indices(self, kind: str) -> list[int]:
@@ -258,7 +269,7 @@ class Program:
         return [i for b in self.rows if b.kind == kind for i in range(b.start, b.stop)]
 
     def constraint_name(self, row: int) -> str:
-        """Return the name of a scalar constraint, with its index in a block of several."""
+        """Return the name of a scalar constraint; in a block of several, with its index."""
         block = next(b for b in self.rows if b.start <= row < b.stop)
         return block.name if block.stop - block.start == 1 else f"{block.name} [{row - block.start}]"
 
@@ -274,7 +285,10 @@ class Program:
 
     @property
     def g(self) -> ca.SX:
-        """SX constraints in one column; the program has them between its repeated and its spline constraints."""
+        """All SX constraints in one column.
+
+        In the program they are after the slots and before the spline constraints.
+        """
         return ca.vertcat(*self._g) if self._g else ca.SX(0, 1)
 
     @property
@@ -284,7 +298,7 @@ class Program:
 
     @property
     def points(self) -> ca.SX:
-        """Points of the clearance constraints, stacked in one column."""
+        """Points of the clearance constraints on spline distances, stacked in one column."""
         return ca.vertcat(ca.SX(0, 1), *[point for part in self.distance_parts for point in part.points])
 
     @property
@@ -301,7 +315,7 @@ class Program:
         return lower, upper
 
     def with_hand_bounds(self, name: str, lower: FloatArray, upper: FloatArray) -> Program:
-        """Return a copy with other bounds, (m,) each, of one of the hand's variables, in the hand's units."""
+        """Return a copy with the bounds of one of the hand's variables replaced, (m,) each, in the hand's units."""
         block = self.block(HAND, name)
         result = copy(self)
         result._bounds = list(self._bounds)
@@ -309,7 +323,7 @@ class Program:
         return result
 
     def with_raised_lower_limits(self, increase: FloatArray) -> Program:
-        """Return a copy with raised lower limits of the constraints of problem and hand, (rows,), scaled."""
+        """Return a copy with the lower limits of problem and hand constraints raised by (rows,), scaled."""
         low, high = self.limits
         result, low = copy(self), low.copy()
         low[self.placement] += increase
@@ -324,7 +338,7 @@ class Program:
 
 @dataclass(frozen=True)
 class ForceTemplate:
-    """Force variables of one direction and their constraints, which a program repeats for every direction.
+    """Force variables of one direction with their constraints, which a program repeats for every direction.
 
     Parameters
     ----------
@@ -353,7 +367,7 @@ class ForceTemplate:
 
 @dataclass(frozen=True)
 class ConstraintSlots:
-    """Constraints ``f(x; theta_j)`` of a program, one for each slot j.
+    """Constraints ``f(x; theta_j)`` of a program that differ only in their parameters theta_j.
 
     The derivatives of f are built once and mapped over the slots; the Lagrangian's Hessian is their sum. The time to
     build a program therefore does not grow with the number of slots.
@@ -389,7 +403,7 @@ class ConstraintSlots:
         return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(values.T))
 
     def hessian(self, z: ca.MX, theta: ca.MX, lam: ca.MX) -> ca.MX:
-        """Return the Hessian (n, n) of the constraints' sum weighted by ``lam`` (m,)."""
+        """Return the Hessian (n, n) of the sum of the constraints, weighted by ``lam`` (m,)."""
         x, t, row = self._symbols
         weight = ca.SX.sym("weight")
         second = ca.densify(ca.hessian(weight * row, x)[0])
@@ -404,7 +418,7 @@ class ConstraintSlots:
         return x, t, self.function(x, t)
 
     def _mapped(self, function: ca.Function, summed: list[int] | None = None) -> ca.Function:
-        """Map a function over the slots with shared x; outputs are stacked or summed."""
+        """Return a function mapped over all theta_j with shared x; outputs are stacked or summed."""
         return function.map(f"{function.name()}s", "serial", self.count, [0], summed or [], {})
 
     def _parameters_of(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -423,12 +437,12 @@ def _next_index(blocks: Sequence[Range]) -> int:
 
 
 def _broadcast(value: ArrayLike, size: int) -> FloatArray:
-    """Return an array (size,) of one value for all entries, or of one per entry."""
+    """Return an array (size,) from one value for all entries or one for each."""
     return np.array(np.broadcast_to(np.asarray(value, dtype=float), size))
 
 
 def _stacked(pairs: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and the upper limits of all blocks, (n,) each, from the pair of each block."""
+    """Return lower and upper limits of all blocks, (n,) each, from a pair for each block."""
     if not pairs:
         return np.zeros(0), np.zeros(0)
     return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])

@@ -478,7 +478,7 @@ class Formulation:
 
 @dataclass(frozen=True)
 class _UserConstraint:
-    """A user-defined constraint."""
+    """Constraint added by the user."""
 
     name: str
     expression: Expression
@@ -499,7 +499,7 @@ class _Scales:
 def _recomputed_kkt(
     nlp: dict[str, Expression], arguments: dict[str, FloatArray], z: FloatArray, rows: FloatArray, bounds: FloatArray
 ) -> tuple[float, KKT]:
-    """Return the objective f and the KKT residuals at z with multipliers of constraints and bounds, solver units."""
+    """Return the objective f and the KKT residuals at z with given multipliers, solver units."""
     derivatives = [nlp["f"], nlp["g"], ca.jacobian(nlp["f"], nlp["x"]), ca.jacobian(nlp["g"], nlp["x"])]
     function = ca.Function("first", [nlp["x"], nlp["p"]], derivatives)
     f, g, slope, J = (np.asarray(v.full()) for v in function(z, arguments["p"]))
@@ -518,7 +518,7 @@ def _recomputed_kkt(
 def _containment_parameters(
     problem: GraspProblem, transcription: str, directions: ArrayLike | None
 ) -> dict[str, FloatArray]:
-    """Return the program's parameters: task wrenches, or directions and the task's support there, SI units."""
+    """Return the task's parameters of the program: wrenches, or directions with the task's support, SI units."""
     if directions is None:
         samples = TaskSamples(problem.task, Scaling.of(problem).wrench, 1)
         if transcription == "vertex":
@@ -562,7 +562,7 @@ def _points(values: Mapping[str, FloatArray], count: int, space: int) -> FloatAr
 
 @dataclass(frozen=True, repr=False)
 class FormulationResult:
-    """Result of a solve: values and multipliers by name, KKT residuals, and the grasp.
+    """Result of ``Formulation.solve``: values and multipliers by name, KKT residuals, and the grasp.
 
     Parameters
     ----------
@@ -614,7 +614,7 @@ class FormulationResult:
 
 
 def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) -> list[str]:
-    """Return the lines of a program's table.
+    """Return the lines of a table of a program's variables, parameters and constraints.
 
     Parameters
     ----------
@@ -641,7 +641,7 @@ def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) ->
 def _block_rows(
     blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None
 ) -> list[tuple[str, str, str, str, str]]:
-    """Return name, size, bounds, unit and equation of blocks, grouped by kind and size."""
+    """Return the table's lines for blocks, grouped by kind and size: name, size, bounds, unit, equation."""
     groups: dict[tuple[str, int], list[Block]] = {}
     for block in blocks:
         groups.setdefault((block.public_name if block.kind == HAND else block.kind, block.size), []).append(block)
@@ -658,7 +658,7 @@ def _block_rows(
 
 
 def _interval(limits: tuple[FloatArray, FloatArray], indices: Sequence[int] | range) -> str:
-    """Return the range of the limits of some entries as text."""
+    """Return the range of the limits of some entries, as text."""
     low, high = float(np.min(limits[0][indices], initial=np.inf)), float(np.max(limits[1][indices], initial=-np.inf))
     if low == high:
         return f"= {low:g}"

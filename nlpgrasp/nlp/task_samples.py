@@ -74,7 +74,7 @@ class TaskSamples:
         return np.asarray(centre + factor * (wrenches - centre))
 
     def directions(self, rng: np.random.Generator | None = None) -> FloatArray:
-        """Return directions of wrench space (m, d), as many as wrenches."""
+        """Return well-spread directions of wrench space, (m, d), as many as there are sampled wrenches."""
         y = self._y(self._rotated_directions(rng))
         return y[np.arange(self.count) % len(y)]
 
@@ -90,5 +90,5 @@ class TaskSamples:
         return result
 
     def _y(self, local: FloatArray) -> FloatArray:
-        """Return the directions y with ``L^T y`` equal to each local direction, of least norm in solver units."""
+        """Return for each local direction u the direction y of least norm with ``L^T y = u``, solver units."""
         return np.asarray(np.linalg.lstsq(self._axes, local.T, rcond=None)[0].T * self.unit)

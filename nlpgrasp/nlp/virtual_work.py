@@ -27,7 +27,7 @@ from nlpgrasp.problem.problem import GraspProblem
 
 
 class VirtualWork:
-    """Derivatives of support functions with respect to a program's variables.
+    """Derivatives of support functions in a program's variables, under joint-torque limits.
 
     Parameters
     ----------
