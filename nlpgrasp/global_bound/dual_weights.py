@@ -98,7 +98,7 @@ class _InteriorPoint:
         return np.asarray((self.A @ x[:, :, None]).reshape(self.shape))
 
     def _weight_rows(self, w: FloatArray) -> FloatArray:
-        """Return ``A^T w``, the supports weighted over contacts and rows, (b, j)."""
+        """Return ``A^T w``, the supports weighted over contacts and their cells, (b, j)."""
         return np.asarray((self.AT @ w.reshape(len(w), -1, 1))[:, :, 0])
 
     def gap(self) -> FloatArray:

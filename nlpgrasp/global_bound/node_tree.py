@@ -151,7 +151,10 @@ class BoundingStrategy(ABC):
 
     @abstractmethod
     def select_slots(self, nodes: NodeArrays) -> IntArray:
-        """Return for each node which contact's cell to split, by position; ``NONE`` if no cell can be split."""
+        """Return for each node the position of the contact whose cell is to be split, or ``NONE``.
+
+        ``NONE`` stands for a node in which no cell can be split.
+        """
 
     @abstractmethod
     def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:

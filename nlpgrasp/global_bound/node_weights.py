@@ -150,7 +150,10 @@ class NodeWeightStrategy(BoundingStrategy):
         return order[: 1 + int(np.searchsorted(cost, BATCHES * WORK))]
 
     def select_slots(self, nodes: NodeArrays) -> IntArray:
-        """Return for each node the contact most spread over its cell, by position; ``NONE`` if all are points."""
+        """Return for each node the position of the contact that is most spread over its cell.
+
+        ``NONE`` where all cells are points.
+        """
         return np.array([self._loosest_slot(tuple(cells)) for cells in nodes.cells.tolist()], dtype=np.int64)
 
     def _loosest_slot(self, cells: Cells) -> int:

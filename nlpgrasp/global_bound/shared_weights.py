@@ -95,7 +95,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return loosest[np.argsort(-nodes.bounds[loosest], kind="stable")]
 
     def select_slots(self, nodes: NodeArrays) -> IntArray:
-        """Return for each node which contact's split gives the least mean bound, by position.
+        """Return for each node the position of the contact whose split gives the least mean bound.
 
         ``NONE`` where no cell can be split.
         """
@@ -176,7 +176,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.where(is_copy[..., None], 0.0, np.concatenate(parts, axis=1))
 
     def _directions(self, node: IntArray) -> IntArray:
-        """Return the heaviest direction indices of the tightest dual weights on a node, (DIRECTIONS,)."""
+        """Return the indices of the heaviest directions in a node's tightest dual weights, (DIRECTIONS,)."""
         tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
         directions, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
         by_weight = directions[np.argsort(-weights, kind="stable")]
@@ -184,7 +184,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.concatenate([distinct, self.twists.draw_initial()])[:DIRECTIONS]
 
     def _rows(self, node: IntArray) -> IntArray:
-        """Return the corners where the tightest dual weights are attained in each cell of a node, (k, ROWS)."""
+        """Return corners of largest weighted support in each cell of a node, by tight dual weights, (k, ROWS)."""
         tightest = np.argsort(self.maxima.bounds_by_weights(node))[:ROWS]
         return self.maxima.rows(node, np.resize(tightest, ROWS))
 

@@ -89,7 +89,7 @@ class NumberedDirections:
         return np.resize(chosen, self.per_node)
 
     def trial_directions(self) -> FloatArray:
-        """Return trial directions, (m, d): a random choice of the well-spread ones, and recent weak ones."""
+        """Return trial directions, (m, d): randomly chosen well-spread ones, and recent weak ones."""
         chosen = self._rng.permutation(len(self.lattice))[: TRIED - len(self._recent)]
         return np.concatenate([self.lattice[chosen], self._recent])
 
@@ -204,7 +204,7 @@ class FractionalContacts:
         return np.asarray(np.sum(s**self.rule.search_power * self.weights[:, None], axis=2))
 
     def model(self, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the value, (b, m), and the Hessian of its quadratic model, (b, m, d, d)."""
+        """Return ``value``, (b, m), with the Hessian of a quadratic model, (b, m, d, d), along twists (b, m, d)."""
         p, maps = self.rule.search_power, self.maps
         z, s = self._work(twists)
         scaled = np.broadcast_to(self.weights[:, None], s.shape)

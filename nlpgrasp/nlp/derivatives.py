@@ -125,7 +125,7 @@ class ProgramFunctions:
 
     @cached_property
     def _distances(self) -> DistanceConstraints:
-        """Clearance constraints at the points of ``x``."""
+        """Clearance constraints on spline distances, at the variables ``x``."""
         points = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
         return DistanceConstraints(self.program, points(self._x))
 

@@ -279,7 +279,7 @@ def _add_closed_form_supports(
     count: int,
     pieces: bool,
 ) -> bool:
-    """Add the support inequalities (3.4-3) in closed form, without forces; return whether there is one.
+    """Add the support inequalities (3.4-3) in closed form, without forces; return whether one exists.
 
     They are ``phi(y_j | G(B ∩ K)) >= beta phi(y_j | A)``.
     """

@@ -242,7 +242,7 @@ class Formulation:
         solver: str = "ipopt",
         **options: Any,
     ) -> FormulationResult:
-        """Solve the program from a start.
+        """Solve the program from a start: initial values, a known grasp or a random seed.
 
         Parameters
         ----------

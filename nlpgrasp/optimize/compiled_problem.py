@@ -148,7 +148,7 @@ class CompiledProblem:
         return result
 
     def with_clearance(self, increase: FloatArray) -> CompiledProblem:
-        """Return the compiled problem with more clearance of links required, by ``increase`` (rows,), metres.
+        """Return the compiled problem with the required clearance of links raised by ``increase`` (rows,), metres.
 
         On a mesh it makes up for a smoothed distance that is larger than the mesh's own.
         """
@@ -198,12 +198,12 @@ class CompiledProblem:
 
     @property
     def closure_budget(self) -> ForceBudget:
-        """Force budget for force-closure tests: the problem's, or L2 if that depends on the hand's posture."""
+        """Force budget for force-closure tests: L2 instead of a budget that depends on the hand's posture."""
         return closure_budget(self.problem)
 
     @property
     def screening_budget(self) -> ForceBudget:
-        """Force budget for ranking placements: the problem's, or L2 if that depends on the contact frames."""
+        """Force budget for ranking placements: L2 instead of a budget that depends on the contact frames."""
         return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
     def inward_normals(self, candidate: GraspCandidate) -> FloatArray:

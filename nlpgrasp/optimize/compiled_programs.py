@@ -62,7 +62,7 @@ def follows_contacts(problem: GraspProblem) -> bool:
 
 
 def closure_budget(problem: GraspProblem) -> ForceBudget:
-    """Return the force budget for force-closure tests: the problem's, or L2 if that depends on the hand's posture."""
+    """Return the force budget for force-closure tests: L2 instead of a budget that depends on the hand's posture."""
     return L2Budget() if problem.budget.follows_hand else problem.budget
 
 
@@ -169,7 +169,10 @@ class CuttingPlaneProgram:
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
-        """Return the support of each single contact along directions, (m, k); None for programs without such pieces."""
+        """Return the support of each single contact along directions, (m, k).
+
+        None unless the program takes the largest of these supports.
+        """
         if self.has_closed_form or not has_pieces(self._problem):
             return None
         return contact_supports(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]

@@ -60,7 +60,7 @@ class ConstraintValues:
         return self._evaluator(points, normals, *hand.values())[0]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the largest constraint violation of each placement, relative to the scales, (b,).
+        """Return the largest constraint violation of each placement, relative to the constraints' scales, (b,).
 
         The extents of faces are not among these constraints.
         """

@@ -160,7 +160,7 @@ class DistinctGrasps:
         return self.has_equivalent([start.on_body.candidate for start in self.grasps], candidate)
 
     def has_equivalent(self, others: Sequence[GraspCandidate], candidate: GraspCandidate) -> bool:
-        """Return whether a candidate is equivalent to any of some others."""
+        """Return whether a candidate is equivalent to any of several others."""
         return any(self._equivalence.are_equivalent(candidate, other) for other in others)
 
     def add(self, start: StartGrasp) -> bool:
@@ -203,7 +203,7 @@ def neighbouring_candidates(
 
 
 def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> ContactPlacements:
-    """Return copies of a candidate with one contact each moved to points spread over its allowed faces."""
+    """Return copies of a candidate, each with one contact moved to a point of its allowed faces."""
     k, count = len(candidate.faces), POSITIONS * len(candidate.faces)
     points, normals = (np.stack([a] * count) for a in (candidate.points, compiled.inward_normals(candidate)))
     faces = np.empty((count, k), dtype=object)

@@ -151,7 +151,7 @@ def _better_certified(
 
 
 def root_branch_and_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a branch and bound with its root nodes bounded; None if switched off or not covering the problem."""
+    """Return a branch and bound with its root nodes bounded; None if disabled or not applicable to the problem."""
     if not options.global_bound:
         return None
     try:
@@ -181,7 +181,7 @@ def evaluation_limit(problem: GraspProblem, starts: int) -> float:
 
 
 def _limit_share(problem: GraspProblem, starts: int) -> float:
-    """Return the fraction of the full limits that the short branch and bound has with a number of starts."""
+    """Return the fraction of its full limits that the short branch and bound has for a number of starts."""
     flat = isinstance(problem.body, Box | Prism)
     return min(1.0, (FIRST_SHARE_FLAT if flat else 0.0) + FURTHER_SHARE * (starts - 1))
 

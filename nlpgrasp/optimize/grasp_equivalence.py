@@ -106,7 +106,7 @@ class GraspEquivalence:
                 yield self._rotate_to_match(rotated, others)
 
     def _rotations_between(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
-        """Yield contacts rotated so that one (two for spherical symmetry) is nearest to some of ``others``."""
+        """Yield contacts rotated to bring one of them (two for spherical symmetry) nearest to ``others``."""
         if not self._symmetries.is_round:
             radial = self._radial_parts(points)
             first = int(np.argmax(np.linalg.norm(radial, axis=1)))

@@ -131,7 +131,7 @@ class HandWorkspace:
 
 
 class _Links:
-    """Spheres around links of the palm or of one finger, with the distances from the body required of them.
+    """Spheres around links of the palm or of one finger, with their required distances from the body.
 
     Centres are (b, s, 3), in the palm frame; least distances (s,).
     """

@@ -269,7 +269,7 @@ def _run_start_in_worker(
 
 
 def _run_known_grasp(compiled: CompiledProblem, item: tuple[int, KnownGrasp], deadline: Deadline) -> list[StartGrasp]:
-    """Return the starts from one known grasp, paired with the index of the first."""
+    """Return the starts from one known grasp; ``item`` is the index of the first start and the grasp."""
     index, grasp = item
     return run_warm_start(compiled, WarmStart.of(compiled, grasp), index, deadline)
 

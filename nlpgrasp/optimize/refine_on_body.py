@@ -114,7 +114,7 @@ def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatA
 
 
 def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
-    """Return a candidate after a few rounds of refinement; on a mesh a posed hand has the smoothed surface."""
+    """Return a candidate after a few rounds of refinement; a posed hand on a mesh on its smoothed surface."""
     body, rounds = compiled.problem.body, min(ROUNDS, compiled.options.rounds)
     if not isinstance(body, Mesh):
         return advance(compiled, compiled.projected_onto_faces(candidate), deadline, rounds)
@@ -224,7 +224,7 @@ def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate,
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
 ) -> tuple[NDArray[np.bool_], GraspCandidate]:
-    """Return the mask of joints (m,) that can keep their margins with all fingertips touching, and a candidate."""
+    """Return the mask of joints (m,) that can keep their margins while all fingertips touch, and such a candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
     for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrow_limits(keeps_margin)

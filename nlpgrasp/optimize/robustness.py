@@ -136,7 +136,7 @@ def worst_displacement(
 def displaced_positions(
     compiled: CompiledProblem, faces: Sequence[str], points: FloatArray, normals: FloatArray
 ) -> ContactPositions:
-    """Return the possible positions of each contact within the options' displacement, the undisplaced first."""
+    """Return the possible positions of each contact within the options' displacement, the nominal one first."""
     offset = compiled.options.robust_offset
     contacts = zip(faces, points, normals, strict=True)
     return [positions_around(compiled, face, p, n, offset) for face, p, n in contacts]

@@ -101,6 +101,7 @@ class _Measure:
 
 
 def _mu(grasp: Grasp | GraspStack, task: Task | None, settings: _Settings) -> Result:
+    """Return mu of a grasp or a stack; raise an ``InputError`` without a task."""
     if task is None:
         raise InputError("task", None, "a task for mu, such as ng.TaskEllipsoid")
     return mu(grasp, task, settings.rtol, force_budget=settings.force_budget)
@@ -218,6 +219,7 @@ def common_arm(stacks: Sequence[GraspStack]) -> float:
 
 
 def _stacks(grasps: GraspStack | Sequence[GraspStack]) -> tuple[GraspStack, ...]:
+    """Return the validated stacks of a table, which share a torque origin."""
     stacks = (grasps,) if isinstance(grasps, GraspStack) else tuple(grasps) if isinstance(grasps, Sequence) else ()
     if not stacks or not all(isinstance(stack, GraspStack) and len(stack) for stack in stacks):
         raise InputError("grasps", grasps, "a GraspStack that is not empty, or several")
@@ -229,6 +231,7 @@ def _stacks(grasps: GraspStack | Sequence[GraspStack]) -> tuple[GraspStack, ...]
 
 
 def _measure_names(measures: Sequence[str]) -> tuple[str, ...]:
+    """Return the validated names of measures, each once."""
     names = (measures,) if isinstance(measures, str) else tuple(measures)
     unknown = [name for name in names if name not in MEASURES]
     if unknown or not names:
@@ -238,6 +241,7 @@ def _measure_names(measures: Sequence[str]) -> tuple[str, ...]:
 
 
 def _tasks(task: Task | Mapping[str, Task] | Sequence[Task] | None) -> dict[str, Task | None]:
+    """Return the validated tasks of a table by name; None stands for a table without tasks."""
     if task is None:
         return {"": None}
     if isinstance(task, Task):
@@ -249,6 +253,7 @@ def _tasks(task: Task | Mapping[str, Task] | Sequence[Task] | None) -> dict[str,
 
 
 def _frictions(friction: Frictions) -> tuple[float | None, ...]:
+    """Return the validated friction coefficients of a table; None stands for those of the contacts."""
     if friction is None:
         return (None,)
     values: Iterable[float] = friction if isinstance(friction, Sequence | np.ndarray) else (friction,)

@@ -119,7 +119,7 @@ def _certify_stack(
 def _certify(
     grasp: Grasp, task: Task, rtol: float, force_budget: str | ForceBudget, seed: int, deadline: float | None
 ) -> Bounds:
-    """Return the certified bounds of one grasp."""
+    """Return the certified bounds on mu of one grasp."""
     wrenches = WrenchSet.of(grasp, force_budget)
     exact = bound_in_closed_form(wrenches, task)
     if exact is not None:

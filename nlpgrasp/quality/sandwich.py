@@ -180,7 +180,7 @@ def _initial_hull(
 
 
 def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the largest alpha, (f,), for which the half-space ``<a, x> <= offset`` of a plane holds ``alpha A``.
+    """Return the largest alpha, (f,), for which a plane's half-space ``<a, x> <= offset`` contains ``alpha A``.
 
     Planes a are (f, d).
     """
@@ -225,7 +225,7 @@ class ResumableCertificate:
         return None if problem is None else cls(grasp, task, budget, problem, tighten(problem, rtol))
 
     def belongs_to(self, grasp: Grasp, budget: ForceBudget) -> bool:
-        """Return whether the certificate is of a grasp with these contacts and of this budget.
+        """Return whether the certificate is of a grasp with these contacts under this budget.
 
         Contact points and normals have to be identical, and the budget the same object.
         """

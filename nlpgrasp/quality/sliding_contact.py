@@ -75,10 +75,10 @@ class QualityAlongPath:
 def least_mu_along(
     path: SurfacePath, others: Grasp, task: Task, budget: ForceBudget, floor: float = 0.0
 ) -> QualityAlongPath:
-    """Return the least mu while one contact slides without friction along a path and the others stay.
+    """Return bounds on the least mu while one contact slides along a path and the others stay.
 
-    Stations are certified where the lower bound is least, until the bounds are within ``ENOUGH``, the body is not held,
-    or ``MOST_STATIONS`` are.
+    The sliding contact has no friction. Stations are certified where the lower bound is least, until the bounds are
+    within ``ENOUGH``, the body is not held, or ``MOST_STATIONS`` are.
 
     Parameters
     ----------

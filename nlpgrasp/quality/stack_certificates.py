@@ -333,6 +333,7 @@ class StackedHulls:
 
 
 def _random_keys(random: np.random.Generator, count: int) -> NDArray[np.uint64]:
+    """Return random keys, (count,), whose sums identify sets of vertices."""
     return random.integers(0, 2**63, size=count, dtype=np.uint64)
 
 

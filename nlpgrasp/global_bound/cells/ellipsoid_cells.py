@@ -78,7 +78,7 @@ class EllipsoidCell(SurfaceCell):
         return centre * self.a, float(np.max(self.a) * np.max(angles_along(self.corners, centre[None])))
 
     def anchors(self) -> FloatArray:
-        """Return the corners."""
+        """Return the corners of the cell on the ellipsoid."""
         return self.corners * self.a
 
     def to_dict(self) -> Json:
@@ -101,11 +101,14 @@ class EllipsoidFace(CellFace):
         self.a, self.surface = semi_axes, EllipsoidSurface(semi_axes)
 
     def cells(self) -> Sequence[SurfaceCell]:
-        """Return the eight octants."""
+        """Return the eight octants of the ellipsoid."""
         return [EllipsoidCell(np.diag(signs).astype(float), self.surface) for signs in product((1, -1), repeat=3)]
 
     def half_plane(self, axis: FloatArray, side: FloatArray) -> Sequence[SurfaceCell]:
-        """Return the two arcs in the half-plane bounded by a unit axis, on the side of an orthogonal unit vector."""
+        """Return the two arcs in the half-plane that an axis bounds, on the side of an orthogonal vector.
+
+        Both are unit vectors.
+        """
         return [EllipsoidCell(np.stack([end, side]), self.surface) for end in (axis, -axis)]
 
 
@@ -225,7 +228,7 @@ def _vector_lengths(v: FloatArray) -> FloatArray:
 
 
 def _circumradius(sides: FloatArray) -> FloatArray:
-    """Return the radius of the smallest circle around arcs, or plane triangles, with these side lengths, (m,).
+    """Return the radius of the smallest circle around arcs, or plane triangles, of given side lengths, (m,).
 
     Sides (c, m) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.
     """

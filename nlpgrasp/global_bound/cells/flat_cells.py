@@ -61,7 +61,7 @@ class PolygonCell(SurfaceCell):
         return centre, float(np.max(np.linalg.norm(self.vertices - centre, axis=1)))
 
     def anchors(self) -> FloatArray:
-        """Return the corners."""
+        """Return the corners of the polygon."""
         return self.vertices
 
     def to_dict(self) -> Json:

@@ -57,7 +57,7 @@ class TriangleCluster(SurfaceCell):
         return centre, float(np.max(np.linalg.norm(corners - centre, axis=1)))
 
     def anchors(self) -> FloatArray:
-        """Return the corners of all pieces."""
+        """Return the corners of all pieces of the cluster."""
         return self.clusters.pieces[self.clusters.members(self.node)].reshape(-1, 3)
 
     def to_dict(self) -> Json:
@@ -160,7 +160,7 @@ class ClusterTree:
         return slice(int(self.row_offsets[first]), int(self.row_offsets[first + 2**below]))
 
     def _rows(self) -> tuple[RepresentativeContacts, IntArray]:
-        """Return the distinct corners of each last-level cluster, in order, and the index of each cluster's first."""
+        """Return the distinct corners of each last-level cluster, in order, and the offset of each cluster."""
         points = self.pieces[self.order].reshape(-1, 3)
         normals = np.repeat(self.normals[self.order], 3, axis=0)
         offsets = 3 * _level_ranges(len(self.order), self.levels)
