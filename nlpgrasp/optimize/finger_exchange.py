@@ -121,23 +121,23 @@ class _FingerSearch:
 
     def __init__(self, compiled: CompiledProblem, initial: MeshContacts, rng: np.random.Generator) -> None:
         self.compiled, self.current, self.rng = compiled, initial, rng
-        self._learned = AdaptiveScore(compiled, rng)
+        self._scorer = AdaptiveScore(compiled, rng)
         self.add_weak_directions()
         hand = compiled.hand_functions.posed_hand
         variables = hand.variables(compiled.problem.body.bounds)
         self._limits = np.concatenate([v.lower for v in variables]), np.concatenate([v.upper for v in variables])
         self._radii = np.asarray(hand.tip_radii)
-        self._own = _single_finger_variables(compiled, initial.candidate)
+        self._finger_variables = _single_finger_variables(compiled, initial.candidate)
         self._allowed = max(ALLOWED, self._violation(initial))
 
     def add_weak_directions(self) -> None:
         """Add the weak directions of the current grasp."""
-        self._learned.add_weak_directions(self.current.candidate.points, self.current.normals)
+        self._scorer.add_weak_directions(self.current.candidate.points, self.current.normals)
 
     def score(self, grasp: MeshContacts) -> float:
         """Return the quality score of a grasp, less a penalty for contacts near sharp edges."""
         violation = float(np.sum(edge_margin_violation(self.compiled.problem, grasp.candidate)))
-        quality = float(self._learned.score(grasp.candidate.points[None], grasp.normals[None])[0])
+        quality = float(self._scorer.score(grasp.candidate.points[None], grasp.normals[None])[0])
         return quality - EDGE_PENALTY * violation
 
     def sweep(self, reach: float) -> None:
@@ -145,7 +145,7 @@ class _FingerSearch:
 
         Only fingers with a round tip and with joints that move no other finger are moved.
         """
-        for i, variables in enumerate(self._own):
+        for i, variables in enumerate(self._finger_variables):
             if variables.any() and self._radii[i] > 0.0:
                 self._move(i, reach)
 
@@ -162,7 +162,7 @@ class _FingerSearch:
         )
         points[:, i], normals[:, i] = cloud.points[neighbours], cloud.normals[neighbours]
         others = np.delete(edge_margin_violation(self.compiled.problem, current.candidate), i)
-        scores = self._learned.score(points, normals) - EDGE_PENALTY * float(np.sum(others))
+        scores = self._scorer.score(points, normals) - EDGE_PENALTY * float(np.sum(others))
         least = _least_improvement(self.score(current))
         for j in np.argsort(-scores, kind="stable")[:TRIED]:
             if scores[j] <= least:
@@ -189,15 +189,15 @@ class _FingerSearch:
 
     def _nearest_posture(self, i: int, goal: FloatArray) -> Values:
         """Return the posture with tip i nearest to ``goal``, moved by that finger alone (inverse kinematics)."""
-        hand, own = self.current.candidate.hand, self._own[i]
+        hand, variables = self.current.candidate.hand, self._finger_variables[i]
         for _ in range(STEPS):
             centre, jacobian = self._tip(hand, i)
             if np.linalg.norm(goal - centre) < 0.1 * TOUCHING:
                 break
-            J = jacobian[:, own]
+            J = jacobian[:, variables]
             step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(3), goal - centre)
             z = _hand_vector(hand)
-            z[own] += step * min(1.0, LONGEST / max(float(np.max(np.abs(step))), 1e-12))
+            z[variables] += step * min(1.0, LONGEST / max(float(np.max(np.abs(step))), 1e-12))
             hand = _split_variables(np.clip(z, *self._limits), hand)
         return hand
 

@@ -168,19 +168,19 @@ def node_limit(problem: GraspProblem, starts: int) -> int:
     It grows with the number of starts.
     """
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
-    share = _limit_share(problem, starts)
+    fraction = _limit_fraction(problem, starts)
     if follows_contacts(problem):
-        return int(share * (MESH_NODES if mesh else FLAT_NODES if flat else NODES))
+        return int(fraction * (MESH_NODES if mesh else FLAT_NODES if flat else NODES))
     smooth = flat or isinstance(problem.budget, L2Budget)
-    return int(share * POSED_HAND_NODES) if smooth and not mesh else 0
+    return int(fraction * POSED_HAND_NODES) if smooth and not mesh else 0
 
 
 def evaluation_limit(problem: GraspProblem, starts: int) -> float:
     """Return the largest number of support evaluations in curved cells in the short branch and bound."""
-    return _limit_share(problem, starts) * EVALUATIONS
+    return _limit_fraction(problem, starts) * EVALUATIONS
 
 
-def _limit_share(problem: GraspProblem, starts: int) -> float:
+def _limit_fraction(problem: GraspProblem, starts: int) -> float:
     """Return the fraction of its full limits that the short branch and bound has for a number of starts."""
     flat = isinstance(problem.body, Box | Prism)
     return min(1.0, (FIRST_SHARE_FLAT if flat else 0.0) + FURTHER_SHARE * (starts - 1))

@@ -97,7 +97,7 @@ def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
     )
     linear = Linearisation(compiled, candidate, cuts)
     step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) else None
-    weights = np.zeros(len(cuts)) if step is None else _shares(linear.cut_multipliers(step.multipliers))
+    weights = np.zeros(len(cuts)) if step is None else _normalised_weights(linear.cut_multipliers(step.multipliers))
     return _with_binding_directions(_step_residuals(linear, step), cuts, weights)
 
 
@@ -151,8 +151,8 @@ def _newton_point(compiled: CompiledProblem, point: RefinementPoint) -> LocalOpt
         point.candidate,
         point.value,
         cuts,
-        _shares(linear.cut_multipliers(step.multipliers)),
-        *_prices(compiled, linear.functions.program, step.multipliers, step.bound_multipliers),
+        _normalised_weights(linear.cut_multipliers(step.multipliers)),
+        *_shadow_prices(compiled, linear.functions.program, step.multipliers, step.bound_multipliers),
         _step_residuals(linear, step),
         SolverEffort(),
     )
@@ -182,21 +182,21 @@ def _solve_in_trust_region(
         candidate,
         exact_minimisers(compiled, candidate, rng, cuts).value,
         cuts,
-        _shares(-result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)]),
-        *_prices(compiled, program, result.multipliers, result.bound_multipliers),
+        _normalised_weights(-result.multipliers[program.constraint_indices(SUPPORT)][: len(cuts)]),
+        *_shadow_prices(compiled, program, result.multipliers, result.bound_multipliers),
         _residuals(functions, result, theta),
         SolverEffort.of(result),
     )
     return replace(optimum, kkt=_full_kkt(compiled, optimum, result.objective / scale))
 
 
-def _shares(multipliers: FloatArray) -> FloatArray:
+def _normalised_weights(multipliers: FloatArray) -> FloatArray:
     """Return weights (m,) of sum one, in proportion to the multipliers of cuts; zero if all multipliers are."""
     weights = np.maximum(multipliers, 0.0)
     return np.asarray(weights / max(float(weights.sum()), 1e-300))
 
 
-def _prices(
+def _shadow_prices(
     compiled: CompiledProblem, program: Program, multipliers: FloatArray, bound_multipliers: FloatArray
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return the shadow prices of constraints and of the hand's bounds, in their own units."""

@@ -170,9 +170,9 @@ class _TouchConstraints:
         outside = np.sum(towards * self.smooth, axis=1) > 0.0
         round_tip = (radii > 0.0) & (distance > OVERLAP * radii) & outside
         inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], self.smooth)
-        return self.rows(free, contacts, inward)
+        return self.linearise(free, contacts, inward)
 
-    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchLinearisation:
+    def linearise(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchLinearisation:
         """Return the constraints linearised at given values of the hand's variables and given contacts."""
         compiled, program, hand = self.compiled, self.program, self._hand(free)
         set_contacts(compiled, program, self.z, contacts, normals)
