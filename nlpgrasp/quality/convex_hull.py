@@ -150,8 +150,8 @@ class IncrementalHull:
     ) -> FloatArray:
         """Return the planes through the horizon's ridges and the new point, interpolated from adjacent cells."""
         drop = height[visible_cells] - height[hidden_cells]
-        share = ((height[visible_cells] - 1.0) / drop)[:, None]
-        planes = (1.0 - share) * self.planes[visible_cells] + share * self.planes[hidden_cells]
+        fraction = ((height[visible_cells] - 1.0) / drop)[:, None]
+        planes = (1.0 - fraction) * self.planes[visible_cells] + fraction * self.planes[hidden_cells]
         nearly_equal = np.flatnonzero(drop < LEAST_DROP)
         if nearly_equal.size:  # the two planes hardly differ at the new point: solve for the vertices themselves
             with contextlib.suppress(np.linalg.LinAlgError):

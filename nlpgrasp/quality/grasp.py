@@ -132,14 +132,14 @@ def warn_of_units_and_normals(name: str, points: FloatArray, normals: FloatArray
     if np.all(is_long):
         warn(f"{name}.points: contacts {median:.3g} m apart, in the median; they have to be in metres, not millimetres")
     elif np.any(is_long | is_mixed):
-        numbers = np.flatnonzero(is_long | is_mixed)
-        first = f"grasp {numbers[0]} has contacts {span[numbers[0]]:.3g} m apart, the median {median:.3g} m"
-        warn(f"{name}.points: units seem to be mixed, in {len(numbers)} of {len(points)} grasps: {first}")
+        indices = np.flatnonzero(is_long | is_mixed)
+        first = f"grasp {indices[0]} has contacts {span[indices[0]]:.3g} m apart, the median {median:.3g} m"
+        warn(f"{name}.points: units seem to be mixed, in {len(indices)} of {len(points)} grasps: {first}")
     is_away = np.flatnonzero(do_all_point_away(points, normals))
     if is_away.size:
-        share = f"of {is_away.size} of {len(points)} grasps, first {is_away[0]},"
+        cases = f"of {is_away.size} of {len(points)} grasps, first {is_away[0]},"
         warn(
-            f"{name}.normals: {share} all point away from the middle of the contacts; they have to point into the body"
+            f"{name}.normals: {cases} all point away from the middle of the contacts; they have to point into the body"
         )
 
 

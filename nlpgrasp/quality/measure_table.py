@@ -207,8 +207,8 @@ def measure_columns(
     parts = []
     for stack in stacks:
         for coefficient in _frictions(friction):
-            rough = stack if coefficient is None else stack.with_contacts(_rough(stack.contacts, coefficient))
-            parts += _rows(rough, tasks, names, settings, has_scale)
+            adapted = stack if coefficient is None else stack.with_contacts(_with_friction(stack.contacts, coefficient))
+            parts += _rows(adapted, tasks, names, settings, has_scale)
     return Columns({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
@@ -263,7 +263,7 @@ def _frictions(friction: Frictions) -> tuple[float | None, ...]:
     return coefficients
 
 
-def _rough(contacts: Sequence[ContactModel], friction: float) -> list[ContactModel]:
+def _with_friction(contacts: Sequence[ContactModel], friction: float) -> list[ContactModel]:
     """Return contact models with another friction coefficient.
 
     Frictionless points become points with friction.
@@ -312,14 +312,14 @@ def _columns(name: str, stack: GraspStack, task: Task | None, settings: _Setting
     except InputError:
         raise
     except NlpgraspError:  # of some grasp: each by itself
-        parts = [_values_of_one(kind, grasp, task, settings) for grasp in stack]
+        parts = [_values_of_grasp(kind, grasp, task, settings) for grasp in stack]
     lower, upper, flags = (np.concatenate(column) for column in zip(*parts, strict=True))
     values = {f"{name}_lower": lower, f"{name}_upper": upper} if kind.is_certified else {name: lower}
     seconds = np.full(len(stack), (time.perf_counter() - begin) / len(stack))
     return {**values, f"{name}_flag": flags, f"{name}_seconds": seconds}
 
 
-def _values_of_one(
+def _values_of_grasp(
     kind: _Measure, grasp: Grasp, task: Task | None, settings: _Settings
 ) -> tuple[FloatArray, FloatArray, Column]:
     """Return the bounds and flag of one grasp; NaN, with the reason as flag, where it cannot be measured."""

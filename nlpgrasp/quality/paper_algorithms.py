@@ -263,10 +263,10 @@ def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
     lengths = axes.S[is_nonzero, None] * axes.Vh[is_nonzero]
     u = directions(len(lengths), SHELLS)
     inradius = directions_inradius(len(lengths), SHELLS)
-    return task.center + u @ lengths, inradius if task.is_centred else _centre_share(task, lengths, inradius)
+    return task.center + u @ lengths, inradius if task.is_centred else _off_centre_multiple(task, lengths, inradius)
 
 
-def _centre_share(task: TaskEllipsoid, lengths: FloatArray, inradius: float) -> float:
+def _off_centre_multiple(task: TaskEllipsoid, lengths: FloatArray, inradius: float) -> float:
     """Return the largest multiple of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
 
     With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds

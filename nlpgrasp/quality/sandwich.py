@@ -101,7 +101,7 @@ def tighten(
     rng = np.random.default_rng(seed)
     shrink = min(SHRINK, 0.01 * rtol)
     # the points of a warm start are shrunk by SHRINK
-    state = _begin(problem, shrink, rng) if warm_start is None or shrink < SHRINK else warm_start
+    state = _initial_state(problem, shrink, rng) if warm_start is None or shrink < SHRINK else warm_start
     while state.hull is not None and state.upper > 0.0:
         hull = state.hull
         if len(hull) >= MOST_POINTS or (deadline is not None and time.monotonic() >= deadline):
@@ -125,7 +125,7 @@ def tighten(
     return state
 
 
-def _begin(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
+def _initial_state(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
     """Return the initial state of the sandwich algorithm, from descents and the first hull."""
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     directions, values = descend(problem, seeds, DESCENT)

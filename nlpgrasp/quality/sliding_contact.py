@@ -163,15 +163,15 @@ class _SlidingContact:
         ends, between = self.wrenches[[i, j]], self.wrenches[i + 1 : j]
         weights = between @ np.linalg.pinv(ends)
         along = ends[1] - ends[0]
-        share = np.clip((between - ends[0]) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
+        fraction = np.clip((between - ends[0]) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
         on_segment = np.any(weights < 0.0, axis=1) | (weights.sum(axis=1) < 1.0)
-        weights[on_segment] = np.column_stack([1.0 - share, share])[on_segment]
+        weights[on_segment] = np.column_stack([1.0 - fraction, fraction])[on_segment]
         return np.asarray(np.linalg.norm(between - weights @ ends, axis=1))
 
     def _deviations(self, arms: FloatArray) -> FloatArray:
         """Return how far the contact's wrench leaves the segment between neighbouring stations, (m - 1,).
 
-        At a share a of the chord, with ``m = (1 - a) n_0 + a n_1``, the wrench of the chord times |m| is
+        At a fraction a of the chord, with ``m = (1 - a) n_0 + a n_1``, the wrench of the chord times |m| is
         ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``. Its last term is largest and |m| least at
         a = 1/2. To this the deviations of the path's points and normals from the chord's are added.
         """

@@ -67,11 +67,13 @@ def certify_side_by_side(
     result: list[Bounds | None] = []
     for start in range(0, len(G), CHUNK):
         chunk = _Chunk(GraspBatch(G[start : start + CHUNK], force_set), local_task, rtol, rounding, seed)
-        result += [None if b is None else Bounds(b.lower, b.upper, _unit(b, matrix)) for b in chunk.certify()]
+        result += [
+            None if b is None else Bounds(b.lower, b.upper, _original_direction(b, matrix)) for b in chunk.certify()
+        ]
     return result
 
 
-def _unit(bounds: Bounds, matrix: FloatArray) -> FloatArray | None:
+def _original_direction(bounds: Bounds, matrix: FloatArray) -> FloatArray | None:
     """Return the unit worst direction, (d,), in the original wrench coordinates; None without one."""
     if bounds.worst_direction is None:
         return None
@@ -86,7 +88,7 @@ class _Chunk:
         self.batch, self.task, self.rtol, self.rounding = batch, task, rtol, rounding
         self.shrink, self.random = min(SHRINK, 0.01 * rtol), np.random.default_rng(seed)
         self.result: list[Bounds | None] = [None] * len(batch.G)
-        self.numbers = np.arange(len(batch.G))  # of the remaining grasps
+        self.indices = np.arange(len(batch.G))  # of the remaining grasps
         self.upper, self.worst = np.zeros(0), np.zeros((0, 0))
 
     def certify(self) -> list[Bounds | None]:
@@ -94,10 +96,10 @@ class _Chunk:
         low = self._descend()
         self._settle_without_closure()
         d = low.shape[2]
-        axes = np.broadcast_to(directions(d, 0), (len(self.numbers), 2 * d, d))
-        points = self._inner_points(self.batch.support(np.concatenate([low[self.numbers], axes], axis=1))[1])
+        axes = np.broadcast_to(directions(d, 0), (len(self.indices), 2 * d, d))
+        points = self._inner_points(self.batch.support(np.concatenate([low[self.indices], axes], axis=1))[1])
         hulls = StackedHulls(points)
-        while len(self.numbers):
+        while len(self.indices):
             hulls.measure(self.task)
             least, normals = hulls.lowest()
             is_done = least >= self._target()
@@ -166,10 +168,10 @@ class _Chunk:
         is_narrow = upper <= lower * (1.0 + self.rtol) * (1.0 + 2.0 * self.rounding)
         for i in np.flatnonzero(is_done & is_narrow):
             bounds = Bounds(float(min(lower[i], self.upper[i])), float(upper[i]), self.worst[i])
-            self.result[self.numbers[i]] = bounds
+            self.result[self.indices[i]] = bounds
 
     def _keep(self, rows: Mask) -> None:
-        self.numbers, self.upper, self.worst = self.numbers[rows], self.upper[rows], self.worst[rows]
+        self.indices, self.upper, self.worst = self.indices[rows], self.upper[rows], self.worst[rows]
         self.batch = self.batch.of(rows)
 
 
@@ -254,19 +256,19 @@ class StackedHulls:
         row, corner = horizon.row, horizon.corner
         index = np.arange(len(row))
         inverse = self._inverses[row, horizon.slot]
-        share = (p[row][:, None, :] @ inverse)[:, 0]  # coordinates of the new vertex in each removed cell's vertices
-        pivot = share[index, corner]
+        coordinates = (p[row][:, None, :] @ inverse)[:, 0]  # of the new vertex in each removed cell's vertices
+        pivot = coordinates[index, corner]
         is_degenerate = np.abs(pivot) < LEAST_PIVOT
         self.failed[row[is_degenerate]] = True
         column = inverse[index, :, corner] / np.where(is_degenerate, 1.0, pivot)[:, None]
-        share[index, corner] -= 1.0
+        coordinates[index, corner] -= 1.0
         planes = self.planes[row, horizon.slot] + (1.0 - height[row, horizon.slot])[:, None] * column
         horizon.cells[index, corner] = self.count
         self._points[:, self.count] = p
         self.count += 1
         slot = self._slots(removed, row)
         self._cells[row, slot] = horizon.cells
-        self._inverses[row, slot] = inverse - column[:, :, None] * share[:, None, :]
+        self._inverses[row, slot] = inverse - column[:, :, None] * coordinates[:, None, :]
         self.planes[row, slot] = planes
         self._new = row, slot
         return np.asarray(np.bincount(removed_row, minlength=len(p)) > 0)

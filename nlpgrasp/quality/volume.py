@@ -296,9 +296,9 @@ def estimate_volume(
         for _ in range(GROUPS):
             positions = (np.arange(count) + rng.random(count)) / count * total
             chosen = np.minimum(np.searchsorted(cumulative, positions), len(cumulative) - 1)
-            share = rng.dirichlet(np.ones(d), count)
+            barycentric = rng.dirichlet(np.ones(d), count)
             high.append(cells.reach[chosen])
-            group.append(np.einsum("mi,mid->md", share, cells.corners[chosen]))
+            group.append(np.einsum("mi,mid->md", barycentric, cells.corners[chosen]))
         t = _radial_reach(gauge, cells.centre, np.concatenate(group), np.concatenate(high)) ** d
         means.append(t.reshape(GROUPS, count).mean(axis=1))
         weights.append(count)
