@@ -75,11 +75,11 @@ class TaskSamples:
 
     def directions(self, rng: np.random.Generator | None = None) -> FloatArray:
         """Return well-spread directions of wrench space, (m, d), as many as there are sampled wrenches."""
-        y = self._y(self._rotated_directions(rng))
+        y = self._directions_of(self._rotated_directions(rng))
         return y[np.arange(self.count) % len(y)]
 
     def _farthest(self, local: FloatArray) -> FloatArray:
-        return self.task.support(self._y(local))[1]
+        return self.task.support(self._directions_of(local))[1]
 
     def _rotated_directions(self, rng: np.random.Generator | None) -> FloatArray:
         """Return randomly rotated unit directions in the task's axes, (m, axes)."""
@@ -89,6 +89,6 @@ class TaskSamples:
         result[:, self._spanned] = self._local @ rotation
         return result
 
-    def _y(self, local: FloatArray) -> FloatArray:
+    def _directions_of(self, local: FloatArray) -> FloatArray:
         """Return for each local direction u the direction y of least norm with ``L^T y = u``, solver units."""
         return np.asarray(np.linalg.lstsq(self._axes, local.T, rcond=None)[0].T * self.unit)
