@@ -43,7 +43,7 @@ class DualBounds(NamedTuple):
     def lower_of(self, other: DualBounds) -> DualBounds:
         """Return the lower of two bounds for each node.
 
-        The own bound stays where the other is infinite.
+        Where the other bound is infinite, the weights are those of this one.
         """
         is_lower = (self.bounds < other.bounds) | np.isinf(other.bounds)
         weights = np.where(is_lower[:, None], self.weights, other.weights)

@@ -253,7 +253,7 @@ def mu_by_steps(
 
 
 def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
-    """Return boundary wrenches (m, d) of a task, and the largest multiple of the task in their hull."""
+    """Return boundary wrenches (m, d) of a task, and a multiple of the task that their hull contains."""
     if isinstance(task, TaskPolytope):
         return task.wrenches[np.any(task.wrenches != 0.0, axis=1)], 1.0
     if not isinstance(task, TaskEllipsoid):
@@ -267,10 +267,10 @@ def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
 
 
 def _off_centre_multiple(task: TaskEllipsoid, lengths: FloatArray, inradius: float) -> float:
-    """Return the largest multiple of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
+    """Return a multiple of an off-centre ellipsoid that the hull of its samples contains, 0 if unknown.
 
-    With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds
-    ``c + inside L u``, hence ``(inside - rho) / (1 - rho)`` times the ellipsoid.
+    With the origin inside the samples' ellipsoid at ``|v| = rho < r`` (in units of the axes, r the inradius) the hull
+    holds ``c + r L u``, hence ``(r - rho) / (1 - rho)`` times the ellipsoid.
     """
     coordinates = np.linalg.lstsq(lengths.T, -task.center, rcond=None)[0]
     remainder = lengths.T @ coordinates + task.center

@@ -72,7 +72,10 @@ class EllipsoidCell(SurfaceCell):
         return int(np.argmax(lengths))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return a ball around the central point, with largest semi-axis times angle to a corner as radius."""
+        """Return a ball about the central point; its radius is the largest semi-axis times the largest angle.
+
+        The angle is that from the central point to a corner.
+        """
         centre = self.corners.mean(axis=0)
         centre /= np.linalg.norm(centre)
         return centre * self.a, float(np.max(self.a) * np.max(angles_along(self.corners, centre[None])))
