@@ -30,7 +30,7 @@ ON_FACE = 1e-6  # of the body's size: distance within which a point counts as on
 
 @dataclass(frozen=True, repr=False)
 class Face:
-    """A smooth piece of a body's surface: ``h(p) = 0`` within its extent.
+    """A smooth piece of a body's surface: ``h(p) = 0`` within given limits.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ class Face:
         return f"Face({self.name!r})"
 
     def limits(self, p: Expression, margin: float) -> list[Expression]:
-        """Return expressions that are at most zero where p is on the face, a margin, metres, off its sharp edges."""
+        """Return expressions that are at most 0 inside the face, at least a margin (metres) off its sharp edges."""
         extents = list(self.extent(p))
         sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
         limits = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
         return limits + [margin - distance for distance in self.edges(p)] if margin > 0.0 else limits
 
     def compile_surface(self, p: Expression, margin: float) -> ca.Function:
-        """Return one compiled function of a point to surface function, gradient norm, unit outward normal, limits."""
+        """Return a compiled CasADi function: point to (h, gradient norm, unit outward normal, limits)."""
         h = self.surface(p)
         gradient = ca.gradient(h, p)
         slope = ca.norm_2(gradient)
@@ -80,20 +80,20 @@ class Face:
 
 
 def exterior_angles(corners: FloatArray) -> FloatArray:
-    """Return the exterior angles (m,), radians, positive to the left, at the vertices (m, 2) of a polygon."""
+    """Return the exterior angle at each vertex (m, 2) of a polygon, (m,), radians, positive for a left turn."""
     incoming, outgoing = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     cross = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
     return np.asarray(np.arctan2(cross, np.sum(incoming * outgoing, axis=1)))
 
 
 class DisplayedBody(InNotebook, JsonPart):
-    """Mixin that displays a body."""
+    """Mixin that shows a body on an HTML page and in notebooks."""
 
     _card: ClassVar[tuple[str, str]] = CARD
 
     @property
     def shown_name(self) -> str:
-        """Title of the body's page."""
+        """Title of the HTML page that shows the body."""
         return self.kind
 
     def show(self, path: str | Path | None = None) -> Path:
@@ -170,20 +170,20 @@ class Body(DisplayedBody):
 
     @property
     def cramped(self) -> bool:
-        """Whether a round fingertip in contact at one point may penetrate the body at another: false if convex."""
+        """Whether a fingertip in contact at one point of the body may penetrate it at another: false if convex."""
         return False
 
     @property
     def symbol(self) -> type[ca.SX] | type[ca.MX]:
-        """CasADi type that the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
+        """CasADi type of the surface expressions: ``casadi.SX``, or ``casadi.MX`` for splines."""
         return ca.SX
 
     def point(self) -> Expression:
-        """Return a symbol for a point of the body's frame, (space,), of the type the surface is stated in."""
+        """Return a CasADi symbol for a point in the body frame, (space,), of the type ``symbol``."""
         return self.symbol.sym("p", self.space)
 
     def distance(self, p: Expression) -> Expression:
-        """Return the signed distance of a CasADi point, or a lower bound on it outside, metres, negative inside.
+        """Return the signed distance of a CasADi point, metres, negative inside; outside possibly a lower bound.
 
         A lower bound makes constraints on clearance conservative. By default ``h / |grad h|``, exact to first order
         near the surface and a lower bound wherever h is convex; a body with several faces has to define it.
@@ -194,9 +194,10 @@ class Body(DisplayedBody):
         return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + TINY)
 
     def triangles(self) -> tuple[FloatArray, IntArray] | None:
-        """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3), or None.
+        """Return a triangulation of the surface: vertices (n, 3), metres, and triangles (m, 3); by default None.
 
-        Triangles are counter-clockwise from outside. A planar body is a plate about z = 0, ``PLATE`` of its size thick.
+        The vertices are on the surface. Triangles are counter-clockwise from outside. A planar body is a plate about z
+        = 0, ``PLATE`` of its size thick.
         """
         return None
 
@@ -216,7 +217,7 @@ class Body(DisplayedBody):
         return BatchEvaluator(self.distance_function)
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
-        """Return the given face names, or all if None; raise for names that the body does not have."""
+        """Return the given face names, or all of the body's if None; raise for unknown names."""
         if names is None:
             return self.face_names
         selected = tuple(names)
@@ -228,7 +229,7 @@ class Body(DisplayedBody):
         return selected
 
     def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:
-        """Return the compiled ``p -> (h, gradient norm, unit outward normal, extents)`` of a face.
+        """Return the compiled function ``p -> (h, gradient norm, unit outward normal, extents)`` of a face.
 
         Extents are at most zero at points of the face at least a margin, metres, away from its sharp edges.
         """
@@ -238,26 +239,26 @@ class Body(DisplayedBody):
         return functions[name, margin]
 
     def _surface_evaluator(self, name: str, margin: float = 0.0) -> BatchEvaluator:
-        """Return the evaluator of ``surface_function``."""
+        """Return an evaluator of ``surface_function`` at many points."""
         evaluators = self._surface_evaluators
         if (name, margin) not in evaluators:
             evaluators[name, margin] = BatchEvaluator(self.surface_function(name, margin))
         return evaluators[name, margin]
 
     def shared_surface(self, margin: float) -> ca.Function | None:
-        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of all faces; None where these differ."""
+        """Return the function ``(p, geometry) -> (h, unit outward normal, extents)`` shared by all faces, or None."""
         return None
 
     def geometry(self, name: str) -> FloatArray:
-        """Return the geometry of a face, (q,), for ``shared_surface``."""
+        """Return the parameters of a face, (q,), that ``shared_surface`` takes as ``geometry``."""
         raise NotImplementedError(f"{type(self).__name__}.geometry")
 
     def room(self, name: str) -> float:
-        """Return the largest distance from sharp edges on a face, metres; inf without sharp edges."""
+        """Return the largest distance of a point of the face from sharp edges, metres; inf without sharp edges."""
         return self.face(name).room
 
     def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, space) on a face from its sharp edges; inf without any."""
+        """Return the distances (m,), metres, of points (m, space) of a face from sharp edges; inf without any."""
         face = self.face(name)
         if not np.isfinite(face.room):
             return np.full(len(points), np.inf)
@@ -267,7 +268,7 @@ class Body(DisplayedBody):
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Evaluate surface function, gradient norm, unit outward normal and largest extent at points (m, space).
+        """Evaluate a face at points (m, space): h, gradient norm, unit outward normal, largest extent.
 
         Parameters
         ----------
@@ -297,7 +298,7 @@ class Body(DisplayedBody):
         return (np.abs(h) <= ON_FACE * self.size * slope) & (extent <= ON_FACE * self.size)
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
-        """Project points (m, space) onto ``h = 0`` by Newton steps along the normal, and return them, (m, space)."""
+        """Return points (m, space) projected onto a face's surface ``h = 0`` by Newton steps along the normal."""
         lower, upper = self.bounds
         margin = 0.05 * self.size
         p = np.array(points, dtype=float)
@@ -336,7 +337,7 @@ class Body(DisplayedBody):
         return np.concatenate(samples)[:count]
 
     def _surrounding_points(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Return random points (m, space) whose projections cover the surface, some ``count`` of each face."""
+        """Return random points (m, space), enough for about ``count`` samples of a face by projection."""
         lower, upper = self.bounds
         return rng.uniform(lower, upper, (4 * count + 16, self.space))
 
@@ -359,7 +360,7 @@ class Body(DisplayedBody):
 
 
 def intersection(parts: Sequence[Expression]) -> Expression:
-    """Return the signed distance to an intersection of sets with orthogonal distance gradients."""
+    """Return the signed distance to an intersection of sets, given the distances to each (orthogonal gradients)."""
     positive = sum(ca.fmax(d, 0.0) ** 2 for d in parts)
     largest = parts[0]
     for d in parts[1:]:
@@ -368,7 +369,7 @@ def intersection(parts: Sequence[Expression]) -> Expression:
 
 
 class CentredBody(Body):
-    """A body in space whose bounding box and volume are centred on the origin."""
+    """A body in space whose bounding box and centroid are centred on the origin."""
 
     @property
     @abstractmethod
@@ -382,5 +383,5 @@ class CentredBody(Body):
 
     @property
     def centroid(self) -> FloatArray:
-        """Centre of volume, (3,), metres: the origin, also where it is not in the body."""
+        """Centre of volume, (3,), metres: the origin, even if it is outside the body."""
         return np.zeros(3)

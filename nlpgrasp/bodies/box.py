@@ -61,7 +61,7 @@ class Box(CentredBody):
 
 
 def _side(axis: int, sign: float, half: FloatArray) -> Face:
-    """Return the face of a box across an axis, on the positive or negative side."""
+    """Return the face of a box perpendicular to an axis, on the positive or negative side."""
     transverse = [i for i in range(3) if i != axis]
 
     def extent(p: Expression) -> list[Expression]:

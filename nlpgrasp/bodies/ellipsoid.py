@@ -20,7 +20,7 @@ ROWS = 15  # rows of triangles between a pole and the equator
 
 @dataclass(frozen=True)
 class Ellipsoid(CentredBody):
-    """An ellipsoid about the origin; one face, ``surface``.
+    """An axis-aligned ellipsoid centred at the origin; one face, ``surface``.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Ellipsoid(CentredBody):
         return (Face("surface", lambda p: scale * (ca.sumsqr(p / axes) - 1.0)),)
 
     def distance(self, p: Expression) -> Expression:
-        """Return ``(g - 1) / |grad g|`` with the gauge ``g = |p / a|``: a lower bound outside, g being convex."""
+        """Return the distance ``(g - 1) / |grad g|`` of a CasADi point, with ``g = |p / a|``, a lower bound outside."""
         axes = ca.DM(np.asarray(self.semi_axes, dtype=float))
         gauge = ca.sqrt(ca.sumsqr(p / axes) + TINY)
         return (gauge - 1.0) * gauge / ca.sqrt(ca.sumsqr(p / axes**2) + TINY)

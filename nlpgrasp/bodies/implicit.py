@@ -65,7 +65,7 @@ class Implicit(Body):
 
     @cached_property
     def centroid(self) -> FloatArray:
-        """Centroid approximated by the grid points with ``h <= 0`` (60 per side), (space,), metres."""
+        """Approximate centroid, (space,), metres: mean of the grid points with ``h <= 0``, 60 per side."""
         return _grid_centroid(self)
 
     def make_faces(self) -> tuple[Face, ...]:
@@ -123,7 +123,7 @@ class PlanarImplicit(Implicit):
 
 
 def _grid_centroid(body: Body, resolution: int = 60) -> FloatArray:
-    """Return the centroid (space,), metres, of ``{h <= 0}`` for a body of one face, averaged over a grid."""
+    """Return the mean of the grid points inside a body with one face, (space,), metres."""
     lower, upper = body.bounds
     axes = [
         np.linspace(a, b, resolution, endpoint=False) + (b - a) / (2 * resolution)

@@ -71,7 +71,7 @@ class Polygon(Body):
         return polygon_distance(self.corners, p)
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return a triangulation of a thin plate: vertices (n, 3), metres, and triangles (m, 3)."""
+        """Return a triangulation of the polygon as a thin plate: vertices (n, 3), metres, and triangles (m, 3)."""
         half = PLATE / 2.0 * self.size
         return extrude(self.corners, -half, half)
 
@@ -123,7 +123,7 @@ def _area(v: FloatArray) -> float:
 
 
 def polygon_distance(v: FloatArray, p: Expression) -> Expression:
-    """Return the signed distance of a CasADi point (its first two coordinates) to a polygon, negative inside."""
+    """Return the signed distance of a CasADi point to a polygon in the xy plane, negative inside."""
     nearest: Expression = np.inf
     sign: Expression = 1.0
     for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
@@ -138,7 +138,7 @@ def polygon_distance(v: FloatArray, p: Expression) -> Expression:
 
 
 def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> Face:
-    """Return the face of edge i: a segment, or a rectangle of the given height about z = 0."""
+    """Return the face of a polygon's edge: a segment, or a rectangle of the given height about z = 0."""
     start, end = v[i], v[(i + 1) % len(v)]
     length = float(np.linalg.norm(end - start))
     direction = (end - start) / length
@@ -179,8 +179,8 @@ def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, 
         return float((p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]))
 
     def distance(p: FloatArray, o: FloatArray, e: FloatArray) -> float:
-        share = np.clip((p - o) @ (e - o) / ((e - o) @ (e - o)), 0.0, 1.0)
-        return float(np.linalg.norm(p - o - share * (e - o)))
+        position = np.clip((p - o) @ (e - o) / ((e - o) @ (e - o)), 0.0, 1.0)
+        return float(np.linalg.norm(p - o - position * (e - o)))
 
     if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
         return True

@@ -54,7 +54,7 @@ class Prism(Body):
 
     @property
     def bounds(self) -> FloatArray:
-        """Bounding box of polygon and height, (2, 3): lower corner, upper corner, metres."""
+        """Bounding box, (2, 3): lower corner, upper corner, metres."""
         half = self.height / 2.0
         lower, upper = self.corners.min(axis=0), self.corners.max(axis=0)
         return np.stack([np.append(lower, -half), np.append(upper, half)])

@@ -22,7 +22,7 @@ Kind = TypeVar("Kind", bound=Body)
 
 
 def register(body: type[Kind]) -> type[Kind]:
-    """Register a body type for JSON files; also as a decorator.
+    """Register a body type for JSON files; usable as a decorator.
 
     Parameters
     ----------

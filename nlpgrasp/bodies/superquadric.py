@@ -1,4 +1,4 @@
-"""Superquadric, from rounded boxes to ellipsoids and octahedral shapes."""
+"""Superquadric: rounded box, ellipsoid or octahedral shape."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Superquadric(CentredBody):
         return np.asarray(self.semi_axes, dtype=float)
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face: a function homogeneous of degree 1, less 1, scaled to metres."""
+        """Return the one face ``g(p) = 1``, scaled to metres, with g homogeneous of degree 1."""
         axes = np.asarray(self.semi_axes, dtype=float)
         e1, e2 = np.asarray(self.exponents, dtype=float)
         tiny = 1e-8  # rounds the planes of symmetry, where powers below 2 have no second derivative

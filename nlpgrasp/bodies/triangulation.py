@@ -57,7 +57,7 @@ def circle_points(radius: float, count: int) -> FloatArray:
 
 
 def clip_ears(outline: FloatArray) -> IntArray:
-    """Triangulate a simple polygon by ear clipping, and return the triangles (m - 2, 3), counter-clockwise.
+    """Return the triangles (m - 2, 3), counter-clockwise, of a simple polygon (m, 2), by ear clipping.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def clip_ears(outline: FloatArray) -> IntArray:
 
 
 def _is_ear(outline: FloatArray, remaining: list[int], i: int) -> bool:
-    """Return whether a corner is an ear: convex, with no other vertex in its triangle."""
+    """Return whether a corner of a polygon is an ear: convex, with no other vertex in its triangle."""
     corners = [remaining[i - 1], remaining[i], remaining[(i + 1) % len(remaining)]]
     a, b, c = outline[corners]
     if _twice_signed_area(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
@@ -137,7 +137,7 @@ def triangulate_sphere(rows: int) -> tuple[FloatArray, IntArray]:
 
 
 def triangulate_torus(major: float, minor: float, around: int, across: int) -> tuple[FloatArray, IntArray]:
-    """Return a torus about z of ``2 around across`` triangles, counter-clockwise from outside; radii in metres."""
+    """Return a torus about z as ``2 around across`` triangles, counter-clockwise from outside."""
     u = np.repeat(np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), across)
     v = np.tile(np.linspace(0.0, 2.0 * np.pi, across, endpoint=False), around)
     ring = major + minor * np.cos(v)
@@ -189,8 +189,8 @@ def superellipse_quarter(exponent: float, count: int) -> FloatArray:
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     turning = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(headings))), [0.0]])
     turning[-1] = turning[-2]
-    share = length / length[-1] + turning / max(float(turning[-1]), 1e-12)
-    chosen = np.searchsorted(share, np.linspace(0.0, share[-1], count + 1)[1:-1])
+    progress = length / length[-1] + turning / max(float(turning[-1]), 1e-12)
+    chosen = np.searchsorted(progress, np.linspace(0.0, progress[-1], count + 1)[1:-1])
     return np.concatenate([[[1.0, 0.0]], curve[chosen], [[0.0, 1.0]]])
 
 

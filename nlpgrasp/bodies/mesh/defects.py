@@ -33,7 +33,7 @@ FEW = 1000  # triangles: below, the cache saves no time
 
 
 def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
-    """Raise if repair would have to guess surface: at large holes and at faces with a reversed copy.
+    """Raise if repairing a mesh would invent surface: large holes, or triangles with reversed copies.
 
     Raises
     ------
@@ -50,11 +50,11 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
     filled.fill_holes()
     fill, area = np.asarray(filled.faces)[np.count_nonzero(is_kept) :], float(filled.area)
 
-    edges, counts = np.unique(_edge_numbers(faces[is_kept]), return_counts=True)
+    edges, counts = np.unique(_edge_ids(faces[is_kept]), return_counts=True)
     group = np.asarray(np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)[1]).ravel()
     pairs = faces[~np.isin(group, group[is_kept])]
-    removed = pairs[np.any(np.isin(_edge_numbers(pairs), edges[counts == 1]), axis=1)]
-    restored = np.any(np.isin(_edge_numbers(fill), _edge_numbers(removed)), axis=1)
+    removed = pairs[np.any(np.isin(_edge_ids(pairs), edges[counts == 1]), axis=1)]
+    restored = np.any(np.isin(_edge_ids(fill), _edge_ids(removed)), axis=1)
     lost = _areas(vertices, removed).sum() / 2.0  # each is there both ways round
     if abs(lost - _areas(vertices, fill[restored]).sum()) > SAME_AREA * area:
         raise InputError(
@@ -66,7 +66,7 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
 
 
 def _check_holes(vertices: FloatArray, fill: IntArray, area: float, origin: FloatArray) -> None:
-    """Raise if the triangles (f, 3) that fill holes exceed ``LARGEST_FILL`` of the surface area, m^2."""
+    """Raise if the triangles (f, 3) that fill holes are more than ``LARGEST_FILL`` of the surface area."""
     areas = _areas(vertices, fill)
     if areas.sum() > LARGEST_FILL * area:
         holes = MeshParts(vertices, fill).labels
@@ -93,7 +93,7 @@ def defect_warnings(mesh: trimesh.Trimesh) -> tuple[str, ...]:
 
 
 def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
-    """Return the warnings of ``defect_warnings`` for vertices (v, 3), metres, and triangles (f, 3)."""
+    """Return the warnings of ``defect_warnings``, given vertices (v, 3), metres, and triangles (f, 3)."""
     origin = local_origin(vertices)
     local = relative_to(vertices, origin)
     warnings = []
@@ -112,7 +112,7 @@ def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
 
 
 def self_intersections(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return points (p, 3), metres, of self-intersection; none where nothing is detected.
+    """Return points (p, 3), metres, where a mesh intersects itself; empty if no intersection is detected.
 
     Rays along the edges detect where they pass through triangles by more than rounding. Large overlaps whose edges
     meet exactly are detected by sampled rays to both sides of the surface: the inward ray must leave the body where
@@ -131,7 +131,7 @@ def self_intersections(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 class _RayCaster:
-    """First intersections of rays with a mesh, which is scaled so that libigl takes no triangle for degenerate.
+    """Ray casting against a mesh, scaled so that libigl takes no triangle for degenerate.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class _RayCaster:
         self._tree.init(*self._mesh)
 
     def first_hits(self, origins: FloatArray, directions: FloatArray, farthest: float) -> tuple[IntArray, FloatArray]:
-        """Return the triangles first hit by rays (m, 3), -1 without any, and their parameters along the rays, (m,)."""
+        """Return the triangle that each ray hits first, (m,), -1 for none, and the ray parameter of the hit, (m,)."""
         rays = (np.ascontiguousarray(self._scale * values) for values in (origins, directions))
         triangles, parameters, _ = self._tree.intersect_ray_first(*self._mesh, *rays, farthest)
         return np.asarray(triangles).ravel(), np.asarray(parameters, dtype=float).ravel()
@@ -229,7 +229,7 @@ def _components(count: int, first: IntArray, second: IntArray) -> NDArray[np.int
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _edge_numbers(faces: IntArray) -> NDArray[np.int64]:
+def _edge_ids(faces: IntArray) -> NDArray[np.int64]:
     """Return an integer identifier for each undirected edge of each triangle, (f, 3)."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     return np.asarray(ends.min(axis=2) << 32 | ends.max(axis=2), dtype=np.int64)

@@ -16,7 +16,7 @@ MARGIN = 0.04  # of the size: grid beyond the body
 
 
 def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
-    """Return vertices (n, 3), metres, and at most ``most`` triangles (m, 3); a planar body becomes a thin plate.
+    """Return a body's surface for display: vertices (n, 3), metres, and at most ``most`` triangles (m, 3).
 
     A mesh, or a body's own triangulation, is simplified; a body without one, and a mesh that cannot be simplified, is
     first triangulated by marching cubes of its signed distance.
@@ -29,7 +29,7 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
 
 
 def simplify(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
-    """Return vertices (n, 3) and at most ``most`` triangles (m, 3); all where simplification fails."""
+    """Return a triangle mesh simplified to at most ``most`` triangles, or unchanged if that fails."""
     if len(faces) > most:
         simple = cached_arrays(
             "triangles", [vertices, faces, str(most).encode()], lambda: _decimate(vertices, faces, most)

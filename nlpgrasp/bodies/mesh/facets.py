@@ -1,4 +1,4 @@
-"""Triangles of a mesh as planar faces, the surfaces ``h_1(p) = 0 ... h_l(p) = 0`` of (3.5-1)."""
+"""Mesh body whose faces are the triangles that contacts lie on: the surfaces ``h_i(p) = 0`` of (3.5-1)."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class Facets(Body):
 
     def __init__(self, mesh: Mesh, triangles: NDArray[np.intp], points: FloatArray, margin: float) -> None:
         self.mesh, self.margin = mesh, margin
-        self.points, self.numbers = points, triangles
-        self.names = tuple(f"contact {i}, triangle {number}" for i, number in enumerate(triangles.tolist()))
+        self.points, self.triangle_indices = points, triangles
+        self.names = tuple(f"contact {i}, triangle {triangle}" for i, triangle in enumerate(triangles.tolist()))
 
     @staticmethod
     def triangle_of(name: str) -> int:
-        """Return the triangle index in a face's name."""
+        """Return the triangle index that a face's name contains."""
         return int(name.rpartition(" ")[2])
 
     @property
@@ -63,13 +63,13 @@ class Facets(Body):
         return self.mesh.distance_function
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return a face for each contact."""
+        """Return the planar face of each contact's triangle."""
         return tuple(_facet_face(name, ca.DM(facet.geometry)) for name, facet in self._facets.items())
 
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return height, ones, outward normals and largest extent, as ``Body.evaluate``, without compilation."""
+        """Evaluate a face as ``Body.evaluate`` does, without a compiled function."""
         return self._facets[name].evaluate(points, margin)
 
     def to_dict(self) -> Json:
@@ -77,7 +77,7 @@ class Facets(Body):
         return self.mesh.to_dict()
 
     def shared_surface(self, margin: float) -> ca.Function:
-        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` for the triangles of all contacts."""
+        """Return the function ``(p, geometry) -> (h, unit outward normal, extents)`` shared by all triangles."""
         return _shared_surface(len(self.geometry(self.names[0])), margin)
 
     def geometry(self, name: str) -> FloatArray:
@@ -87,13 +87,13 @@ class Facets(Body):
     @cached_property
     def _facets(self) -> dict[str, _Facet]:
         corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
-        contacts = zip(self.names, self.points.transpose(1, 0, 2), self.numbers, strict=True)
+        contacts = zip(self.names, self.points.transpose(1, 0, 2), self.triangle_indices, strict=True)
         return {
             name: _Facet.of(corners[i], outward[i], self._sharp_edges(positions)) for name, positions, i in contacts
         }
 
     def _sharp_edges(self, positions: FloatArray) -> FloatArray:
-        """Return the end points (e, 2, 3) of sharp edges near contact points (n, 3); none if the margin is zero."""
+        """Return the end points (e, 2, 3) of sharp edges near contact points (n, 3); empty if the margin is zero."""
         if self.margin == 0.0:
             return np.zeros((0, 2, 3))
         edges = np.concatenate([self.mesh.sharp_edges(point, NEAREST) for point in positions]).reshape(-1, 6)
@@ -131,34 +131,34 @@ class _Facet:
 
     @property
     def geometry(self) -> FloatArray:
-        """All numbers of the facet, (q,)."""
+        """Normal, corners, side normals and sharp edges of the facet in one vector, (q,)."""
         return np.concatenate([self.outward, self.corners.ravel(), self.away.ravel(), self.edges.ravel()])
 
     def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return height over the plane, ones, unit outward normals and largest extent at points (m, 3)."""
+        """Return h, gradient norm (one), unit outward normal and largest extent at points (m, 3)."""
         offsets = points[:, None] - self.corners
         extents = np.max(np.einsum("msi,si->ms", offsets, self.away), axis=1, initial=-np.inf)
         if len(self.edges) and margin > 0.0:
             directions = self.edges[:, 1] - self.edges[:, 0]
-            share = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], directions) / np.sum(
+            position = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], directions) / np.sum(
                 directions**2, axis=1
             )
-            nearest = self.edges[:, 0] + np.clip(share, 0.0, 1.0)[..., None] * directions
+            nearest = self.edges[:, 0] + np.clip(position, 0.0, 1.0)[..., None] * directions
             distances = np.linalg.norm(points[:, None] - nearest, axis=2)
             extents = np.maximum(extents, margin - np.min(distances, axis=1))
         return offsets[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), extents
 
 
 @lru_cache
-def _shared_surface(numbers: int, margin: float) -> ca.Function:
-    """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of a facet with so many numbers."""
-    p, q = ca.SX.sym("p", 3), ca.SX.sym("q", numbers)
+def _shared_surface(parameter_count: int, margin: float) -> ca.Function:
+    """Return the compiled ``(p, geometry) -> (h, unit outward normal, extents)`` of a facet with q parameters."""
+    p, q = ca.SX.sym("p", 3), ca.SX.sym("q", parameter_count)
     face = _facet_face("triangle", q)
     return ca.Function("triangle", [p, q], [face.surface(p), q[:3], ca.vertcat(*face.limits(p, margin))])
 
 
 def _facet_face(name: str, geometry: Expression) -> Face:
-    """Return the face of CasADi expressions with the geometry (q,) of a facet."""
+    """Return the face, as CasADi expressions, of a facet with parameters ``geometry``, (q,)."""
     outward, *vectors = ca.vertsplit(geometry, 3)
     corners, side_normals, ends = vectors[:SIDES], vectors[SIDES : 2 * SIDES], vectors[2 * SIDES :]
 
@@ -177,5 +177,5 @@ def _facet_face(name: str, geometry: Expression) -> Face:
 def _segment_distance(p: Expression, start: Expression, end: Expression) -> Expression:
     """Return the distance of a CasADi point from a line segment."""
     direction = end - start
-    share = ca.fmin(ca.fmax(ca.dot(p - start, direction) / ca.dot(direction, direction), 0.0), 1.0)
-    return ca.norm_2(p - start - share * direction)
+    position = ca.fmin(ca.fmax(ca.dot(p - start, direction) / ca.dot(direction, direction), 0.0), 1.0)
+    return ca.norm_2(p - start - position * direction)

@@ -1,4 +1,4 @@
-"""Body from a triangle mesh with a smoothed signed distance, its sharp edges and normal cones."""
+"""Body from a triangle mesh: smoothed signed distance, sharp edges, normal cones."""
 
 from __future__ import annotations
 
@@ -170,13 +170,13 @@ class Mesh(Body):
 
     @cached_property
     def offset(self) -> SmoothOffset:
-        """Distance of the mesh from its smoothed surface, metres: 80th percentile ``most``, and ``largest``."""
+        """Distance between mesh and smoothed surface, metres: 80th percentile ``most`` and maximum ``largest``."""
         points, _ = self.surface_samples(OFFSET_SAMPLES, np.random.default_rng(0))
         return smooth_offset(self, points, self._cell, self.wall)
 
     @property
     def _cell(self) -> float:
-        """Side of a cell of the smoothed distance grid, metres."""
+        """Side length of a cell of the smoothed distance grid, metres."""
         return float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution
 
     @property
@@ -186,15 +186,15 @@ class Mesh(Body):
 
     @property
     def cramped(self) -> bool:
-        """Always true: a mesh may have any concavity."""
+        """Always true: a mesh may be concave."""
         return True
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face: the zero set of the smoothed spline, with its distance from the mesh's sharp edges."""
+        """Return the one face: the zero set of the smoothed distance spline."""
         return (Face("surface", self._spline.expression, edges=self._edge_distances),)
 
     def _edge_distances(self, p: Expression) -> list[Expression]:
-        """Return the splined distance from sharp edges less its usual overestimate; empty without sharp edges."""
+        """Return the spline of the distance from sharp edges, less its typical error; an empty list without any."""
         if not len(self._edges):
             return []
         return [self._edge_spline.expression(p) - EDGE_OVERESTIMATE * self._cell]
@@ -220,7 +220,7 @@ class Mesh(Body):
         return self.surface_samples(count + count // 4, rng)[0]
 
     def distance(self, p: Expression) -> Expression:
-        """Return a spline of the unsmoothed signed distance; beyond its grid, a lower bound."""
+        """Return the spline of the unsmoothed signed distance at a CasADi point; beyond the grid, a lower bound."""
         return self._clearance_spline.extended(p)
 
     @cached_property
@@ -232,7 +232,7 @@ class Mesh(Body):
         return distance_spline(vertices, np.asarray(self.mesh.faces), max(int(cells), 8), 0.0, margin)
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, 3) to the mesh itself, (m,), metres, negative inside, within 1 %."""
+        """Return the signed distance of points (m, 3) to the mesh within 1 %, (m,), metres, negative inside."""
         return self._tree.signed_distance(points)
 
     def clearance(self, points: FloatArray) -> FloatArray:
@@ -240,7 +240,7 @@ class Mesh(Body):
         return self._tree.exact_signed_distance(points)
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the nearest points of the mesh, the outward normals there and the distances.
+        """Return the points of the mesh nearest to points (m, 3), with outward normals and distances.
 
         Parameters
         ----------
@@ -276,7 +276,7 @@ class Mesh(Body):
         return SearchTree(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
 
     def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, 3) from the mesh's sharp edges; inf without any."""
+        """Return the distances (m,), metres, of points (m, 3) from the nearest sharp edge; inf without sharp edges."""
         del name
         return self._edges.distance(points)
 
@@ -290,7 +290,7 @@ class Mesh(Body):
         return len(self._edges)
 
     def room(self, name: str) -> float:
-        """Return the largest distance from sharp edges over sampled points, metres; inf without sharp edges."""
+        """Return the largest distance of sampled surface points from sharp edges, metres; inf without sharp edges."""
         del name
         return self._room
 
@@ -333,7 +333,7 @@ class Mesh(Body):
 
 
 class SharpEdges:
-    """Edges with more than 30 degrees between adjacent triangle normals, convex or concave.
+    """Sharp edges of a mesh: more than 30 degrees between the adjacent triangles' normals, convex or concave.
 
     Parameters
     ----------
@@ -359,7 +359,7 @@ class SharpEdges:
         return len(self._edges)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, 3) from the nearest sharp edge; inf without any."""
+        """Return the distances (m,), metres, of points (m, 3) from the nearest sharp edge; inf without sharp edges."""
         if not len(self._edges) or not len(points):
             return np.full(len(points), np.inf)
         return np.asarray(np.sqrt(self._tree.nearest(points)[0]))
@@ -368,8 +368,8 @@ class SharpEdges:
         """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
         ends = self._vertices[self._edges]
         directions = ends[:, 1] - ends[:, 0]
-        share = np.sum((point - ends[:, 0]) * directions, axis=1) / np.maximum(np.sum(directions**2, axis=1), 1e-300)
-        foot = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * directions
+        position = np.sum((point - ends[:, 0]) * directions, axis=1) / np.maximum(np.sum(directions**2, axis=1), 1e-300)
+        foot = ends[:, 0] + np.clip(position, 0.0, 1.0)[:, None] * directions
         return np.asarray(ends[np.argsort(np.linalg.norm(foot - point, axis=1), kind="stable")[:count]])
 
 
@@ -403,7 +403,10 @@ def angles_off_normals(
 
 
 def _angle_to_cone(normals: FloatArray, normal: FloatArray, in_cone: bool) -> float:
-    """Return the angle, radians, between a unit vector (3,) and the nearest of (n, 3), or their convex cone."""
+    """Return the angle, radians, between a unit vector (3,) and the nearest of (n, 3) unit vectors.
+
+    With ``in_cone``, also the vectors of their convex cone count.
+    """
     from scipy.optimize import nnls
 
     smallest = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(normals - normal, axis=1) / 2.0, 0.0, 1.0))))

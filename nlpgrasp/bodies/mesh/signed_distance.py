@@ -54,7 +54,7 @@ class GridResolution:
 def choose_grid_resolution(
     extents: FloatArray, wall: float, smoothing: float | None = None, resolution: int | None = None
 ) -> GridResolution:
-    """Choose resolution and smoothing of a grid such that 2.4 standard deviations of the Gaussian fit into a wall.
+    """Return a grid's resolution and smoothing: walls are at least 2.4 standard deviations of the Gaussian thick.
 
     Given values are kept. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
     surface inwards: by a sixteenth of an even wall's thickness at 2.4 deviations, and at less than 1.6 the wall
@@ -84,9 +84,10 @@ def choose_grid_resolution(
 
 
 def automatic_resolution(extents: FloatArray) -> int:
-    """Return the number of grid cells along the longest side: enough for the shortest, at most 600,000 points.
+    """Return the default number of grid cells along the longest side of a bounding box.
 
-    On a grid too coarse for a slender part, smoothing dissolves it: at 48 cells a hammer's handle moved by 13 mm.
+    The shortest side has at least 16 cells, unless the grid then has more than 600,000 points. On a grid too coarse for
+    a slender part, smoothing dissolves it: at 48 cells a hammer's handle moved by 13 mm.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ class DistanceSpline:
         return self.function(self._local(p))
 
     def _local(self, p: ca.MX) -> ca.MX:
-        """Return a point relative to the origin."""
+        """Return a point relative to the spline's origin."""
         return p - ca.DM(self.origin) if np.any(self.origin) else p
 
     @cached_property
@@ -220,7 +221,7 @@ def _function_with_derivatives(spline: SplineTerms) -> ca.Function:
 def distance_spline(
     vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float = 0.0
 ) -> DistanceSpline:
-    """Return the spline of the signed distance, negative inside, smoothed if ``smoothing`` is above 0.
+    """Return a spline of a mesh's signed distance, negative inside, smoothed if ``smoothing`` is above 0.
 
     The sign comes from fast winding numbers (Barill et al. 2018, doi:10.1145/3197517.3201337), so that scans
     with small defects have an inside.
@@ -249,7 +250,9 @@ def distance_spline(
 
 
 def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int) -> DistanceSpline:
-    """Return the spline of the distance from mesh edges (m, 2); beyond a cell, accurate to a tenth of a cell.
+    """Return a spline of the distance from mesh edges (m, 2).
+
+    Beyond a cell from the edges it is accurate to a tenth of a cell.
 
     Parameters
     ----------
@@ -273,7 +276,7 @@ def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int)
 
 
 def _spline_of(arrays: Mapping[str, NDArray[Any]], origin: FloatArray) -> DistanceSpline:
-    """Return the spline of cached knots, coefficients and box."""
+    """Return the spline with cached knots, coefficients and box."""
     knots = tuple(arrays[f"knots {axis}"].tolist() for axis in range(3))
     return DistanceSpline(knots, arrays["coefficients"], arrays["box"], origin)
 
@@ -284,7 +287,7 @@ def _tensor_grid(axes: Sequence[FloatArray]) -> FloatArray:
 
 
 def _exact_distance(distance: Distance, points: FloatArray) -> FloatArray:
-    """Return the distance of points (..., 3)."""
+    """Return the values (...) of a distance function at points (..., 3)."""
     return distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
 
 
@@ -363,7 +366,7 @@ def inward_rays(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, FloatArr
 def first_hits(
     mesh: trimesh.Trimesh, points: FloatArray, directions: FloatArray
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the lengths (n,), metres, of rays up to the first triangle that they hit, and that triangle (n,).
+    """Return each ray's length up to the first triangle it hits, (n,), metres, and that triangle's index, (n,).
 
     A ray that hits nothing is as long as the mesh, and its triangle is -1.
     """
@@ -401,7 +404,7 @@ class SmoothOffset:
 
 
 def smooth_offset(body: Body, start: FloatArray, cell: float, wall: float) -> SmoothOffset:
-    """Return a quantile and the largest of the distances of sampled mesh points from the smoothed surface.
+    """Return the 80th percentile and the maximum of the distances of mesh points from the smoothed surface.
 
     Newton steps of at most a grid cell lead from each point to the smoothed surface. Where they do not end on it, none
     is nearby, and the distance counts as at least half the wall thickness.
