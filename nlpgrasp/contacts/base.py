@@ -22,7 +22,7 @@ Blocks = tuple[tuple[slice, float], ...]  # of components with coefficients c_j:
 
 @dataclass(frozen=True)
 class ContactModel(ABC):
-    """A contact model: force components and force domain K_i, a closed convex cone (Section 2.4).
+    """A contact model: force components and force domain ``K_i``, a closed convex cone (Section 2.4).
 
     Force components are written in the contact frame, normal force first: some of
     ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)`` in space, of ``(f_n, f_t, m)`` in the plane. Methods marked *symbolic* use
@@ -49,7 +49,7 @@ class ContactModel(ABC):
 
     @abstractmethod
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the indices of the contact-frame wrench components that the model exerts, normal force first."""
+        """Return the indices of the contact-frame wrench components that the contact exerts, normal force first."""
 
     def components(self, space: int) -> int:
         """Return n_i, the number of force components in the plane (2) or in space (3)."""
@@ -67,11 +67,11 @@ class ContactModel(ABC):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Friction coefficients by name: ``friction`` and ``torsional_friction`` (metres), if any."""
+        """Friction coefficients by name, if any: ``friction``, ``torsional_friction`` (metres)."""
         return {}
 
     def with_coefficients(self, **values: float) -> Self:
-        """Return a copy with other friction coefficients, validated.
+        """Return a copy with other friction coefficients.
 
         Raises
         ------
@@ -82,13 +82,13 @@ class ContactModel(ABC):
         return replace(self, **changes)
 
     def with_friction(self, factor: float) -> Self:
-        """Return a copy with all friction coefficients times a factor; the contact itself if it has none."""
+        """Return a copy with all friction coefficients multiplied by a factor."""
         scaled = {name: factor * value for name, value in self.coefficients.items()}
         return self.with_coefficients(**scaled) if scaled else self
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the model depends on a tangent direction that is not given."""
+        """Whether the model needs a tangent direction that has not been given."""
         return False
 
     def tangents(self, normals: FloatArray) -> FloatArray:
@@ -96,12 +96,12 @@ class ContactModel(ABC):
         return any_tangents(normals)
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact in a rotated body frame with coordinates ``rotation x``, (2.5-4)."""
+        """Return the contact in a rotated body frame, whose coordinates are ``rotation x``, (2.5-4)."""
         del rotation
         return self
 
     def isotropic_relaxation(self, space: int) -> ContactModel | None:
-        """Return a contact with the same components or more, whose force domain contains this one's.
+        """Return a contact whose force domain contains this one's and is symmetric about the normal; or None.
 
         The larger force domain is the same in all directions around the normal, so that the global bound needs no
         tangents. It is the contact itself where its own force domain is; ``None`` if none is known.
@@ -110,21 +110,21 @@ class ContactModel(ABC):
         return None
 
     def has_domain_of(self, other: ContactModel, space: int) -> bool:
-        """Return whether the force domain, in components of the contact frame, is that of another contact."""
+        """Return whether the force domain equals that of another contact, in contact-frame components."""
         del space
         return self == other
 
     @abstractmethod
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""
+        """Return the Euclidean projection of force components ``z`` (..., n_i) onto ``K_i``."""
 
     def into(self, z: FloatArray) -> FloatArray:
-        """Project force components ``z`` (..., n_i) onto K_i, corrected so that the result is in K_i."""
+        """Return the projection of ``z`` (..., n_i) onto ``K_i``, corrected for errors that leave ``K_i``."""
         return self.project(z)
 
     @abstractmethod
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the upper triangle of ``derivative``, row by row, entries first, (n_i (n_i + 1) / 2, ...)."""
+        """Return the upper triangle of the matrix ``derivative``, row by row, (n_i (n_i + 1) / 2, ...)."""
 
     def derivative(self, z: FloatArray) -> FloatArray:
         """Return a generalised Jacobian (..., n_i, n_i) of the projection at ``z`` (..., n_i)."""
@@ -135,7 +135,7 @@ class ContactModel(ABC):
         return result
 
     def blocks(self, components: int) -> Blocks:
-        """Return the blocks of components with their coefficients c_j, ``|x_j| <= c_j x_n``.
+        """Return the blocks j of components and their coefficients c_j, with ``|x_j| <= c_j x_n``.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class ContactModel(ABC):
         raise InputError("contacts", self, "contacts that press")
 
     def left_for_moments(self, normal: float, tangential: float) -> float:
-        """Return the normal force, newtons, left for moments beside a tangential force."""
+        """Return the part of the normal force, newtons, that a tangential force leaves available for moments."""
         del tangential
         return normal
 
@@ -170,7 +170,7 @@ class ContactModel(ABC):
 
     @abstractmethod
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function of K_i cut off at unit normal force, ``max <z, x>``, and a maximiser.
+        """Return ``max <z, x>`` over x in ``K_i`` with normal force at most 1, and a maximiser.
 
         Returns
         -------
@@ -185,12 +185,12 @@ class ContactModel(ABC):
         """
 
     def generators(self, space: int) -> FloatArray:
-        """Return A, (n_i, m), with ``K_i = {A u : u in cones}``."""
+        """Return the matrix A, (n_i, m), with ``K_i = {A u : M u in a second-order cone for M in cones()}``."""
         return np.eye(self.components(space))
 
     @abstractmethod
     def cones(self, space: int) -> list[FloatArray]:
-        """Return matrices M (r, m) of the conditions that ``M u`` is in the second-order cone (r = 1: nonnegative)."""
+        """Return matrices M (r, m): ``M u`` must be in a second-order cone (for r = 1: nonnegative)."""
 
     @abstractmethod
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
@@ -201,21 +201,21 @@ class ContactModel(ABC):
 
     @abstractmethod
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return named expressions, all nonnegative exactly when ``x`` is in K_i (symbolic)."""
+        """Return named expressions that are all nonnegative if and only if ``x`` is in ``K_i`` (symbolic)."""
 
     def squared_size(self, x: Expression, normal: Expression) -> Expression:
-        """Return the squared norm of the force components of NLP variables ``x`` (symbolic)."""
+        """Return the squared norm of the force components, given NLP variables ``x`` (symbolic)."""
         return x.T @ x
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return the closed form of ``||P_K(z)||^2`` (symbolic), or ``None``.
+        """Return the closed form of ``||P_K(z)||^2`` (symbolic), or None.
 
         ``work`` holds the needed parts of z; ``ops`` is ``numpy`` or ``casadi``.
         """
         return None
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return the largest work of a force of unit normal force (symbolic), or ``None``.
+        """Return the largest ``<z, x>`` over forces x with unit normal force (symbolic), or None.
 
         With friction, ``z_n + friction |z_t|``. Arguments as in ``squared_support``. It may be negative; ``None`` if
         there is no closed form.
@@ -232,7 +232,7 @@ class ContactModel(ABC):
         return np.concatenate([normal, np.zeros(max(0, size - normal.shape[0]))])[:size]
 
     def normal_force(self, x: Expression, normal: Expression) -> Expression:
-        """Return ``f_n`` of NLP variables ``x`` (symbolic)."""
+        """Return the normal force ``f_n``, given NLP variables ``x`` (symbolic)."""
         return normal.T @ self.split(x, normal)[0]
 
     @abstractmethod
@@ -246,7 +246,9 @@ class ContactModel(ABC):
 
 
 class Work(NamedTuple):
-    """Work of a contact's unit forces on a twist y, ``z = G_i^T y``, by parts (numbers or symbols).
+    """Work ``z = G_i^T y`` of a contact's unit forces on a twist y: normal, tangential and torsional parts.
+
+    Numbers or symbols.
 
     Parameters
     ----------
@@ -267,7 +269,7 @@ def upper_triangle(n: int) -> list[tuple[int, int]]:
 
 
 def unit_tangential_forces(count: int, first: float) -> FloatArray:
-    """Return evenly spaced unit tangential forces (count, 3), the first at an angle from the first tangent."""
+    """Return evenly spaced unit tangential forces (count, 3), the first at a given angle from the first tangent."""
     angles = first + 2.0 * np.pi * np.arange(count) / count
     return np.stack([np.zeros(count), np.cos(angles), np.sin(angles)], axis=1)
 

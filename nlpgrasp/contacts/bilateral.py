@@ -15,7 +15,7 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class BilateralContact(ContactModel):
-    """Bilateral contact, which can push and pull: ``K_i = R^n``, Proposition 2-7, (3.1-1a), (3.2-2).
+    """Bilateral contact, which can push and pull: ``K_i = R^n``.
 
     Parameters
     ----------
@@ -34,24 +34,24 @@ class BilateralContact(ContactModel):
         super().__post_init__()
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the indices of the model's wrench components, normal force first."""
+        """Return the indices of the wrapped model's wrench components, normal force first."""
         return self.model.axes(space)
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the model depends on a tangent direction that is not given."""
+        """Whether the wrapped contact model needs a tangent direction that has not been given."""
         return self.model.needs_tangents
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return the model's unit tangents (b, space - 1, space) at inward normals (b, space)."""
+        """Return the wrapped model's unit tangents (b, space - 1, space) at inward normals (b, space)."""
         return self.model.tangents(normals)
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact with its model in a rotated body frame."""
+        """Return the contact in a rotated body frame."""
         return replace(self, model=self.model.turned(rotation))
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return ``z`` (..., n_i) itself: every force is in K_i."""
+        """Return ``z`` (..., n_i) itself: every force is in ``K_i``."""
         return z.copy()
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
@@ -59,39 +59,39 @@ class BilateralContact(ContactModel):
         return np.stack([np.full(z.shape[:-1], float(a == b)) for a, b in upper_triangle(z.shape[-1])])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Raise: limits on normal force leave the other components (..., n_i) unbounded."""
+        """Raise: limits on the normal force leave the other components (..., n_i) unbounded."""
         raise InputError("force_budget", "limits on normal force", '"l2" with bilateral contacts')
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return no cones, hence no (m, n_i) matrices: every force is in K_i."""
+        """Return an empty list, hence no (m, n_i) matrices: every force is in ``K_i``."""
         return []
 
     def variables(self, space: int) -> int:
-        """Return the number of NLP variables of the model's force."""
+        """Return the number of NLP variables of the wrapped model's force."""
         return self.model.variables(space)
 
     def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return the model's NLP variables of a unit force along the inward normal ``(space,)``."""
+        """Return the wrapped model's NLP variables of a unit force along the inward normal ``(space,)``."""
         return self.model.pressing(normal)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the model's force and moment (symbolic, body frame)."""
+        """Return force and moment of the wrapped model from NLP variables (symbolic, body frame)."""
         return self.model.split(x, normal)
 
     def normal_force(self, x: Expression, normal: Expression) -> Expression:
-        """Return the model's ``f_n`` of NLP variables ``x`` (symbolic)."""
+        """Return the wrapped model's normal force, given NLP variables ``x`` (symbolic)."""
         return self.model.normal_force(x, normal)
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return no conditions: every force is in K_i."""
+        """Return an empty list: every force is in ``K_i``."""
         return []
 
     def squared_size(self, x: Expression, normal: Expression) -> Expression:
-        """Return the model's squared norm of NLP variables ``x`` (symbolic)."""
+        """Return the squared norm of the wrapped model's force components (symbolic)."""
         return self.model.squared_size(x, normal)
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``||z||^2`` over the model's components; ``None`` if it has moments about tangents."""
+        """Return ``||z||^2`` over the model's components; None if there are moments about tangents."""
         if any(axis > 3 for axis in self.axes(3)):
             return None
         count = self.components(3)
@@ -99,7 +99,7 @@ class BilateralContact(ContactModel):
         return work.normal**2 + sliding + turning
 
     def to_dict(self) -> Json:
-        """Return the contact as JSON data, its model under ``of``."""
+        """Return the contact as JSON data, with the wrapped model under ``of``."""
         return {"model": self.kind, "of": self.model.to_dict()}
 
     @classmethod

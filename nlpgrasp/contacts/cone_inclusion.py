@@ -1,4 +1,4 @@
-"""Inclusion of contact force domains: whether one contact model can exert every force of another."""
+"""Test whether one contact model can exert every force of another."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ Ranges = list[tuple[frozenset[int], float]]  # axes of a contact-frame wrench, a
 
 
 def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
-    """Return whether ``B_wider K_wider`` includes ``B_other K_other``; False if undecided.
+    """Return whether one contact can exert every force of another: ``B_other K_other`` lies in ``B_wider K_wider``.
 
-    Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared ratios is at
-    most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the sum of its squared
-    ranges over the blocks that meet S, since all of them may be at their limits at once; it is included exactly if that
-    is at most the range of S for every block S of the wider one, and no component is left over. A pad with Coulomb
-    friction equals friction contacts at its ends or corners; it includes contacts at points between these with no more
-    friction. Undecided, unless equal, are contacts of other shapes and patches with different directions.
+    False if undecided. Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both
+    squared ratios is at most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the
+    sum of its squared ranges over the blocks that meet S, since all of them may be at their limits at once; it is
+    included exactly if that is at most the range of S for every block S of the wider one, and no component is left
+    over. A pad with Coulomb friction equals friction contacts at its ends or corners; it includes contacts at points
+    between these with no more friction. Undecided, unless equal, are contacts of other shapes and patches with
+    different directions.
 
     Parameters
     ----------
@@ -49,8 +50,8 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
     if isinstance(wider, PadContact) and wider.points(wider.components(space)) is not None:
         return _acts_within(other, wider)
     if _is_elliptic(wider):
-        shares = [_largest_norm(other_ranges, axes) / c for axes, c in wider_ranges]
-        combined = max(shares) if _is_elliptic(other) else float(np.linalg.norm(shares))
+        ratios = [_largest_norm(other_ranges, axes) / c for axes, c in wider_ranges]
+        combined = max(ratios) if _is_elliptic(other) else float(np.linalg.norm(ratios))
         return combined <= 1.0 + ROUNDING
     return all(_largest_norm(other_ranges, axes) <= c * (1.0 + ROUNDING) for axes, c in wider_ranges)
 
@@ -58,7 +59,9 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
 def assign_contacts(
     small: Sequence[ContactModel], large: Sequence[ContactModel], space: int, groups: Sequence[int] | None = None
 ) -> list[int] | None:
-    """Return an injective assignment of contacts to wider ones, as indices; None if there is none.
+    """Return the index of a large contact for each small one, whose forces it can all exert; None if impossible.
+
+    Every large contact is used at most once.
 
     Parameters
     ----------
@@ -80,12 +83,12 @@ def assign_contacts(
 
 
 def _faces_within(a: ContactModel, b: ContactModel) -> bool:
-    """Return whether all allowed faces of a are allowed for b."""
+    """Return whether contact b allows all faces that contact a allows."""
     return b.faces is None or (a.faces is not None and set(a.faces) <= set(b.faces))
 
 
 def _acts_within(other: ContactModel, pad: PadContact) -> bool:
-    """Return whether a contact acts between a pad's ends or corners, with no more friction than the pad."""
+    """Return whether a contact acts between a pad's ends or corners, with at most the pad's friction."""
     arms: Arms = ((0.0, 0.0),)
     if isinstance(other, PadContact):
         if other.friction is not None and other.model == "box":
@@ -106,18 +109,18 @@ def _is_elliptic(model: ContactModel) -> bool:
 
 
 def _ranges(model: ContactModel, space: int) -> Ranges:
-    """Return the wrench components of each block of a contact, with the block's coefficient."""
+    """Return the wrench components and the coefficient of each block of a contact."""
     axes = model.axes(space)
     return [(frozenset(axes[block]), float(c)) for block, c in model.blocks(len(axes))]
 
 
 def _largest_norm(ranges: Ranges, axes: frozenset[int]) -> float:
-    """Return the largest norm of components with unit normal force."""
+    """Return the largest norm of some wrench components under unit normal force."""
     return float(np.sqrt(sum(c**2 for block_axes, c in ranges if block_axes & axes)))
 
 
 def _same_frames(first: ContactModel, second: ContactModel, space: int) -> bool:
-    """Return whether both have the same tangents, or one is rotationally symmetric."""
+    """Return whether two contacts have the same tangents, or one is rotationally symmetric."""
     if space == 2 or _is_round(first) or _is_round(second):
         return True
     normals = np.random.default_rng(0).standard_normal((4, 3))
@@ -126,6 +129,6 @@ def _same_frames(first: ContactModel, second: ContactModel, space: int) -> bool:
 
 
 def _is_round(model: ContactModel) -> bool:
-    """Return whether the force domain is symmetric under rotation about the normal."""
+    """Return whether a contact's force domain is symmetric under rotation about the normal."""
     pairs = [frozenset(pair) & axes for pair in ((1, 2), (4, 5)) for axes, _ in _ranges(model, 3)]
     return all(len(pair) != 1 for pair in pairs)

@@ -78,7 +78,7 @@ class FrictionConeSum:
 
     @cached_property
     def generators(self) -> FloatArray:
-        """Matrix A, (n, 3 N), from the forces ``(f_n, f_t1, f_t2)`` at the points to wrench components."""
+        """Matrix A, (n, 3 N), that maps the points' forces ``(f_n, f_t1, f_t2)`` to wrench components."""
         parts = []
         for a, b in self.arms:
             moments = np.array([[0.0, -b, a], [b, 0.0, 0.0], [-a, 0.0, 0.0]])  # of r x f, r = a t1 + b t2
@@ -91,7 +91,10 @@ class FrictionConeSum:
         return [np.asarray(np.kron(row[None, :], scale)) for row in np.eye(len(self.arms))]
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support ``max(0, v_n + mu |v_t|)`` over the points, (...), and a maximiser (..., n)."""
+        """Return the support for unit normal force along ``z`` (..., n), (...), and a maximiser (..., n).
+
+        The support is the largest ``v_n + mu |v_t|`` over the points, at least 0, with their velocities ``v = A^T z``.
+        """
         v = (z @ self.generators).reshape(*z.shape[:-1], len(self.arms), 3)
         size = np.hypot(v[..., 1], v[..., 2])
         work = v[..., 0] + self.friction * size
@@ -105,17 +108,17 @@ class FrictionConeSum:
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n) onto the cone."""
         flat, size = _unit_columns(z)
-        unit, share = self._normalised(flat)
-        result = (unit - self._project_polar(unit).q) * (share * size)
+        unit, divisor = self._normalised(flat)
+        result = (unit - self._project_polar(unit).q) * (divisor * size)
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
     def projection_methods(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return how each z (m, n) is projected, (m,): a constant such as ``SLIPS``, or the index of a linear map."""
+        """Return the method that projects each z (m, n), (m,): a code such as ``SLIPS``, or a linear map's index."""
         return self._project_polar(self._normalised(_unit_columns(z)[0])[0]).methods
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...).
+        """Return the upper triangle of the projection's Jacobian, row by row, (n (n + 1) / 2, ...).
 
         It depends on the direction of z alone. Inside the cone it is the identity, in the polar cone zero, where
         contacts stick a fixed linear map, where they slip that of Newton's method, else that of the general one.
@@ -127,14 +130,14 @@ class FrictionConeSum:
         matrix[..., projections.methods == INSIDE] = np.eye(n)[..., None]
         sticks = projections.methods >= 0
         matrix[..., sticks] = self._sticking.maps[projections.methods[sticks]].transpose(1, 2, 0)
-        slips, rest = np.flatnonzero(projections.methods == SLIPS), np.flatnonzero(projections.methods == OTHER)
+        slips, others = np.flatnonzero(projections.methods == SLIPS), np.flatnonzero(projections.methods == OTHER)
         if slips.size:
             padded = np.zeros((6, slips.size))  # in a plane, only some of the axes of space
             padded[list(self.axes)] = projections.q[:, slips]
             full = self._newton.derivative(padded, projections.weights[:, slips])
             matrix[..., slips] = full[np.ix_(self.axes, self.axes)]
-        if rest.size:
-            matrix[..., rest] = self._method.derivative(unit[:, rest], projections.q[:, rest], projections.forces)
+        if others.size:
+            matrix[..., others] = self._method.derivative(unit[:, others], projections.q[:, others], projections.forces)
         return np.array([matrix[index].reshape(z.shape[:-1]) for index in upper_triangle(n)])
 
     @cached_property
@@ -155,7 +158,7 @@ class FrictionConeSum:
 
     @cached_property
     def _last(self) -> list[tuple[FloatArray, _ConeProjection]]:
-        """Cache of the last projections, whose derivative is often needed next."""
+        """Cache of the last projections, which the derivative often needs next."""
         return []
 
     def _largest_work(self, v: FloatArray) -> FloatArray:
@@ -164,13 +167,13 @@ class FrictionConeSum:
         return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
 
     def _normalised(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points outside the polar cone over their largest work, others unchanged, and the divisors (m,)."""
+        """Return points divided by their largest work if outside the polar cone, and the divisors (m,)."""
         work = self._largest_work(self.generators.T @ flat)
-        share = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
-        return flat / share, share
+        divisor = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
+        return flat / divisor, divisor
 
     def _project_polar(self, z: FloatArray) -> _ConeProjection:
-        """Project ``z`` (n, m) onto the polar cone, with caching and in batches."""
+        """Project ``z`` (n, m) onto the polar cone, in batches, with a cache of the last result."""
         if self._last and np.array_equal(self._last[0][0], z):
             return self._last[0][1]
         parts = [self._project_batch(z[:, a : a + CHUNK]) for a in range(0, max(1, z.shape[1]), CHUNK)]
@@ -207,7 +210,7 @@ class FrictionConeSum:
 
 
 class _ConeProjection(NamedTuple):
-    """Projections onto the polar cone (n, m), their methods (m,), and multipliers."""
+    """Projections of m points onto the polar cone, with the methods used and the multipliers."""
 
     q: FloatArray
     methods: NDArray[np.intp]
@@ -216,7 +219,10 @@ class _ConeProjection(NamedTuple):
 
 
 def _unit_columns(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points (..., n) as columns of unit length (or zero), (n, m), and their lengths (m,)."""
+    """Return points (..., n) as columns (n, m) scaled to unit length, and their lengths (m,).
+
+    A zero column stays zero.
+    """
     flat = z.reshape(-1, z.shape[-1]).T
     largest = np.max(np.abs(flat), axis=0, initial=0.0)
     largest = np.where(largest > 0.0, largest, 1.0)
@@ -253,7 +259,7 @@ class StickingProjection:
         self.maps = np.stack([projection for _, projection in (*single, *double)])  # z to z - q, each (n, n)
 
     def find(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return the indices (m,) of the ``maps`` that project points (n, m); ``NONE`` if none does."""
+        """Return the index of the linear map that projects each point (n, m), (m,); ``NONE`` if no map does."""
         mu, count = self._friction, z.shape[1]
         force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
         is_valid = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
@@ -273,7 +279,7 @@ class StickingProjection:
         return result
 
     def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
-        """Return all patterns: the sticking point, the sign of the turn about it, and the slipping points."""
+        """Return all patterns with one sticking point: the point, the sign of the turn about it, slipping points."""
         indices, count = range(len(self._arms)), self._generators.shape[0] - 3
         result: list[tuple[int, float, tuple[int, ...]]] = []
         for i in indices:
@@ -288,7 +294,7 @@ class StickingProjection:
         return result
 
     def _maps_of_one_point(self, i: int, sign: float, slipping: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return the matrices that map z to ``(u_i, l_S)`` and to ``z - q`` for one sticking point."""
+        """Return two matrices for one sticking point: from z to ``(u_i, l_S)``, and from z to ``z - q``."""
         columns = [self._part(i)]
         for j in slipping:
             first, second = self._arms[j] - self._arms[i]
@@ -299,7 +305,7 @@ class StickingProjection:
         return force, span @ force
 
     def _maps_of_two_points(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the matrices that map z to the forces of two sticking points (5, n) and to ``z - q``.
+        """Return two matrices for two sticking points: from z to their forces (5, n), and from z to ``z - q``.
 
         The forces are both normal forces, both across the line, and their sum along it. None if other points lie on
         both sides of the line, about which the body then cannot turn.
@@ -324,7 +330,7 @@ class StickingProjection:
 
 
 class ConeSumMembership:
-    """Search for friction forces that sum to a wrench, for points with generators A (n, 3 N).
+    """Search for friction forces that sum to a given wrench, for points with generators A (n, 3 N).
 
     ``z = sum_i A_i u_i`` has many solutions ``u = A^+ z + N x``. The minimum of ``sum_i dist(u_i, F')^2`` over x, with
     F' slightly inside the friction cone F, is 0 where z is well inside; a semismooth Newton method approaches it in a
@@ -343,7 +349,7 @@ class ConeSumMembership:
         self._squares = np.einsum("ipa,iqb->ipqab", free, free).reshape(9 * self._count, -1)
 
     def inside(self, z: FloatArray) -> NDArray[np.bool_]:
-        """Return where wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
+        """Return which wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
         is_member = np.zeros(z.shape[1], dtype=bool)
         remaining = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
         u = (self._least @ z[:, remaining]).reshape(self._count, 3, -1)
@@ -361,7 +367,7 @@ class ConeSumMembership:
         return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))
 
     def _step(self, u: FloatArray) -> FloatArray:
-        """Return the semismooth Newton step (N, 3, m)."""
+        """Return the semismooth Newton step of the forces, (N, 3, m)."""
         mu, apex = self._friction * (1.0 - NARROWER), NARROWER * np.mean(u[:, 0], axis=0)
         u = u.copy()
         u[:, 0] -= apex
@@ -374,13 +380,13 @@ class ConeSumMembership:
         residual = u.copy()
         residual[:, 0] -= pressing
         residual[:, 1:] *= (1.0 - shrink)[:, None]
-        share = edge / (1.0 + mu**2)
+        slope_weight = edge / (1.0 + mu**2)
         curvature = np.zeros((self._count, 3, 3, u.shape[2]))  # 1 - P_F'
         is_outside = (size > mu * pressing).astype(float)
-        curvature[:, 0, 0] = np.where(edge, 1.0 - share, is_outside)
-        curvature[:, 0, 1:] = curvature[:, 1:, 0] = -mu * share[:, None] * direction
+        curvature[:, 0, 0] = np.where(edge, 1.0 - slope_weight, is_outside)
+        curvature[:, 0, 1:] = curvature[:, 1:, 0] = -mu * slope_weight[:, None] * direction
         outer = direction[:, :, None] * direction[:, None]
-        curvature[:, 1:, 1:] = (shrink * is_outside - mu**2 * share)[:, None, None] * outer
+        curvature[:, 1:, 1:] = (shrink * is_outside - mu**2 * slope_weight)[:, None, None] * outer
         curvature[:, 1, 1] += is_outside * (1.0 - shrink)
         curvature[:, 2, 2] += is_outside * (1.0 - shrink)
         d = self._free.shape[1]
@@ -392,11 +398,12 @@ class ConeSumMembership:
 
 
 class SlipNewton:
-    """Newton's method for slipping contact points at ``arms`` (N, 2) along both tangents, with equal friction.
+    """Newton's method for the projection onto the polar cone where all loaded points slip.
 
-    With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth
-    where ``v_t`` is not zero. The nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``,
-    ``a_i = grad g_i``, ``l_i >= 0`` and ``l_i g_i = 0``. One step of Newton's method solves
+    The N points are at ``arms`` (N, 2) along both tangents and have equal friction. With the velocities ``v_i = A_i^T
+    q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth where ``v_t`` is not zero. The
+    nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``, ``a_i = grad g_i``, ``l_i >= 0`` and
+    ``l_i g_i = 0``. One step of Newton's method solves
 
         H q = z - a l,   l = argmin over l >= 0 of |z - a l| in the metric of H^-1,   H = 1 + sum_i l_i Hess g_i
 
@@ -413,7 +420,7 @@ class SlipNewton:
         self._gram = (self._normal @ self._normal.T)[..., None]
 
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return projections q (6, m) of ``z`` (6, m), multipliers l (N, m), and where KKT conditions hold, (m,)."""
+        """Return projections q (6, m) of ``z`` (6, m), multipliers (N, m), and where the KKT conditions hold, (m,)."""
         z = z[ORDER]
         q, lam, is_solved = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
         for settings in TRIES:
@@ -452,7 +459,7 @@ class SlipNewton:
             local = self._local_model(q, lam)
             step, multipliers = self._step(points, local, lam, REGULARISATION * limit)
             step -= q
-            length = self._length(local, step, multipliers, settings.kept_share)
+            length = self._step_lengths(local, step, multipliers, settings.kept_fraction)
             q, lam = q + length * step, lam + length * (multipliers - lam)
             q_all[:, active], lam_all[:, active] = q, lam
             is_moving = np.max(np.abs(step), axis=0) > SETTLED + 0.5 * EXACT * limit
@@ -469,13 +476,14 @@ class SlipNewton:
                 )
         return q_all, lam_all, self._satisfies_kkt(z, q_all, lam_all, EXACT * size)
 
-    def _length(self, local: _LocalModel, step: FloatArray, multipliers: FloatArray, kept_share: float) -> FloatArray:
-        """Return the step lengths (m,) at which every loaded point keeps a share of its speed along its slip."""
+    def _step_lengths(
+        self, local: _LocalModel, step: FloatArray, multipliers: FloatArray, kept_fraction: float
+    ) -> FloatArray:
+        """Return the step lengths (m,) at which every loaded point keeps at least a fraction of its slip speed."""
         loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
-        allowance = (1.0 - kept_share) * local.speed**2
-        return np.asarray(
-            np.min(allowance / np.where(multipliers > 0.0, np.maximum(loss, allowance), allowance).clip(FLAT), axis=0)
-        )
+        allowance = (1.0 - kept_fraction) * local.speed**2
+        limiting_loss = np.where(multipliers > 0.0, np.maximum(loss, allowance), allowance)  # the full step or less
+        return np.asarray(np.min(allowance / limiting_loss.clip(FLAT), axis=0))
 
     def _step(
         self, z: FloatArray, local: _LocalModel, lam: FloatArray, least: FloatArray
@@ -505,11 +513,11 @@ class SlipNewton:
         return _LocalModel(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
 
     def _products(self, local: _LocalModel) -> FloatArray:
-        """Return ``a^T H^-1 a``, (N, N, m)."""
+        """Return the matrices ``a^T H^-1 a``, (N, N, m)."""
         return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.weighted_gradients))
 
     def _satisfies_kkt(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
-        """Return where the KKT conditions hold: feasibility, complementarity, stationarity."""
+        """Return whether the KKT conditions hold, (m,): feasibility, complementarity, stationarity."""
         local = self._local_model(q, lam)
         residual = q - z
         residual[:3] += self._normal.T @ lam
@@ -519,9 +527,12 @@ class SlipNewton:
 
 
 class _NewtonSettings(NamedTuple):
-    """Settings of a Newton run: least share of speed kept, steps, offset of the start (None: continue)."""
+    """Settings of a Newton run: least fraction of slip speed kept, number of steps, offset of the start.
 
-    kept_share: float
+    Without an offset the run continues from the last iterate.
+    """
+
+    kept_fraction: float
     steps: int
     offset: float | None
 
@@ -534,7 +545,7 @@ TRIES = (
 
 
 class _LocalModel(NamedTuple):
-    """Local model at q and lam: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
+    """Local model at q and multipliers: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
 
     The tangential parts are those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
     """
@@ -569,7 +580,7 @@ def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
 def minimise_nonnegative(
     matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray, shift: float
 ) -> FloatArray:
-    """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, from guessed active sets.
+    """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, by an active-set method.
 
     Parameters
     ----------
@@ -604,17 +615,18 @@ def minimise_nonnegative(
 
 
 def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
-    """Return the minimisers (N, m) with all inactive l fixed at zero."""
+    """Return the minimisers (N, m) with the inactive components of l fixed at zero."""
     restricted = matrix * (active[:, None] & active)
     restricted.reshape(-1, right.shape[1])[:: len(right) + 1] += ~active  # its diagonal
     return solve_matrices(restricted, shift, right * active)
 
 
 class AugmentedLagrangian:
-    """Method of multipliers for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction.
+    """Method of multipliers for the projection onto the polar cone.
 
-    Each stage minimises ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with
-    the closed form of ``P_F``, then sets ``u_i = P_F(u_i + r A_i^T q)`` and increases r.
+    For N points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction. Each stage minimises ``|q - z|^2 / 2
+    + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with the closed form of ``P_F``, then sets
+    ``u_i = P_F(u_i + r A_i^T q)`` and increases r.
     """
 
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
@@ -662,7 +674,7 @@ class AugmentedLagrangian:
         return q, u
 
     def _minimise(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float, tolerance: float) -> FloatArray:
-        """Return the minimisers (n, m) of one stage by Newton's method, from q."""
+        """Return the minimisers (n, m) of one stage by Newton's method, started from q."""
         q, current, active = q.copy(), self._evaluate(z, q, u, r), np.arange(z.shape[1])
         for _ in range(NEWTON_STEPS):
             entries = dict(zip(self._upper, self._curvature(current, r), strict=True))
@@ -689,7 +701,7 @@ class AugmentedLagrangian:
         return q
 
     def _evaluate(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Projections:
-        """Evaluate projections, gradient and value at ``w = u + r A^T q``."""
+        """Return the projections, gradient and value of the augmented Lagrangian at ``w = u + r A^T q``."""
         mu = self._friction
         w = u + r * (self._generators.T @ q).reshape(u.shape)
         size = np.hypot(w[:, 1], w[:, 2])
@@ -705,14 +717,14 @@ class AugmentedLagrangian:
     def _curvature(self, evaluation: _Projections, r: float) -> FloatArray:
         """Return the upper triangles of ``r A P_F'(w) A^T``, (n (n + 1) / 2, m)."""
         mu = self._friction
-        on = (evaluation.forces[:, 0] > 0.0).astype(float)
-        edge = on * evaluation.outside
+        pressed = (evaluation.forces[:, 0] > 0.0).astype(float)
+        edge = pressed * evaluation.outside
         size = np.hypot(evaluation.w[:, 1], evaluation.w[:, 2])
         first, second = evaluation.w[:, 1:].transpose(1, 0, 2) / np.where(size > 0.0, size, 1.0)
-        weight = on / (1.0 + mu**2 * edge)
+        weight = pressed / (1.0 + mu**2 * edge)
         transverse = edge * evaluation.shrink  # of the tangential part across w's own
         slope = edge * mu
-        tangential = on - edge + transverse
+        tangential = pressed - edge + transverse
         entries = [
             weight,
             weight * slope * first,

@@ -33,10 +33,10 @@ class RangeContact(ContactModel):
 
     @abstractmethod
     def blocks(self, components: int) -> Blocks:
-        """Return the blocks and their coefficients, given the number of components."""
+        """Return the blocks of components and their coefficients, given the number of components."""
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection of ``z`` (..., n_i): its normal force, and every block clipped to its limit."""
+        """Return the projection of ``z`` (..., n_i) onto the force domain, with every block clipped to its limit."""
         blocks = self.blocks(z.shape[-1])
         sizes = [_block_norm(z, block) for block, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])
@@ -51,18 +51,19 @@ class RangeContact(ContactModel):
         return result
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian's upper triangle: ``v v^T / |v|^2`` plus block-diagonal terms.
+        """Return the upper triangle of the projection's Jacobian, row by row, (n_i (n_i + 1) / 2, ...).
 
-        ``v = (1, c_j t_j)`` over the blocks at their limit, with unit vectors ``t_j = z_j / |z_j|``. A block within
-        its range adds the identity, one at its limit ``(c_j n / |z_j|) (I - t_j t_j^T)``. Zero where n is 0.
+        The Jacobian is ``v v^T / |v|^2`` plus block-diagonal terms. ``v = (1, c_j t_j)`` over the blocks at their
+        limit, with unit vectors ``t_j = z_j / |z_j|``. A block within its range adds the identity, one at its limit
+        ``(c_j n / |z_j|) (I - t_j t_j^T)``. Zero where n is 0.
         """
         n = z.shape[-1]
         blocks = self.blocks(n)
         sizes = [_block_norm(z, block) for block, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])
-        on = (pressing > 0.0).astype(float)
-        limit = [on * (size > c * pressing) for (_, c), size in zip(blocks, sizes, strict=True)]
-        weight = on / (1.0 + sum(c**2 * at_limit for (_, c), at_limit in zip(blocks, limit, strict=True)))
+        pressed = (pressing > 0.0).astype(float)
+        limit = [pressed * (size > c * pressing) for (_, c), size in zip(blocks, sizes, strict=True)]
+        weight = pressed / (1.0 + sum(c**2 * at_limit for (_, c), at_limit in zip(blocks, limit, strict=True)))
         row = {pair: i for i, pair in enumerate(upper_triangle(n))}
         result = np.empty((len(row), *pressing.shape))
         v: list[FloatArray] = [np.ones(1)] * n
@@ -79,7 +80,7 @@ class RangeContact(ContactModel):
             shrink = at_limit * (c * pressing * inverse)  # of the part across t_j
             transverse = shrink * inverse**2
             for a in range(block.start, block.stop):
-                result[row[a, a]] += on - at_limit + shrink
+                result[row[a, a]] += pressed - at_limit + shrink
                 for b in range(a, block.stop):
                     result[row[a, b]] -= transverse * z[..., a] * z[..., b]
         return result
@@ -100,7 +101,7 @@ class RangeContact(ContactModel):
         return np.where(is_positive, value, 0.0), result * is_positive[..., None]
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return matrices that map x into second-order cones ``first >= |rest|``: ``x_n`` and each ``(c_j x_n, x_j)``.
+        """Return matrices (r, n_i) that map x into second-order cones: ``x_n``, and each ``(c_j x_n, x_j)``.
 
         A block x_j of a single component has two half-spaces instead, ``c_j x_n - x_j`` and ``c_j x_n + x_j``.
         """
@@ -116,7 +117,7 @@ class RangeContact(ContactModel):
 
 
 def _block_norm(z: FloatArray, block: slice) -> FloatArray:
-    """Return the Euclidean norm of a block of components."""
+    """Return the Euclidean norm of one block of components."""
     if block.stop - block.start == 1:
         return np.abs(z[..., block.start])
     total = z[..., block.start] ** 2
@@ -126,7 +127,10 @@ def _block_norm(z: FloatArray, block: slice) -> FloatArray:
 
 
 def _normal_force_of_blocks(normal: FloatArray, sizes: list[FloatArray], coefficients: list[float]) -> FloatArray:
-    """Return the normal force of the projection: the largest root over sets of blocks, at least zero."""
+    """Return the normal force of the projection, in closed form.
+
+    It is the largest root over sets of blocks, at least zero (see ``RangeContact``).
+    """
     result = np.maximum(normal, 0.0)
     count = len(sizes)
     for subset in chain.from_iterable(combinations(range(count), m) for m in range(1, count + 1)):
@@ -139,7 +143,7 @@ def _normal_force_of_blocks(normal: FloatArray, sizes: list[FloatArray], coeffic
 
 
 def project_elliptic(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
-    """Return the projection of ``z = (f_n, f_t1, f_t2, tau)`` onto the elliptic cone, (..., 4) to (..., 4)."""
+    """Return the projection of ``z = (f_n, f_t1, f_t2, tau)``, (..., 4), onto the elliptic cone."""
     r, s = _tangential_sizes(z)
     pressing = _normal_force_of_ellipse(z[..., 0], r, s, mu, mu_t)
     tangential, torsion = _tangential_part(z[..., 0], r, s, pressing, mu, mu_t)
@@ -189,12 +193,12 @@ def elliptic_support(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray,
 
 
 def _tangential_sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the sizes of tangential force and torsion."""
+    """Return the magnitudes of tangential force and torsion."""
     return np.hypot(z[..., 1], z[..., 2]), np.abs(z[..., 3])
 
 
 def _is_in_cone(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
-    """Return where a force is in the elliptic cone."""
+    """Return whether a force is in the elliptic cone."""
     return np.asarray(np.hypot(r / mu, s / mu_t) <= z)
 
 

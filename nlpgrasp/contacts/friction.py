@@ -38,19 +38,19 @@ class FrictionContact(RangeContact):
         return {"friction": self.friction}
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the indices of normal and tangential forces: 3 in space, 2 in the plane."""
+        """Return the indices of normal and tangential forces: three in space, two in the plane."""
         return tuple(range(space))
 
     def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the contact itself, which is the same in all directions around the normal."""
+        """Return the contact itself, whose force domain is symmetric about the normal."""
         return self
 
     def blocks(self, components: int) -> Blocks:
-        """Return the block of tangential forces with the friction coefficient."""
+        """Return one block: the tangential forces, with the friction coefficient."""
         return ((slice(1, components), self.friction),)
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return evenly spaced edges of the friction cone, (m, n_i), with unit normal force."""
+        """Return evenly spaced edges of the friction cone, (m, n_i), as forces with unit normal force."""
         if components == 2:
             return self.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
         return self.extreme(unit_tangential_forces(edges, first_edge))[1]
@@ -60,11 +60,14 @@ class FrictionContact(RangeContact):
         return space
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return ``x`` itself: the variables are the force in the body frame."""
+        """Return the force ``x`` itself and no moment: the NLP variables are the force in the body frame."""
         return x, None
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n``, without tangents, which some normal makes singular."""
+        """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n``, both nonnegative in the friction cone.
+
+        They need no tangents, which are singular at some normal.
+        """
         pressing = normal.T @ x
         return [("friction", (1.0 + self.friction**2) * pressing**2 - x.T @ x), ("unilateral", pressing)]
 
@@ -80,7 +83,7 @@ class FrictionContact(RangeContact):
         return c2 * (on_edge**2 + inward**2)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n + friction |z_t|``, the largest work of a force of unit normal force."""
+        """Return ``z_n + friction |z_t|``, the largest ``<z, x>`` over forces x with unit normal force."""
         return work.normal + self.friction * work.tangential
 
     def to_dict(self) -> Json:

@@ -69,17 +69,20 @@ class LineContact(PadContact):
         return (half, 0.0), (-half, 0.0)
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the indices of 2 components without friction, of 5 with it (3 in the plane)."""
+        """Return the indices of the wrench components: 2 without friction, 5 with friction (3 in the plane)."""
         if space == 2:
             return (0, 2) if self.friction is None else (0, 1, 2)
         return (0, 5) if self.friction is None else (0, 1, 2, 3, 5)
 
     def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the disc around the line contact in three dimensions; the contact itself in two."""
+        """Return the disc contact around the line in three dimensions; the contact itself in two."""
         return self if space == 2 else enclosing_disc(self)
 
     def blocks(self, components: int) -> Blocks:
-        """Return blocks of friction, torsion and moment; under Coulomb's law, the range of each alone."""
+        """Return the blocks of friction, torsion and moment with their coefficients.
+
+        Under Coulomb's law, the coefficient of a block is its range with the others at zero.
+        """
         half = 0.5 * self.length
         if self.friction is None:
             return ((slice(1, 2), half),)
@@ -90,7 +93,7 @@ class LineContact(PadContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the line's direction is not given."""
+        """Whether the direction of the line has not been given."""
         return self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
@@ -98,12 +101,12 @@ class LineContact(PadContact):
         return tangents_along(normals, self.direction, "LineContact")
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact with its direction in a rotated body frame."""
+        """Return the contact in a rotated body frame."""
         changes: Json = {"direction": rotate_direction(self.direction, rotation)}
         return replace(self, **changes)
 
     def into(self, z: FloatArray) -> FloatArray:
-        """Project ``z`` (..., n_i) onto the force domain, corrected so that the result is inside.
+        """Return the projection of ``z`` (..., n_i) onto the force domain, corrected for errors that leave it.
 
         Coulomb's law at the ends holds if the force along the line satisfies ``|x_1| <= sum of
         sqrt((mu n_i + t)^2 - c_i^2)`` with t = 0, for the ends' normal forces n_i and forces across c_i. The least
@@ -127,16 +130,16 @@ class LineContact(PadContact):
 
     @staticmethod
     def _supports_force(x: FloatArray, limits: FloatArray, transverse: FloatArray) -> NDArray[np.bool_]:
-        """Return whether friction at the ends supports the force along the line beside the forces across it."""
+        """Return whether friction at both ends supports the force along the line together with the forces across it."""
         capacity = np.sqrt(np.maximum((limits - transverse) * (limits + transverse), 0.0)).sum(axis=0)
         return np.asarray(np.all(limits >= transverse, axis=0) & (np.abs(x[..., 1]) <= capacity))
 
     def box_variables(self, space: int) -> int:
-        """Return the number of the box's NLP variables: force in the body frame (or its size), then moments."""
+        """Return the number of NLP variables of the box model: force in the body frame (or its size) and moments."""
         return self.components(space)
 
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force, and the moment about the normal and across the line."""
+        """Return force and moment from the NLP variables of the box model (symbolic, body frame)."""
         force = x[0] * normal if self.friction is None else x[: normal.shape[0]]
         if normal.shape[0] == 2:
             return force, x[x.shape[0] - 1]
@@ -146,7 +149,7 @@ class LineContact(PadContact):
         return force, x[3] * normal + x[4] * transverse
 
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the squared inequalities of friction, torsion and moment, and the unilateral condition."""
+        """Return expressions, all nonnegative if and only if the NLP variables of the box model are admissible."""
         pressing = self.normal_force(x, normal)
         last = x[x.shape[0] - 1]
         rows = [("moment", (0.5 * self.length * pressing) ** 2 - last**2), ("unilateral", pressing)]
@@ -172,7 +175,7 @@ class LineContact(PadContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> LineContact:
-        """Return the model from the data of its ``to_dict``; without a friction model, the box."""
+        """Return the model from the data of its ``to_dict``; without ``friction_model``, the box model."""
         fields = {name: data.get(name) for name in ("friction", "torsional_friction", "direction")}
         model = data.get("friction_model")
         return cls(data.get("length", MISSING), **fields, model="box" if model is None else model)

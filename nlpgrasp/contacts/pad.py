@@ -1,4 +1,4 @@
-"""Base class of line and plane contacts, with tangent frames along a direction."""
+"""Base class of line and plane contacts, with a tangent frame along a given direction."""
 
 from __future__ import annotations
 
@@ -44,39 +44,39 @@ class PadContact(RangeContact):
     @property
     @abstractmethod
     def arms(self) -> Arms:
-        """Positions of ends or corners along both tangents, relative to the contact point, metres."""
+        """Positions of the pad's ends or corners along both tangents, relative to the contact point, metres."""
 
     @abstractmethod
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force and the moment of the box's NLP variables (symbolic, body frame)."""
+        """Return force and moment from the NLP variables of the box model (symbolic, body frame)."""
 
     @abstractmethod
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return named expressions, all nonnegative exactly in the box (symbolic)."""
+        """Return expressions, all nonnegative if and only if the NLP variables of the box model are admissible."""
 
     @abstractmethod
     def box_variables(self, space: int) -> int:
-        """Return the number of the box's NLP variables."""
+        """Return the number of NLP variables of the box model."""
 
     @property
     def label(self) -> str:
-        """Name of the model in tables, with the box marked."""
+        """Name of the model in tables, with "(box)" for the box model."""
         return f"{self.kind} (box)" if self.friction is not None and self.model == "box" else self.kind
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Friction coefficients by name: ``friction`` and, for the box, ``torsional_friction`` (metres)."""
+        """Friction coefficients by name: ``friction`` and, for the box model, ``torsional_friction`` (metres)."""
         values = {"friction": self.friction, "torsional_friction": self.torsional_friction}
         return {name: value for name, value in values.items() if value is not None}
 
     def points(self, components: int) -> FrictionConeSum | None:
-        """Return the friction contacts at the ends or corners; None if the force domain is a box."""
+        """Return the sum of the friction cones at the ends or corners; None if the force domain is a box."""
         if self.friction is None or self.model == "box" or components < 5:  # fewer: in the plane
             return None
         return friction_cone_sum(self.arms, self.friction, self.axes(3))
 
     def has_domain_of(self, other: ContactModel, space: int) -> bool:
-        """Return whether the force domain is that of another contact, whose direction may differ."""
+        """Return whether the force domain equals that of another contact, whose direction may differ."""
         points = self.points(self.components(space))
         if points is None or not isinstance(other, PadContact):
             return self == other
@@ -93,22 +93,22 @@ class PadContact(RangeContact):
         return super().derivative_entries(z) if points is None else points.derivative_entries(z)
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support for normal force at most 1 along ``z`` (..., n_i), and a maximiser (..., n_i)."""
+        """Return the support along ``z`` (..., n_i) for normal force at most 1, and a maximiser (..., n_i)."""
         points = self.points(z.shape[-1])
         return super().extreme(z) if points is None else points.extreme(z)
 
     def generators(self, space: int) -> FloatArray:
-        """Return A, (n_i, m), from forces at the ends or corners to components, or the identity."""
+        """Return the matrix A, (n_i, m), from forces at ends or corners to components; identity for the box model."""
         points = self.points(self.components(space))
         return super().generators(space) if points is None else points.generators
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return (r, m) matrices: the friction cone of every end or corner, or the cones of the box."""
+        """Return (r, m) matrices of second-order cones: those of friction at ends or corners, or of the box model."""
         points = self.points(self.components(space))
         return super().cones(space) if points is None else points.cones()
 
     def variables(self, space: int) -> int:
-        """Return the number of NLP variables: the box's, or those of a body-frame force per end or corner."""
+        """Return the number of NLP variables: a body-frame force per end or corner, or those of the box model."""
         return self.box_variables(space) if self.points(self.components(space)) is None else 3 * len(self.arms)
 
     def pressing(self, normal: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ class PadContact(RangeContact):
         return np.concatenate([force, np.zeros(size)])[:size]
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force and the moment about the contact point of NLP variables (symbolic, body frame)."""
+        """Return force and moment about the contact point from NLP variables (symbolic, body frame)."""
         import casadi as ca  # numeric use needs none
 
         if self._is_box(normal):
@@ -134,7 +134,7 @@ class PadContact(RangeContact):
         return force, moment
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the conditions of the box, or of friction at every end or corner (symbolic)."""
+        """Return expressions that are all nonnegative if and only if the NLP variables are admissible (symbolic)."""
         if self._is_box(normal):
             return self.box_membership(x, normal)
         rows = []
@@ -146,7 +146,7 @@ class PadContact(RangeContact):
         return rows
 
     def squared_size(self, x: Expression, normal: Expression) -> Expression:
-        """Return the squared norm of force and moment of NLP variables ``x`` (symbolic)."""
+        """Return the squared norm of force and moment, given NLP variables ``x`` (symbolic)."""
         if self._is_box(normal):
             return super().squared_size(x, normal)
         force, moment = self.split(x, normal)
@@ -163,9 +163,9 @@ class PadContact(RangeContact):
 def friction_fields(
     name: str, friction: float | None, torsion: float | None, model: object, mean_arm: float
 ) -> Friction:
-    """Return validated coefficients and model; the box's torsion defaults to uniform pressure, ``mu mean_arm``.
+    """Return validated friction, torsional friction and model of a pad.
 
-    Contacts without friction have the default model.
+    The box's torsion defaults to uniform pressure, ``mu mean_arm``. Contacts without friction have the default model.
     """
     if not isinstance(model, str) or model not in MODELS:
         raise InputError(f"{name}.model", model, " or ".join(repr(m) for m in MODELS))
@@ -183,7 +183,7 @@ def friction_fields(
 
 
 def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | None:
-    """Return a validated direction as a unit vector (tuple), or ``None``."""
+    """Return a validated direction as a unit vector (tuple), or None."""
     if value is None:
         return None
     direction = array(field, value, (3,))
@@ -194,17 +194,17 @@ def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | 
 
 
 def rotate_direction(direction: tuple[float, ...] | None, rotation: FloatArray) -> tuple[float, ...] | None:
-    """Return a direction in a rotated body frame; unchanged if None, or in the plane, which needs none."""
+    """Return a direction in a rotated body frame; unchanged if None or in the plane."""
     return direction if direction is None or len(rotation) == 2 else tuple((rotation @ direction).tolist())
 
 
 def is_off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
-    """Return at which unit normals (b, 3) a direction is far enough off the normal to orient a line or rectangle."""
+    """Return whether a direction is far enough off each unit normal (b, 3) to orient a line or rectangle, (b,)."""
     return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= LEAST_SINE * np.linalg.norm(direction))
 
 
 def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, name: str) -> FloatArray:
-    """Return right-handed unit tangents (b, 2, 3), the first along the direction's tangential part.
+    """Return right-handed unit tangents (b, 2, 3) at normals (b, 3), the first along the projected direction.
 
     In the plane there is only one tangent, and no direction is needed.
 
@@ -232,7 +232,7 @@ def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, nam
 def symbolic_tangents(
     normal: Expression, direction: tuple[float, ...] | None, name: str
 ) -> tuple[Expression, Expression]:
-    """Return the two unit tangents at a symbolic normal (3,)."""
+    """Return the two unit tangents at a symbolic normal (3,), the first along the projected direction."""
     import casadi as ca  # numeric use needs none
 
     if direction is None:

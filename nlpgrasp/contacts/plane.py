@@ -1,4 +1,4 @@
-"""Plane contact, a flat pad on a flat face (Salisbury's planar contact)."""
+"""Plane contact: a flat pad on a flat face (Salisbury's planar contact)."""
 
 from __future__ import annotations
 
@@ -77,7 +77,10 @@ class PlaneContact(PadContact):
         object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
 
     def _mean_arm(self) -> float:
-        """Return the mean distance from the pad's centre, metres: torsion over friction under uniform pressure."""
+        """Return the mean distance of the pad's points from its centre, metres.
+
+        It is torsion over friction under uniform pressure.
+        """
         if self.extents is None:
             return 2.0 / 3.0 * (self.radius or 0.0)
         a, b = self.extents
@@ -90,17 +93,20 @@ class PlaneContact(PadContact):
         return tuple((0.5 * a * i, 0.5 * b * j) for i in (1.0, -1.0) for j in (1.0, -1.0))
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the indices of 3 components without friction, of 6 with it."""
+        """Return the indices of the wrench components: 3 without friction, 6 with friction."""
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts on a planar body")
         return (0, 4, 5) if self.friction is None else (0, 1, 2, 3, 4, 5)
 
     def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the disc itself, or the disc around the rectangle."""
+        """Return the disc itself, or the disc contact around the rectangle."""
         return self if self.extents is None else enclosing_disc(self)
 
     def blocks(self, components: int) -> Blocks:
-        """Return blocks of friction, torsion and tilting moments; under Coulomb's law, the range of each alone."""
+        """Return the blocks of friction, torsion and tilting moments with their coefficients.
+
+        Under Coulomb's law, the coefficient of a block is its range with the others at zero.
+        """
         first = components - 2
         if self.extents is None:
             tilting: Blocks = ((slice(first, first + 2), self.radius or 0.0),)
@@ -116,29 +122,29 @@ class PlaneContact(PadContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the pad is a rectangle without a given direction."""
+        """Whether the pad is a rectangle whose direction has not been given."""
         return self.extents is not None and self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return unit tangents (b, 2, 3) along the rectangle's sides, or any for a disc, at inward normals (b, 3)."""
+        """Return unit tangents (b, 2, 3) along the rectangle's sides at inward normals (b, 3); for a disc, any."""
         return (
             any_tangents(normals) if self.extents is None else tangents_along(normals, self.direction, "PlaneContact")
         )
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact with its direction in a rotated body frame."""
+        """Return the contact in a rotated body frame."""
         changes: Json = {"direction": rotate_direction(self.direction, rotation)}
         return replace(self, **changes)
 
     def box_variables(self, space: int) -> int:
-        """Return the number of the box's NLP variables: force (or its size), torsion if any, and a vector v (3,).
+        """Return the number of NLP variables of the box model: force (or its size), torsion if any, vector v (3,).
 
         The force is in the body frame; the tilting moment is ``n x v``.
         """
         return 4 if self.friction is None else 7
 
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force and the moment of NLP variables (symbolic, body frame)."""
+        """Return force and moment from the NLP variables of the box model (symbolic, body frame)."""
         import casadi as ca  # numeric use needs none
 
         if self.friction is None:
@@ -146,7 +152,7 @@ class PlaneContact(PadContact):
         return x[:3], x[3] * normal + ca.cross(normal, x[4:7])
 
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the squared inequalities of friction, torsion and tilting, and the unilateral condition."""
+        """Return expressions, all nonnegative if and only if the NLP variables of the box model are admissible."""
         import casadi as ca
 
         pressing = self.normal_force(x, normal)
@@ -179,14 +185,14 @@ class PlaneContact(PadContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> PlaneContact:
-        """Return the model from the data of its ``to_dict``; without a friction model, the box."""
+        """Return the model from the data of its ``to_dict``; without ``friction_model``, the box model."""
         names = ("radius", "extents", "friction", "torsional_friction", "direction")
         model = data.get("friction_model")
         return cls(**{name: data.get(name) for name in names}, model="box" if model is None else model)
 
 
 def enclosing_disc(pad: PadContact) -> PlaneContact:
-    """Return the disc around a line or rectangle, whose force domain contains the pad's.
+    """Return the disc contact around a line or rectangle, whose force domain contains the pad's.
 
     With the largest arm r of the pad's ends or corners, ``|m_t| <= r f_n`` follows from their normal forces, and
     ``|m_n| <= mu r f_n`` from their friction; the box states its torsion.

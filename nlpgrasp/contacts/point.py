@@ -24,15 +24,15 @@ class PointContact(RangeContact):
         return (0,)
 
     def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the contact itself, which is the same in all directions around the normal."""
+        """Return the contact itself, whose force domain is symmetric about the normal."""
         return self
 
     def blocks(self, components: int) -> Blocks:
-        """Return no blocks: there is only the normal force."""
+        """Return an empty tuple: the normal force is the only component."""
         return ()
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return only the unit normal force, (1, 1)."""
+        """Return the unit normal force alone, (1, 1)."""
         return np.ones((1, 1))
 
     def variables(self, space: int) -> int:
@@ -40,7 +40,7 @@ class PointContact(RangeContact):
         return 1
 
     def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return the variable of a unit force along the normal, (1,)."""
+        """Return the NLP variable of a unit force along the normal, (1,)."""
         return np.ones(1)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
@@ -52,7 +52,7 @@ class PointContact(RangeContact):
         return x[0]
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the one condition ``f_n >= 0``."""
+        """Return the one expression ``f_n``, nonnegative in the force domain."""
         return [("unilateral", x[0])]
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:

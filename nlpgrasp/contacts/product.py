@@ -13,18 +13,18 @@ from nlpgrasp.contacts.base import ContactModel
 
 
 def component_slices(contacts: Sequence[ContactModel], space: int) -> list[slice]:
-    """Return the slice of each contact's components in the stacked finger forces."""
+    """Return the slice of each contact's components in the stacked vector of finger forces."""
     ends = np.cumsum([0] + [c.components(space) for c in contacts])
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def have_one_domain(contacts: Sequence[ContactModel], space: int) -> bool:
-    """Return whether all contacts have the same force domain, so that one call evaluates it for all of them."""
+    """Return whether all contacts have the same force domain."""
     return all(c.has_domain_of(contacts[0], space) for c in contacts)
 
 
 def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
-    """Return A (n, m) and matrices M (r, m) with K = {A u : every M u in a second-order cone}."""
+    """Return A (n, m) and matrices M (r, m) with ``K = {A u : every M u in a second-order cone}``."""
     parts = [c.generators(space) for c in contacts]
     ends = np.cumsum([0] + [part.shape[1] for part in parts])
     cones = []
@@ -36,7 +36,7 @@ def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray
 
 
 def contact_supports(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-    """Return each contact's support for normal force at most 1, (m, k), and the maximisers (m, n)."""
+    """Return each contact's support for normal force at most 1, (m, k), and maximisers (m, n)."""
     if have_one_domain(contacts, space):
         shape = (len(z), len(contacts), contacts[0].components(space))
         values, forces = contacts[0].extreme(z.reshape(shape))
@@ -55,7 +55,7 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
 
 
 def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-    """Return the blocks (m, n_i, n_i) of a generalised Jacobian of the projection at finger forces (m, n)."""
+    """Return the diagonal blocks (m, n_i, n_i) of a generalised Jacobian of the projection of finger forces (m, n)."""
     if have_one_domain(contacts, space):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return list(contacts[0].derivative(z.reshape(shape)).transpose(1, 0, 2, 3))
@@ -63,6 +63,6 @@ def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> l
 
 
 def project_strictly(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-    """Project finger forces (m, n) onto K, corrected so that the result is in K."""
+    """Return the projection of finger forces (m, n) onto K, corrected for errors that leave K."""
     parts = [c.into(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)

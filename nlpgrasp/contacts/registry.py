@@ -1,4 +1,4 @@
-"""Registry of contact models for JSON files, with the package's own."""
+"""Registry of contact models for JSON files, filled with those of the package."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Kind = TypeVar("Kind", bound=ContactModel)
 
 
 def register(model: type[Kind]) -> type[Kind]:
-    """Register a contact model for JSON files; also as a decorator.
+    """Register a contact model for JSON files; usable as a decorator.
 
     Parameters
     ----------

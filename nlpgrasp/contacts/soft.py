@@ -53,56 +53,62 @@ class SoftContact(RangeContact):
 
     @property
     def label(self) -> str:
-        """Name of the model in tables, with the elliptic one marked."""
+        """Name of the model in tables: ``soft``, or ``elliptic`` for the elliptic cone."""
         return self.kind if self.model == "box" else self.model
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the indices of force and torsion; raise for planar bodies, which have no torsion."""
+        """Return the indices of force and torsion; raise for planar bodies, which admit no torsion."""
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts: a planar body has no torsion")
         return (0, 1, 2, 3)
 
     def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the contact itself, which is the same in all directions around the normal."""
+        """Return the contact itself, whose force domain is symmetric about the normal."""
         return self
 
     def blocks(self, components: int) -> Blocks:
-        """Return the blocks of friction and torsion, as for the box."""
+        """Return the blocks of friction and torsion with their coefficients.
+
+        For the elliptic cone they are those of the box around it.
+        """
         return ((slice(1, 3), self.friction), (slice(3, 4), self.torsional_friction))
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection of ``z`` (..., n_i) onto the box or the elliptic cone."""
+        """Return the projection of ``z`` (..., n_i) onto the force domain."""
         if self.model == "box":
             return super().project(z)
         return elliptic_cone.project_elliptic(z, self.friction, self.torsional_friction)
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian's upper triangle, (n_i (n_i + 1) / 2, ...), for the box or the elliptic cone."""
+        """Return the upper triangle of the projection's Jacobian, row by row, (n_i (n_i + 1) / 2, ...)."""
         if self.model == "box":
             return super().derivative_entries(z)
         matrix = elliptic_cone.elliptic_projection_jacobian(z, self.friction, self.torsional_friction)
         return np.stack([matrix[..., a, b] for a, b in upper_triangle(4)])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support for normal force at most 1 along ``z`` (..., n_i), and a maximiser (..., n_i)."""
+        """Return the support along ``z`` (..., n_i) for normal force at most 1, and a maximiser (..., n_i)."""
         if self.model == "box":
             return super().extreme(z)
         return elliptic_cone.elliptic_support(z, self.friction, self.torsional_friction)
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return the (m, n_i) matrices of the box's cones, or of the elliptic cone."""
+        """Return the (r, n_i) matrices of the second-order cones that describe the force domain."""
         if self.model == "box":
             return super().cones(space)
         return [np.diag([self.friction, 1.0, 1.0, self.friction / self.torsional_friction])]
 
     def left_for_moments(self, normal: float, tangential: float) -> float:
-        """Return the normal force, newtons, left for torsion: all for the box, less for the elliptic cone."""
+        """Return the part of the normal force, newtons, that a tangential force leaves available for torsion.
+
+        All of it for the box, less for the elliptic cone.
+        """
         if self.model == "box":
             return normal
         return float(np.sqrt(max(normal**2 - (tangential / self.friction) ** 2, 0.0)))
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return evenly spaced edges of the cone with torsion of both signs, (m, n_i)."""
+        """Return edges of the cone, (m, n_i): evenly spaced tangential forces, each with torsion of both signs."""
         ratio = float(self.friction / self.torsional_friction)  # torsion component equivalent to a unit tangential one
         sign = np.repeat([1.0, -1.0], edges)[:, None]
         tangential = np.tile(unit_tangential_forces(edges, first_edge), (2, 1))
@@ -113,11 +119,11 @@ class SoftContact(RangeContact):
         return self.components(space)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the first three variables as force, the fourth as moment about the normal."""
+        """Return force and moment from NLP variables: the first three, and the fourth times the normal."""
         return x[:3], x[3] * normal
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the cone's inequalities, squared where that makes them polynomial."""
+        """Return expressions that are all nonnegative if and only if the NLP variables are admissible (symbolic)."""
         force, torsion = x[:3], x[3]
         pressing = normal.T @ force
         sliding = force.T @ force - pressing**2
@@ -128,18 +134,18 @@ class SoftContact(RangeContact):
                 ("torsion", limit**2 - torsion**2),
             ]
         else:
-            share = sliding / self.friction**2 + torsion**2 / self.torsional_friction**2
-            cone = [("friction and torsion", pressing**2 - share)]
+            weighted_tangential = sliding / self.friction**2 + torsion**2 / self.torsional_friction**2
+            cone = [("friction and torsion", pressing**2 - weighted_tangential)]
         return [*cone, ("unilateral", pressing)]
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``||P_K(z)||^2`` for the box; the elliptic cone has no closed form."""
+        """Return ``||P_K(z)||^2`` for the box model; None for the elliptic cone."""
         if self.model != "box":
             return None
         return squared_box_support(work, self.friction, self.torsional_friction, ops)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return the largest work of a force of unit normal force, for the box or the elliptic cone.
+        """Return the largest ``<z, x>`` over forces x with unit normal force (symbolic).
 
         ``z_n + mu |z_t| + mu_t |z_tau|``, or ``z_n + |(mu z_t, mu_t z_tau)|``.
         """
@@ -164,7 +170,7 @@ class SoftContact(RangeContact):
 
 
 def squared_box_support(work: Work, mu: Expression, mu_t: Expression, ops: Ops) -> Expression:
-    """Return ``||P_K(z)||^2`` of the box with given coefficients (numbers, or arrays like the parts of z)."""
+    """Return ``||P_K(z)||^2`` for the box model of a soft finger, as numbers, arrays or symbols."""
     normal, tangential, torsion = work
     pressing = ops.fmax(normal, 0.0)
     for weight, numerator in (
