@@ -18,7 +18,7 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Approach(PlacementConstraint):
-    """Approach cone: the palm faces a direction to within an angle.
+    """Approach cone: limits the angle between the palm's approach direction and a given direction.
 
     Parallel jaws are free to turn about the closing line c between their contacts: some approach across it is within
     the angle of d if ``(c . d)^2 <= sin(angle)^2 |c|^2``, and always if the angle is at least a right angle.
@@ -49,7 +49,7 @@ class Approach(PlacementConstraint):
             raise InputError("Approach.direction", "a planar body", "a body in space")
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return the constraint ``a . d >= cos(angle)`` on the palm's direction a, or that of parallel jaws."""
+        """Return ``a . d >= cos(angle)`` for the palm's direction a, or the constraint on the closing line of jaws."""
         if placement.palm is None and placement.closing is not None:
             return self._jaw_constraint(placement.closing, placement.size)
         if placement.palm is None:
@@ -58,7 +58,7 @@ class Approach(PlacementConstraint):
         return [ScalarConstraint("approach", cosine, float(np.cos(self.angle)), unit="cos", link="palm")]
 
     def _jaw_constraint(self, closing: Expression, size: float) -> list[ScalarConstraint]:
-        """Return the constraint that some direction across the closing line is within the cone."""
+        """Return the constraint that some approach perpendicular to the closing line is within the cone."""
         if self.angle >= np.pi / 2.0:
             return []
         component = ca.dot(closing, ca.DM(np.asarray(self.direction)))
@@ -71,6 +71,6 @@ class Approach(PlacementConstraint):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint from its data, keeping a unit direction unchanged."""
+        """Return the constraint from its JSON data, without rescaling a unit direction."""
         result, direction = super().from_dict(data), data["direction"]
         return replace_unchecked(result, direction=tuple(direction)) if is_unit(direction) else result

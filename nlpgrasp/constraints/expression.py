@@ -83,7 +83,7 @@ class Constraint(PlacementConstraint):
 
     @property
     def _uses_hand(self) -> bool:
-        """Whether the expression also takes the hand's variables."""
+        """Whether the expression takes the hand's variables as a third argument."""
         try:
             parameters = signature(self.expression).parameters.values()
         except (TypeError, ValueError):
@@ -125,5 +125,5 @@ class Constraint(PlacementConstraint):
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Raise: the data do not contain the function."""
+        """Raise: the JSON data do not contain the function."""
         raise incomplete_data("constraint of type expression", "its function, which stays in the script that made it")

@@ -16,7 +16,7 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Forbid(PlacementConstraint):
-    """Forbidden faces or region: no contact may lie there.
+    """Forbidden faces or region, where no contact may lie.
 
     Parameters
     ----------
@@ -39,20 +39,23 @@ class Forbid(PlacementConstraint):
 
     @property
     def region(self) -> Region | None:
-        """The forbidden region, if any."""
+        """The forbidden region, or None."""
         return self.faces_or_region if isinstance(self.faces_or_region, Region) else None
 
     def forbidden_faces(self) -> tuple[str, ...]:
-        """Return the names of forbidden faces, if any."""
+        """Return the names of the forbidden faces."""
         return self.faces_or_region if isinstance(self.faces_or_region, tuple) else ()
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Raise if the region and the body differ in dimension."""
+        """Raise if the region's dimension is not the body's."""
         if self.region is not None and self.region.dimension() not in (None, space):
             raise InputError("Forbid.region", f"{self.region.dimension()} coordinates", f"{space} coordinates")
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return one scalar constraint per contact for a region; none for faces, which the NLP omits."""
+        """Return one scalar constraint per contact for a forbidden region; an empty list for faces.
+
+        The NLP omits forbidden faces.
+        """
         if self.region is None:
             return []
         region = self.region

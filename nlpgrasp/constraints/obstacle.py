@@ -80,7 +80,7 @@ class Obstacle(PlacementConstraint):
 
     @property
     def rotation(self) -> FloatArray:
-        """Rotation matrix of the obstacle's frame in the grasped body's, (space, space)."""
+        """Rotation matrix (space, space) from the obstacle's frame to the grasped body's."""
         if self.quaternion is None:
             return np.eye(self.body.space)
         return np.asarray(Rotation.from_quat(np.asarray(self.quaternion), scalar_first=True).as_matrix())
@@ -103,12 +103,12 @@ class Obstacle(PlacementConstraint):
     def _sphere_clearance(
         self, point: Expression, radius: float, size: float, fingers: tuple[int, ...] = (), link: str = ""
     ) -> Clearance:
-        """Return the clearance constraint of a sphere of the hand."""
+        """Return the constraint that a sphere of the hand keeps the clearance from the obstacle."""
         distance, lower = self.body.distance_function, radius + self.clearance
         return Clearance(self.name, distance, self._local(point), lower, size, fingers=fingers, link=link)
 
     def _local(self, point: Expression) -> Expression:
-        """Return a point in the obstacle's frame."""
+        """Return a point in the obstacle's coordinates."""
         if self.position is not None:
             point = point - ca.DM(np.asarray(self.position))
         return point if self.quaternion is None else ca.mtimes(ca.DM(self.rotation.T), point)
@@ -126,7 +126,7 @@ class Obstacle(PlacementConstraint):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint from its data, keeping a unit quaternion unchanged."""
+        """Return the constraint from its JSON data, without rescaling a unit quaternion."""
         body, quaternion = solid_from_dict(data["body"]), data.get("quaternion_wxyz")
         result = cls(body, data.get("clearance", 0.0), data.get("position"), quaternion, data.get("name", "obstacle"))
         return (

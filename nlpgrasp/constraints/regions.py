@@ -19,7 +19,7 @@ from nlpgrasp.errors import InputError
 
 
 class Region(JsonPart):
-    """A closed region of space, given by an expression that is positive inside."""
+    """A region of space, given by an expression that is positive inside."""
 
     unit: ClassVar[str] = "m"  # of ``inside``
 
@@ -74,7 +74,7 @@ class HalfSpace(Region):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the half-space from its data, keeping a unit normal unchanged."""
+        """Return the half-space from its JSON data, without rescaling a unit normal."""
         result, normal = super().from_dict(data), data["normal"]
         return (
             replace_unchecked(result, normal=tuple(normal), offset=float(data["offset"])) if is_unit(normal) else result
@@ -104,7 +104,10 @@ class BoxRegion(Region):
         object.__setattr__(self, "upper", tuple(high.tolist()))
 
     def inside(self, p: Expression) -> Expression:
-        """Return the depth below the nearest side, metres, negative outside (maximum norm)."""
+        """Return the distance of a point inside the box from the nearest side, metres, negative outside.
+
+        Outside, the distance is that of the maximum norm.
+        """
         result = None
         for i, (low, high) in enumerate(zip(np.asarray(self.lower), np.asarray(self.upper), strict=True)):
             depth = (high - low) / 2.0 - ca.fabs(p[i] - (low + high) / 2.0)
@@ -142,7 +145,7 @@ class ExpressionRegion(Region):
     field: str = "Forbid.region"
 
     def inside(self, p: Expression) -> Expression:
-        """Return the user's expression; raise unless it is a scalar."""
+        """Return the user's expression at a point; raise unless it is a scalar."""
         try:
             value = self.expression(p)
         except InputError:
@@ -155,7 +158,7 @@ class ExpressionRegion(Region):
         return value
 
     def _text(self) -> str:
-        """Return the expression as text, for a point in space or in the plane."""
+        """Return the expression as text."""
         try:
             return str(self.expression(ca.SX.sym("p", 3)))
         except (RuntimeError, NotImplementedError):

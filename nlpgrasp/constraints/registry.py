@@ -21,7 +21,7 @@ CONSTRAINTS: Registry[PlacementConstraint] = Registry("constraint.type")
 
 
 def register(constraint: type[Kind]) -> type[Kind]:
-    """Register a constraint type for JSON files; also as a decorator.
+    """Register a constraint type for JSON files; usable as a decorator.
 
     Parameters
     ----------

@@ -49,17 +49,17 @@ class Spread(PlacementConstraint):
                 raise InputError("Spread.fingers", list(self.fingers), "two fingers at least")
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Raise for a least distance longer than the body, or invalid finger indices."""
+        """Raise for a least distance longer than the body or for invalid finger indices."""
         check_fingers("Spread.fingers", self.fingers, contacts)
         if contacts > 1 and self.min > 2.0 * size:
             raise InputError("Spread.min", f"{self.min:g} m", f"at most the body's diagonal, {2.0 * size:.3g} m")
 
     def least_distance(self) -> float:
-        """Return ``min``, metres, if it applies to all contacts, else 0."""
+        """Return ``min``, metres, if the constraint applies to all contacts, else 0."""
         return self.min if self.fingers is None else 0.0
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return one scalar constraint per pair: limits on the squared distance."""
+        """Return one scalar constraint per pair of contacts: limits on the squared distance."""
         upper = np.inf if self.max is None else self.max**2
         return [
             ScalarConstraint("spread", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, "m2", fingers=(i, j))

@@ -20,7 +20,7 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Symmetric(PlacementConstraint):
-    """Mirror symmetry of two contacts in a plane, within a tolerance.
+    """Mirror symmetry of two contacts about a plane, within a tolerance.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class Symmetric(PlacementConstraint):
         object.__setattr__(self, "tolerance", number("Symmetric.tolerance", self.tolerance, above=0.0))
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Raise for a plane of another dimension, or invalid finger indices."""
+        """Raise for a plane of another dimension than the body's, or for invalid finger indices."""
         if np.size(self.normal) != space:
             raise InputError("Symmetric.normal", f"{np.size(self.normal)} numbers", f"{space} numbers")
         check_fingers("Symmetric.fingers", self.fingers, contacts)
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return one scalar constraint per coordinate: image less contact, within the tolerance."""
+        """Return one scalar constraint per coordinate: mirror image less the other contact, within the tolerance."""
         a, b = (placement.positions[i] for i in self.fingers)
         n = ca.DM(np.asarray(self.normal))
         difference = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
@@ -85,6 +85,6 @@ class Symmetric(PlacementConstraint):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint from its data, keeping a unit normal unchanged."""
+        """Return the constraint from its JSON data, without rescaling a unit normal."""
         result, normal = super().from_dict(data), data["normal"]
         return replace_unchecked(result, normal=tuple(normal)) if is_unit(normal) else result

@@ -28,7 +28,7 @@ class HasBounds(Protocol):
 
 @dataclass(frozen=True)
 class Table(PlacementConstraint):
-    """A horizontal table above which fingertips and hand links stay.
+    """A horizontal table, above which fingertips and hand links stay.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Table(PlacementConstraint):
 
     @classmethod
     def under(cls, body: HasBounds, clearance: float = THIN_FINGER) -> Table:
-        """Return the table under a body, at the height of its lowest point.
+        """Return a table at the height of a body's lowest point.
 
         Parameters
         ----------
@@ -69,7 +69,7 @@ class Table(PlacementConstraint):
         return cls(float(np.asarray(body.bounds)[0, -1]), clearance)
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return ``tip_z - radius >= height + clearance`` for each fingertip and each sphere of a link."""
+        """Return a constraint ``tip_z - radius >= height + clearance`` for each fingertip and each link sphere."""
         lower = self.height + self.clearance
         return [
             ScalarConstraint("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))

@@ -43,7 +43,7 @@ class Workspace(PlacementConstraint):
 
     @property
     def _region(self) -> Region:
-        """The region, with a function converted to a region."""
+        """The region as a ``Region``, converted from a function if necessary."""
         if isinstance(self.region, Region):
             return self.region
         if not callable(self.region):
@@ -51,14 +51,14 @@ class Workspace(PlacementConstraint):
         return ExpressionRegion(self.region, "Workspace.region")
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Raise for a region of another dimension than the body's, or invalid finger indices."""
+        """Raise for a region of another dimension than the body's, or for invalid finger indices."""
         dimension = self._region.dimension()
         if dimension not in (None, space):
             raise InputError("Workspace.region", f"{dimension} coordinates", f"{space} coordinates")
         check_fingers("Workspace.fingers", self.fingers, contacts)
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return the scalar constraints of each point: one per coordinate for a box, otherwise one."""
+        """Return one scalar constraint per point, or one per point and coordinate for a box."""
         if self.palm:
             if placement.palm is None:
                 raise InputError("Workspace.palm", True, "a hand with a palm")
@@ -93,16 +93,16 @@ class Workspace(PlacementConstraint):
 
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
-    """Return validated finger indices: nonnegative and distinct."""
+    """Return finger indices, validated as nonnegative and distinct."""
     values = tuple(fingers) if isinstance(fingers, list | tuple | np.ndarray | range) else ()
     is_valid = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in values)
-    numbers = tuple(int(i) for i in values) if is_valid else ()
-    if not is_valid or not numbers or min(numbers) < 0 or len(set(numbers)) != len(numbers):
+    indices = tuple(int(i) for i in values) if is_valid else ()
+    if not is_valid or not indices or min(indices) < 0 or len(set(indices)) != len(indices):
         raise InputError(field, fingers, "different numbers of fingers, from 0")
-    return numbers
+    return indices
 
 
 def check_fingers(field: str, fingers: Sequence[int] | None, contacts: int) -> None:
-    """Raise for finger indices beyond the number of contacts."""
+    """Raise if a finger index is not below the number of contacts."""
     if fingers is not None and max(fingers) >= contacts:
         raise InputError(field, list(fingers), f"fingers 0 to {contacts - 1}")
