@@ -1,4 +1,4 @@
-"""Base classes of hands, with and without a pose of their own."""
+"""Base classes of hands, with and without pose variables."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Values = dict[str, FloatArray]  # of the hand's variables, by name
 
 @dataclass(frozen=True)
 class HandVariable:
-    """Variables that a hand adds to the program, with limits.
+    """A vector of variables that a hand adds to the program, with limits.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Hand(JsonPart):
     @property
     @abstractmethod
     def tip_radii(self) -> tuple[float, ...]:
-        """Radius of each fingertip, metres; 0 for points and patches that are not round."""
+        """Radius of each fingertip, metres; 0 for point contacts and for patches that are not round."""
 
     @property
     def follows_contacts(self) -> bool:
@@ -73,10 +73,10 @@ class Hand(JsonPart):
 
     @abstractmethod
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return the variables the hand adds, given the body's bounding box (2, space)."""
+        """Return the variables that the hand adds, given the body's bounding box (2, space)."""
 
     def check(self, space: int) -> None:
-        """Refuse bodies of a dimension that this hand cannot hold."""
+        """Raise for bodies of a dimension that the hand cannot hold."""
         del space
 
     @abstractmethod
@@ -84,29 +84,29 @@ class Hand(JsonPart):
         """Return the constraints that the hand adds to the program."""
 
     def symbols(self, bounds: FloatArray) -> dict[str, Expression]:
-        """Return a symbol for each of the variables, by name, given the body's bounding box."""
+        """Return a CasADi symbol for each of the hand's variables, by name, given the body's bounding box."""
         return {v.name: ca.SX.sym(v.name, len(v.lower)) for v in self.variables(bounds)}
 
     def start(self, tips: FloatArray) -> Values:
-        """Return initial values of the variables, by name, (..., m), for fingertip centres (..., k, space), metres."""
+        """Return initial values of the variables by name, (..., m), for fingertip centres (..., k, space), metres."""
         return {}
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return collision spheres of the links, without the fingertips."""
+        """Return the collision spheres of the links, fingertips excluded."""
         return []
 
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
-        """Return the centres of round fingertips, body frame; None for other tips, and where the contacts decide."""
+        """Return the centre of each round fingertip, body frame; None for other tips or without pose variables."""
         return [None] * self.count
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move some contact; empty for hands without joints."""
+        """Names of the joints that move a contact; empty for hands without joints."""
         return ()
 
     @property
     def sliding_joints(self) -> dict[str, bool]:
-        """Whether each joint that moves some contact slides, by joint name."""
+        """Whether a joint that moves a contact is prismatic, by joint name."""
         return dict.fromkeys(self.loaded_joints, False)
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
@@ -114,7 +114,7 @@ class Hand(JsonPart):
         return None
 
     def closing(self, positions: Sequence[Expression]) -> Expression | None:
-        """Return the vector between the jaws, metres, of a gripper; None for other hands."""
+        """Return the vector between the jaws of a gripper, metres; None for other hands."""
         return None
 
     def at_contacts(
@@ -124,7 +124,7 @@ class Hand(JsonPart):
         distance: Callable[[FloatArray], FloatArray],
         cones: Sequence[tuple[FloatArray, float]] = (),
     ) -> Json:
-        """Return the hand data that follow from the contacts, as JSON data of a solution; empty by default.
+        """Return the JSON data of the hand that follow from the contacts; empty by default.
 
         Parameters
         ----------
@@ -141,12 +141,12 @@ class Hand(JsonPart):
         return {}
 
     def describe(self, values: Values) -> Json:
-        """Return the JSON data of a solution for values of the variables."""
+        """Return the hand's part of a solution as JSON data, given values of the variables."""
         return {name: np.asarray(v).tolist() for name, v in values.items()}
 
     @property
     def shown_name(self) -> str:
-        """Name of the hand on its page."""
+        """Title of the HTML page that shows the hand."""
         return self.kind
 
     def show(self, path: str | Path | None = None) -> Path:
@@ -173,12 +173,12 @@ class PosedHand(Hand):
 
     @property
     def follows_contacts(self) -> bool:
-        """False, because the hand has a pose of its own."""
+        """Always false: the hand has pose variables."""
         return False
 
     @abstractmethod
     def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return random values of the variables, (count, m) each, and the fingertips' centres, (count, k, space).
+        """Return random values of the variables, (count, m) each, and the fingertip centres, (count, k, space).
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class PosedHand(Hand):
 
     @abstractmethod
     def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return values of the variables by inverse kinematics to goals of the fingertips, and the fingertips' centres.
+        """Return variables that bring the fingertips near goals, by inverse kinematics, and the fingertip centres.
 
         Parameters
         ----------
@@ -208,13 +208,13 @@ class PosedHand(Hand):
 
     @abstractmethod
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
-        """Return a point of each fingertip, (space,) each, metres, body frame."""
+        """Return one point of each fingertip, (space,) each, metres, body frame."""
 
     @abstractmethod
     def contact_motion(
         self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
     ) -> list[tuple[Expression, Expression]]:
-        """Return velocity and angular velocity, (3,) each, body frame, of contact points fixed to their links.
+        """Return velocity and angular velocity, (3,) each, body frame, of contact points that are fixed to their links.
 
         Parameters
         ----------
@@ -227,11 +227,11 @@ class PosedHand(Hand):
 
     @abstractmethod
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
+        """Return contact Jacobians (k, 6, m): twists of points (k, 3), metres, per rate of the loaded joints."""
 
     @abstractmethod
     def values_of(self, posture: Json) -> Values:
-        """Return the variables' values in a posture in the format of ``describe``.
+        """Return the values of the hand's variables in a posture given in the format of ``describe``.
 
         Raises
         ------
@@ -240,6 +240,6 @@ class PosedHand(Hand):
         """
 
     def values_at(self, posture: Json, points: FloatArray) -> Values:
-        """Return the variables' values in a posture, patch coordinates included, at contacts (k, 3), metres."""
+        """Return the variables' values, patch coordinates included, for a posture and contacts (k, 3), metres."""
         del points
         return self.values_of(posture)

@@ -1,4 +1,4 @@
-"""Trial of fingertips: widths of cylinders and boxes that all of them touch, with forces that balance.
+"""Trial closures of the fingertips on cylinders and boxes of several widths, with a force balance test.
 
 Contacts, fingertips and links are those of the nonlinear program; efforts, quality and collisions between links are
 left out. Constraints are solved by damped least squares from several postures side by side.
@@ -40,7 +40,7 @@ BALANCED = 0.02  # largest remainder of balanced forces, as a share of their nor
 
 @dataclass(frozen=True)
 class ClosingWidths:
-    """Widths on which all fingertips of a hand close, of those that were tried.
+    """Widths of cylinders and boxes, among those tried, on which all fingertips of a hand close.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class ClosingWidths:
 
 
 def closing_widths(tree: LinkTree, fits: Mapping[str, SphereFit]) -> ClosingWidths:
-    """Return the widths of the cylinders and boxes that all fingertips touch, the links' spheres off the body.
+    """Return the widths of cylinders and boxes that all fingertips can touch without the links penetrating.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def closing_widths(tree: LinkTree, fits: Mapping[str, SphereFit]) -> ClosingWidt
 
 @dataclass(frozen=True)
 class _Postures:
-    """Postures that starts are chosen from.
+    """Random postures from which the starts of the trials are chosen.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class _Postures:
 
 
 class _Trial:
-    """Residuals of the contacts and links of a hand on a body of one kind, compiled.
+    """Least-squares trial of a hand on a body: compiled residuals of its contacts and links.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class _Trial:
         self.function = ca.Function("trial", [x, width, sides], outputs).map(STARTS)
 
     def closing_widths(self, postures: _Postures) -> tuple[float, ...]:
-        """Return the widths of the body at which some start ends with all contacts on it and all links off it.
+        """Return the body widths for which some start ends with all contacts on the body and no link in it.
 
         The first start of a width is where that of the width before ended, from narrow to wide and then back.
         """
@@ -153,7 +153,7 @@ class _Trial:
         return tuple(sorted(closed))
 
     def _solve(self, width: float, x: FloatArray, sides: FloatArray) -> int | None:
-        """Return the number of the first start that closes on the body, None without one; ``x`` is improved in place.
+        """Improve the starts ``x`` in place; return the index of the first that closes on the body, None if none does.
 
         Parameters
         ----------
@@ -178,24 +178,24 @@ class _Trial:
             steps = np.linalg.solve(normal, -np.einsum("bri,br->bi", scaled, residuals)[..., None])[..., 0]
             trial = np.clip(x + self.scale * steps, self.lower, self.upper)
             new_residuals, new_jacobians = self._evaluate(trial, width, sides)
-            better = np.sum(new_residuals**2, axis=1) < costs
-            x[better], residuals[better], jacobians[better] = (
-                trial[better],
-                new_residuals[better],
-                new_jacobians[better],
+            is_better = np.sum(new_residuals**2, axis=1) < costs
+            x[is_better], residuals[is_better], jacobians[is_better] = (
+                trial[is_better],
+                new_residuals[is_better],
+                new_jacobians[is_better],
             )
             costs = np.sum(residuals**2, axis=1)
-            damping = np.clip(np.where(better, 0.3 * damping, 5.0 * damping), LEAST_DAMPING, None)
+            damping = np.clip(np.where(is_better, 0.3 * damping, 5.0 * damping), LEAST_DAMPING, None)
         return self._closed_start(x, width, sides, residuals)
 
     def _evaluate(self, x: FloatArray, width: float, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals (b, r) and their derivatives (b, r, m) at values (b, m) of the variables."""
+        """Return residuals (b, r) and their derivatives (b, r, m) at variables (b, m)."""
         residuals, jacobians = self.function(x.T, np.full((1, STARTS), width), sides.T)
         count, size = residuals.shape[0], x.shape[1]
         return residuals.full().T, jacobians.full().reshape(count, STARTS, size).transpose(1, 0, 2)
 
     def _closed_start(self, x: FloatArray, width: float, sides: FloatArray, residuals: FloatArray) -> int | None:
-        """Return the first start with small residuals and contacts whose forces can balance; None without one."""
+        """Return the index of the first start with small residuals and balanced contact forces; None without one."""
         for index in np.flatnonzero(np.max(np.abs(residuals[:, : self.hard]), axis=1) <= TOLERANCE):
             places = x[index, -2 * len(self.tree.tips) :].reshape(-1, 2)
             if self.kind == "cylinder":
@@ -208,22 +208,22 @@ class _Trial:
                 return int(index)
         return None
 
-    def _start(self, width: float, postures: _Postures, side: FloatArray, number: int) -> FloatArray:
-        """Return values of the variables: a posture whose two sides are about the width apart, the body between them.
+    def _start(self, width: float, postures: _Postures, side: FloatArray, index: int) -> FloatArray:
+        """Return initial variables: a posture with its two sides about a body's width apart, and the body between.
 
         The body's x axis points from one side to the other; its z axis lies across the palm's direction, or along it.
         """
-        tips, number = postures.tips, number // len(postures.splits)
+        tips, index = postures.tips, index // len(postures.splits)
         ends = np.array([tips[:, side == sign].mean(axis=1) for sign in (-1.0, 1.0)])
         order = np.argsort(np.abs(np.linalg.norm(ends[1] - ends[0], axis=1) - width))
-        posture = int(order[number % len(order)])
+        posture = int(order[index % len(order)])
         middle, x_axis = ends[:, posture].mean(axis=0), ends[1, posture] - ends[0, posture]
-        apart = float(np.linalg.norm(x_axis))
-        x_axis = x_axis / apart if apart > 1e-6 else tangents(self.tree.approach[None])[0, 0]
-        across = np.cross(x_axis, self.tree.approach + 1e-3 * np.array([1.0, 2.0, 3.0]))
-        z_axis = across / np.linalg.norm(across)
+        distance = float(np.linalg.norm(x_axis))
+        x_axis = x_axis / distance if distance > 1e-6 else tangents(self.tree.approach[None])[0, 0]
+        transverse = np.cross(x_axis, self.tree.approach + 1e-3 * np.array([1.0, 2.0, 3.0]))
+        z_axis = transverse / np.linalg.norm(transverse)
         body = np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])
-        if number % 3 == 2:
+        if index % 3 == 2:
             body = body @ Rotation.from_euler("x", 0.5 * np.pi).as_matrix()
         quaternion = Rotation.from_matrix(body.T).as_quat(scalar_first=True)
         local = (tips[posture] - middle) @ body
@@ -235,7 +235,7 @@ class _Trial:
     def _residuals(
         self, fits: Mapping[str, SphereFit], x: Expression, width: Expression, sides: Expression
     ) -> Expression:
-        """Return the residuals: contacts on fingertips and within the body's faces, link spheres off the body.
+        """Return the residuals: contacts on the fingertips and within the faces, link spheres outside the body.
 
         The last two for each contact, of little weight, draw the contacts towards each other's heights.
         """
@@ -268,23 +268,23 @@ class _Trial:
     def _contact(
         self, place: Expression, width: Expression, side: Expression
     ) -> tuple[Expression, Expression, list[Expression]]:
-        """Return contact point, inward normal and lengths beyond the face, all of the body, for two coordinates."""
-        along = [ca.fabs(place[1]) - HALF_LENGTH]
+        """Return point, inward normal and excess beyond the face's edges of a contact, from two face coordinates."""
+        excess = [ca.fabs(place[1]) - HALF_LENGTH]
         if self.kind == "cylinder":
             direction = ca.vertcat(ca.cos(place[0]), ca.sin(place[0]), 0.0)
-            return 0.5 * width * direction + ca.vertcat(0.0, 0.0, place[1]), -direction, along
+            return 0.5 * width * direction + ca.vertcat(0.0, 0.0, place[1]), -direction, excess
         point = ca.vertcat(0.5 * width * side, place)
-        return point, ca.vertcat(-side, 0.0, 0.0), [*along, ca.fabs(place[0]) - HALF_DEPTH]
+        return point, ca.vertcat(-side, 0.0, 0.0), [*excess, ca.fabs(place[0]) - HALF_DEPTH]
 
     def _distance(self, point: Expression, width: Expression) -> Expression:
-        """Return a lower bound on the distance of a point (3,) outside the body, metres, negative inside."""
-        across = ca.norm_2(point[:2] + 1e-9) if self.kind == "cylinder" else ca.fabs(point[0])
-        distance = ca.fmax(across - 0.5 * width, ca.fabs(point[2]) - HALF_LENGTH)
+        """Return a lower bound on the signed distance of a point (3,) from the body, metres, negative inside."""
+        lateral = ca.norm_2(point[:2] + 1e-9) if self.kind == "cylinder" else ca.fabs(point[0])
+        distance = ca.fmax(lateral - 0.5 * width, ca.fabs(point[2]) - HALF_LENGTH)
         return distance if self.kind == "cylinder" else ca.fmax(distance, ca.fabs(point[1]) - HALF_DEPTH)
 
 
 def _is_balanced(points: FloatArray, normals: FloatArray) -> bool:
-    """Return whether forces in the friction cones of contacts, not all zero, have no sum and no torque.
+    """Return whether contact forces in the friction cones, not all zero, can have zero resultant force and torque.
 
     Parameters
     ----------
@@ -293,8 +293,8 @@ def _is_balanced(points: FloatArray, normals: FloatArray) -> bool:
     """
     turns = 2.0 * np.pi * np.arange(EDGES) / EDGES
     frames = tangents(normals)  # (k, 2, 3)
-    across = np.cos(turns)[:, None, None] * frames[:, 0] + np.sin(turns)[:, None, None] * frames[:, 1]
-    forces = normals + FRICTION * across  # (edges, k, 3)
+    tangential = np.cos(turns)[:, None, None] * frames[:, 0] + np.sin(turns)[:, None, None] * frames[:, 1]
+    forces = normals + FRICTION * tangential  # (edges, k, 3)
     torques = np.cross(points - points.mean(axis=0), forces) / HALF_LENGTH
     wrenches = np.concatenate([forces, torques], axis=2).reshape(-1, 6).T
     matrix = np.vstack([wrenches, np.ones(wrenches.shape[1])])  # the normal forces add up to one
@@ -302,7 +302,7 @@ def _is_balanced(points: FloatArray, normals: FloatArray) -> bool:
 
 
 def _coarse(tip: Tip) -> Tip:
-    """Return a fingertip with fewer corners, where it is a hull."""
+    """Return a fingertip with fewer corners if it is a convex hull."""
     if not isinstance(tip, HullTip):
         return tip
     normals = dome(np.asarray(tip.facing), tip.angle, SIDES).vertices
@@ -310,16 +310,19 @@ def _coarse(tip: Tip) -> Tip:
 
 
 def _splits(tree: LinkTree, joints: FloatArray) -> FloatArray:
-    """Return sides of the fingertips, (s, k), 1 or -1: those whose sides press most against each other on average."""
+    """Return the best divisions of the fingertips into two sides, (s, k), 1 or -1.
+
+    The two sides press most against each other, on average over postures.
+    """
     alignment, count = mean_alignment(tree, joints), len(tree.tips)
-    sides = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=count - 1) if -1.0 in rest])
+    sides = np.array([(1.0, *others) for others in product((1.0, -1.0), repeat=count - 1) if -1.0 in others])
     scores = np.einsum("si,ij,sj->s", sides, alignment, sides)
     fewest = np.minimum(np.sum(sides > 0.0, axis=1), np.sum(sides < 0.0, axis=1))
     return sides[np.lexsort((fewest, -np.round(scores, 6)))[:SPLITS]]
 
 
 def _format_runs(widths: tuple[float, ...]) -> str:
-    """Return widths as text, in millimetres: runs of widths that were tried one after another as ranges."""
+    """Return widths as text, in millimetres, with runs of consecutive trial widths as ranges."""
     runs: list[list[float]] = []
     for width in widths:
         index = WIDTHS.index(width)

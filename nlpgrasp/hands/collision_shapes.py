@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class MeshFile(NamedTuple):
-    """A mesh file: its name in the robot file, and the SHA-256 of its bytes, hexadecimal."""
+    """A mesh file: name in the robot file, and SHA-256 of the content, hexadecimal."""
 
     name: str
     sha256: str
@@ -31,7 +31,7 @@ class MeshFile(NamedTuple):
 
 @dataclass(frozen=True)
 class CollisionShape:
-    """A collision shape in its link's frame.
+    """A collision shape of a link, in the link's frame.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class CollisionShape:
 
     @classmethod
     def sphere(cls, radius: float, pose: FloatArray) -> CollisionShape:
-        """Return a sphere at a pose (4, 4)."""
+        """Return a sphere with the pose (4, 4)."""
         import trimesh
 
         mesh = trimesh.creation.icosphere(subdivisions=3)
@@ -68,7 +68,7 @@ class CollisionShape:
 
     @classmethod
     def cylinder(cls, radius: float, length: float, pose: FloatArray) -> CollisionShape:
-        """Return a cylinder along z at a pose (4, 4), a prism of 32 sides that encloses the exact one."""
+        """Return a cylinder along z with the pose (4, 4), as an enclosing prism of 32 sides."""
         import trimesh
 
         sides = 32
@@ -80,7 +80,7 @@ class CollisionShape:
 
     @classmethod
     def capsule(cls, radius: float, length: float, pose: FloatArray) -> CollisionShape:
-        """Return a capsule along z at a pose (4, 4); ``length`` is without the round ends."""
+        """Return a capsule along z with the pose (4, 4); ``length`` excludes the round ends."""
         import trimesh
 
         mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
@@ -90,7 +90,7 @@ class CollisionShape:
 
     @classmethod
     def ellipsoid(cls, semi_axes: FloatArray, pose: FloatArray) -> CollisionShape:
-        """Return an ellipsoid at a pose (4, 4), as a polyhedron that encloses it."""
+        """Return an ellipsoid with the pose (4, 4), as an enclosing polyhedron."""
         import trimesh
 
         mesh = trimesh.creation.icosphere(subdivisions=3)
@@ -101,7 +101,7 @@ class CollisionShape:
 
     @classmethod
     def box(cls, size: FloatArray, pose: FloatArray) -> CollisionShape:
-        """Return a box at a pose (4, 4)."""
+        """Return a box with the pose (4, 4)."""
         import trimesh
 
         mesh = trimesh.creation.box(size, transform=pose)
@@ -109,14 +109,14 @@ class CollisionShape:
 
     @property
     def ends(self) -> FloatArray | None:
-        """Ends of a capsule's axis, (2, 3), metres, link frame; None of other shapes."""
+        """Ends of a capsule's axis, (2, 3), metres, link frame; None for other shapes."""
         if self.kind != "capsule" or self.pose is None:
             return None
         return np.asarray(self.pose[:3, 3] + np.outer([-0.5, 0.5], self.size[1] * self.pose[:3, 2]))
 
     @property
     def content(self) -> bytes:
-        """Bytes that determine the shape."""
+        """Bytes that determine the shape, for cache keys."""
         centre = np.zeros(0) if self.centre is None else self.centre
         arrays = [self.mesh.vertices, self.mesh.faces, centre, [self.radius]]
         return self.kind.encode() + b"".join(np.asarray(values, dtype=float).tobytes() for values in arrays)
@@ -127,7 +127,7 @@ class CollisionShape:
         return np.asarray(self.mesh.vertices, dtype=float).round(9).tobytes()
 
     def depth(self, points: FloatArray) -> FloatArray:
-        """Return the depth of points (m, 3) below the surface, metres, negative outside."""
+        """Return the signed depth of points (m, 3) below the surface, (m,), metres, negative outside."""
         if self.centre is not None:
             return np.asarray(self.radius - np.linalg.norm(points - self.centre, axis=1))
         if self.kind not in ("box", "cylinder"):
@@ -140,7 +140,7 @@ class CollisionShape:
 
     @cached_property
     def _planes(self) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (f, 3), unit, and offsets (f,), metres, of the faces of a convex shape."""
+        """Outward unit normals (f, 3) and offsets (f,), metres, of the faces of a convex shape."""
         _, first = np.unique(np.asarray(self.mesh.face_normals).round(6), axis=0, return_index=True)
         normals = np.asarray(self.mesh.face_normals)[first]
         return normals, np.einsum("fx,fx->f", normals, np.asarray(self.mesh.triangles)[first, 0])

@@ -1,4 +1,4 @@
-"""Questions about the units of a robot file: meshes in millimetres, limits in degrees."""
+"""Plausibility of a robot file's units: meshes in millimetres, joint limits in degrees."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_NAMES = 3  # names in a sentence
 
 
 def check_units(scale: object, degrees: object) -> UrdfUnits:
-    """Return the units of a URDF's numbers, as ``URDFHand.load`` takes them.
+    """Return validated units of a URDF's numbers, given as in ``URDFHand.load``.
 
     Raises
     ------
@@ -35,12 +35,12 @@ def check_units(scale: object, degrees: object) -> UrdfUnits:
 
 
 def unit_questions(robot: Robot) -> list[str]:
-    """Return questions about the units of a robot file's meshes, offsets and joint limits, a sentence each."""
+    """Return doubts about the units of a robot file's meshes, offsets and joint limits, one sentence each."""
     return [f"{question.observation}: {question.cure}" for question in _questions(robot)]
 
 
 def refuse_implausible_lengths(robot: Robot) -> None:
-    """Raise for meshes longer than 10 m, and for joints as far from the palm, if the other lengths are not.
+    """Raise for meshes longer than 10 m, or joints more than 10 m from the palm.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def refuse_implausible_lengths(robot: Robot) -> None:
 
 
 def joint_reach(robot: Robot) -> float:
-    """Return the largest sum of joint offsets from the palm to a link, metres."""
+    """Return the largest sum of joint offset lengths from the palm to a link, metres."""
     reach = {robot.root: 0.0}
     for joint in robot.joints:
         reach[joint.child] = reach[joint.parent] + float(np.linalg.norm(joint.xyz))
@@ -61,7 +61,7 @@ def joint_reach(robot: Robot) -> float:
 
 
 class UnitQuestion(NamedTuple):
-    """Values that suggest another unit, the cure, and the longest length among them, metres."""
+    """A doubt about a unit: suspicious values, the remedy, and the largest length among them, metres."""
 
     observation: str
     cure: str
@@ -69,7 +69,7 @@ class UnitQuestion(NamedTuple):
 
 
 def _questions(robot: Robot) -> Iterator[UnitQuestion]:
-    """Yield the questions about a robot file's units."""
+    """Yield all doubts about a robot file's units."""
     reach = joint_reach(robot)
     if reach > LONGEST_BODY:
         cure = f"if these are millimetres, divide all lengths of {robot.source} by 1000"
@@ -80,7 +80,7 @@ def _questions(robot: Robot) -> Iterator[UnitQuestion]:
 
 
 def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
-    """Yield the question about meshes much longer, or shorter, than the reach of the joints, metres."""
+    """Yield a doubt if the meshes are much longer or much shorter than the reach of the joints, metres."""
     lengths = {
         link: max(lengths)
         for link, shapes in robot.shapes.items()
@@ -101,16 +101,16 @@ def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
 
 
 def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
-    """Yield the question whether a URDF's joint limits are in degrees, where most of them look so."""
+    """Yield a doubt if most joint limits of a URDF look like degrees."""
     limits = {j.name: max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.kind == "revolute"}
-    beyond = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
-    if len(beyond) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):
-        widest = max(limits[name] for name in beyond)
-        observation = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', beyond)})"
+    doubtful = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
+    if len(doubtful) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):
+        widest = max(limits[name] for name in doubtful)
+        observation = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', doubtful)})"
         yield UnitQuestion(observation, "if they are degrees, degrees=True says so")
 
 
 def _some(noun: str, names: Sequence[str]) -> str:
-    """Return a noun with some names, and how many there are more."""
+    """Return a noun with the first few names and the count of the others, as text."""
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return f"{noun}{'' if len(names) == 1 else 's'} {', '.join(names[:MOST_NAMES])}{more}"

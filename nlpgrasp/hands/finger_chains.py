@@ -1,4 +1,4 @@
-"""Fingers as kinematic chains: their joints, first links and mean direction."""
+"""Fingers as kinematic chains: joints, first links, mean direction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DOUBTFUL_ANGLE, LEAST_GAIN = 45.0, 15.0  # degrees: least angle of a doubtful pa
 
 @dataclass(frozen=True)
 class Finger:
-    """A finger's kinematic chain: its free joints and contacts.
+    """A finger's kinematic chain: free joints and contacts.
 
     Parameters
     ----------
@@ -37,24 +37,30 @@ class Finger:
 
 
 def fingers(tree: LinkTree) -> tuple[Finger, ...]:
-    """Return the fingers: those with fingertips first, in the contacts' order; shared joints last."""
+    """Return the fingers of a hand: first those with fingertips, in the order of the contacts.
+
+    Joints shared by several fingers come last.
+    """
     robot = tree.robot
     branching_link, shared = _trunk(robot)
     groups: dict[str, list[int]] = {}
     for i, joint in enumerate(robot.free_joints):
         groups.setdefault("" if joint.name in shared else _branch(robot, joint, branching_link), []).append(i)
     result = []
-    for branch, numbers in groups.items():
-        names = {robot.free_joints[i].name for i in numbers}
+    for branch, indices in groups.items():
+        names = {robot.free_joints[i].name for i in indices}
         tips = tuple(i for i, (link, _) in enumerate(tree.tips) if branch and names & _drivers(robot, link))
-        last = robot.free_joints[numbers[-1]].child
+        last = robot.free_joints[indices[-1]].child
         name = ", ".join(dict.fromkeys(tree.tips[i][0] for i in tips)) or last
-        result.append(Finger(name if branch else f"{robot.root} to {last}", tips, tuple(numbers)))
+        result.append(Finger(name if branch else f"{robot.root} to {last}", tips, tuple(indices)))
     return tuple(sorted(result, key=lambda finger: finger.tips[0] if finger.tips else len(tree.tips)))
 
 
 def first_finger_links(tree: LinkTree) -> tuple[str, ...]:
-    """Return the first link of each fingertip's finger, in the contacts' order; the palm for a tip on no finger."""
+    """Return the first link of each fingertip's finger, in the order of the contacts.
+
+    The palm stands for a fingertip that is on no finger.
+    """
     robot = tree.robot
     branching_link, _ = _trunk(robot)
     groups = robot.rigid_groups
@@ -66,7 +72,7 @@ def first_finger_links(tree: LinkTree) -> tuple[str, ...]:
 
 
 def _trunk(robot: Robot) -> tuple[str, set[str]]:
-    """Return the link at which the fingers branch, and the joints above it: an arm or a wrist.
+    """Return the link at which the fingers branch, and the joints before it (arm or wrist).
 
     A hand without branches is one finger that begins at the root.
     """
@@ -81,7 +87,7 @@ def _trunk(robot: Robot) -> tuple[str, set[str]]:
 
 
 def _branch(robot: Robot, joint: Joint, branching_link: str) -> str:
-    """Return the name of the first moving joint of a joint's finger, beyond the link at which fingers branch."""
+    """Return the name of the first moving joint of the finger to which a joint belongs."""
     chain = [j for j in robot.chain(joint.child) if j.moves]
     return next((j.name for j in chain if robot.rigid_groups[j.parent] == branching_link), chain[0].name)
 
@@ -92,7 +98,7 @@ def _drivers(robot: Robot, link: str) -> set[str]:
 
 
 def mean_finger_direction(tree: LinkTree) -> FloatArray | None:
-    """Return the mean direction, over random postures, of the fingertips from their fingers' first joints.
+    """Return the mean direction from the fingers' first joints to the fingertips, over random postures.
 
     Fingers bend towards the side that the palm faces, so this direction lies between the palm's direction and that of
     straight fingers: within 35 degrees of the palm's direction for Allegro, Shadow, Panda and Robotiq hands.
@@ -118,7 +124,7 @@ def mean_finger_direction(tree: LinkTree) -> FloatArray | None:
 
 
 def suggested_approach(tree: LinkTree) -> FloatArray | None:
-    """Return the axis of the palm frame, (3,), nearest to the fingers; None where the stated approach is plausible.
+    """Return the palm-frame axis nearest to the fingers, (3,), if the stated approach is implausible; else None.
 
     Parameters
     ----------
@@ -137,7 +143,7 @@ def suggested_approach(tree: LinkTree) -> FloatArray | None:
 
 
 def format_direction(direction: FloatArray) -> str:
-    """Return a unit direction (3,) as text: ``+z`` along an axis, else three numbers."""
+    """Return a unit direction (3,) as text: ``+z`` if along an axis, else three numbers."""
     index = int(np.argmax(np.abs(direction)))
     if abs(direction[index]) > 1.0 - 1e-9:
         return f"{'+' if direction[index] > 0.0 else '-'}{'xyz'[index]}"

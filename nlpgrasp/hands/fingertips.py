@@ -1,4 +1,4 @@
-"""Hand of free spherical fingertips within reach of a palm point."""
+"""Hand of free spherical fingertips with a limited reach from a palm point."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nlpgrasp.hands.base import Hand, HandVariable
 
 @dataclass(frozen=True)
 class Fingertips(Hand):
-    """A hand of free spherical fingertips with limits on their mutual distances and their reach from a palm point.
+    """A hand of free spherical fingertips, with limits on mutual distances and on the reach from a palm point.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class Fingertips(Hand):
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
-        """Radius of each of the fingertips, metres."""
+        """Radius of each fingertip, metres."""
         return (self.radius,) * self.count
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return the palm point where a reach is stated, else no variables."""
+        """Return the palm point as a variable if a reach is given, else an empty list."""
         if self.reach is None:
             return []
         size = float(np.linalg.norm(bounds[1] - bounds[0]))
@@ -70,11 +70,11 @@ class Fingertips(Hand):
         return [HandVariable("palm", bounds[0] - margin, bounds[1] + margin, size / 2.0)]
 
     def start(self, tips: FloatArray) -> dict[str, FloatArray]:
-        """Return the centroids of the fingertips (..., k, space) as palm points, metres, where a reach is stated."""
+        """Return the centroids of the fingertips (..., k, space) as palm points, metres, if a reach is given."""
         return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=-2))}
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return constraints on reach, spread and overlap, as squared distances."""
+        """Return the constraints on reach, spread and overlap, as squared distances."""
         tips, size2 = placement.tips, placement.size**2
         rows = []
         if self.reach is not None:

@@ -1,4 +1,4 @@
-"""Fingertips fitted to the collision shapes of links: the rounded convex hull of a link's end."""
+"""Fingertips fitted to collision shapes: rounded convex hulls of the ends of links."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ RANGE_WEIGHT = 0.5  # weight of the last joint's range against the direction to 
 
 
 def fit_hull_tips(robot: Robot, links: Sequence[str], others: Sequence[str] = ()) -> dict[str, HullTip]:
-    """Return the rounded convex hulls of links' ends; their patches face between the pad's and the link's direction.
+    """Return a fingertip for each link: the rounded convex hull of its end.
+
+    The patches face between the direction of the pad and that of the link.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ def fit_hull_tips(robot: Robot, links: Sequence[str], others: Sequence[str] = ()
 
 
 class _LinkEnd:
-    """End of a link away from its last moving joint, as convex hulls of single shapes and of all its shapes."""
+    """End of a link away from the link's last moving joint, as convex hulls of collision shapes."""
 
     def __init__(self, robot: Robot, link: str) -> None:
         chain = [joint for joint in robot.chain(link) if joint.moves]
@@ -89,13 +91,16 @@ class _LinkEnd:
             self.closing = RANGE_WEIGHT * _range_balance(robot, chain[-1])
 
     def hull_tip(self, towards_others: FloatArray) -> HullTip:
-        """Return the rounded hull whose patch faces along the last joint's motion to the others, and along the link."""
+        """Return the fingertip, whose patch faces between the closing motion and the link's direction.
+
+        The closing motion is that of the last joint towards the other fingertips.
+        """
         distance = max(float(np.linalg.norm(towards_others)), 1e-12)
         closes = self.motion @ towards_others / distance + self.closing >= 0.0
         motion = self.motion if closes else -self.motion
-        across = motion if self.slides else motion - (motion @ self.direction) * self.direction
-        length = float(np.linalg.norm(across))
-        pad = across / length if length > 1e-6 else self.direction
+        transverse = motion if self.slides else motion - (motion @ self.direction) * self.direction
+        length = float(np.linalg.norm(transverse))
+        pad = transverse / length if length > 1e-6 else self.direction
         middle = pad if self.slides else pad + self.direction
         normals = np.vstack([dome(middle / np.linalg.norm(middle), SEARCHED, SIDES).vertices, pad])
         shapes = [part for shape, T in self.shapes for part in (shape.content, T)]
@@ -104,7 +109,7 @@ class _LinkEnd:
         return HullTip(arrays["points"], arrays["facing"], float(arrays["angle"]), ROUNDING)
 
     def _best_patch(self, normals: FloatArray) -> dict[str, FloatArray]:
-        """Return points, facing direction and angle of the best patch of the end's hulls."""
+        """Return corners, facing direction and angle of the best patch among the end's hulls."""
         tips = [self._widest_patch(solid, normals) for solid in self._solids(normals)]
         angles, facing = np.array([tip.angle for tip in tips]), np.array([tip.facing for tip in tips])
         merits = _merits(angles, facing @ normals[0], facing @ normals[-1], self.slides)
@@ -114,7 +119,7 @@ class _LinkEnd:
         return {"points": np.asarray(tips[best].points), "facing": facing[best], "angle": angles[best]}
 
     def _solids(self, normals: FloatArray) -> list[FloatArray]:
-        """Return the corners of the ends that may carry the patch: of the outermost shapes, and of all of them.
+        """Return the corners of each convex hull that may carry the patch: of outermost shapes, and of all shapes.
 
         A shape that others cover along all of the normals (m, 3) carries none.
         """
@@ -126,18 +131,18 @@ class _LinkEnd:
         return [self._cut_end(points) for points in (*(self.near[i] for i in outermost), self.group)]
 
     def _cut_end(self, vertices: FloatArray, length: float = LENGTH) -> FloatArray:
-        """Return the corners of the end of the convex hull of some vertices, of a length in metres."""
+        """Return the corners of the end piece of a convex hull, of a given length, metres."""
         sphere = dome(self.cut, np.pi, SIDES).vertices
         return _cut(supporting_points(vertices, sphere, len(sphere)), self.cut, length)
 
     def _nearby_parts(self, vertices: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return the corners of the parts of each shape's convex hull that are near the link's farthest point."""
-        behind = np.max(self.group @ self.cut) - np.array([np.max(points @ self.cut) for points in vertices])
-        shapes = zip(vertices, behind, strict=True)
+        """Return the corners of the part of each shape's convex hull that is near the link's farthest point."""
+        setbacks = np.max(self.group @ self.cut) - np.array([np.max(points @ self.cut) for points in vertices])
+        shapes = zip(vertices, setbacks, strict=True)
         return [self._cut_end(points, NEARBY - distance) for points, distance in shapes if distance < NEARBY]
 
     def _widest_patch(self, solid: FloatArray, normals: FloatArray) -> HullTip:
-        """Return the widest patch of a convex hull that is on the link's shapes, with no other shape in front of it."""
+        """Return the widest patch of a convex hull that lies on the link's shapes, with no shape in front."""
         corners = supporting_points(solid, normals, MOST_POINTS)
         tip = HullTip(corners, normals[0], SEARCHED, ROUNDING)
         protrusion = np.max(normals @ np.concatenate(self.near).T, axis=1) - np.max(normals @ corners.T, axis=1)
@@ -161,26 +166,26 @@ class _LinkEnd:
         return HullTip(corners, facing, angle, ROUNDING)
 
     def _deepest_hollow(self, tip: HullTip, facing: FloatArray, angle: float) -> float:
-        """Return the largest distance outside the link's shapes of a hull's points within an angle, metres."""
+        """Return the largest distance between a patch within an angle and the link's shapes behind it, metres."""
         return float(np.max(self._gaps(tip.points_with_normals(dome(facing, angle, SIDES).vertices))))
 
     def _gaps(self, points: FloatArray) -> FloatArray:
-        """Return the distances of points (m, 3), link frame, outside the link's shapes, (m,), metres, at least zero."""
+        """Return the distances of points (m, 3), link frame, outside the link's shapes, (m,), metres, 0 inside."""
         depths = [shape.depth((points - T[:3, 3]) @ T[:3, :3]) for shape, T in self.shapes]
         return np.asarray(np.maximum(-np.max(depths, axis=0), 0.0))
 
 
 def _long_side(shape: CollisionShape, transform: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return the direction of a box's longest side, link frame, unit, where it is near a link's; else the link's."""
+    """Return the direction of a box's longest side if nearly along the link, else the link's direction, unit."""
     if shape.kind != "box" or shape.pose is None:
         return direction
     axis = transform[:3, :3] @ shape.pose[:3, int(np.argmax(shape.size))]
-    along = float(axis @ direction)
-    return np.asarray(np.sign(along) * axis if abs(along) >= ALONG else direction)
+    cosine = float(axis @ direction)
+    return np.asarray(np.sign(cosine) * axis if abs(cosine) >= ALONG else direction)
 
 
 def _flat_parts(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points on facets and edges of a convex hull of corners, (m, 3), and their outward normals, (m, 3).
+    """Return points (m, 3) on facets and edges of the convex hull of corners, and their outward normals, (m, 3).
 
     The hull bridges hollows of the shape there, and sampled normals miss that: to a facet belongs a single normal.
     """
@@ -191,24 +196,26 @@ def _flat_parts(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     points, directions = [facets.mean(axis=1)], [normals]
     for i in range(3):
         points += [(facets.sum(axis=1) + 3.0 * facets[:, i]) / 6.0, (facets.sum(axis=1) - facets[:, i]) / 2.0]
-        both = normals + normals[hull.neighbors[:, i]]
-        directions += [normals, both / np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-12)]
+        sums = normals + normals[hull.neighbors[:, i]]
+        directions += [normals, sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)]
     return np.concatenate(points), np.concatenate(directions)
 
 
 def _merits(angles: FloatArray, cosines: FloatArray, pad_cosines: FloatArray, slides: bool) -> FloatArray:
-    """Return the merit of each patch: its opening angle less half the angle of its middle to the wanted direction.
+    """Return the merit of each patch: its opening angle, less half its angle from the wanted direction.
 
     A jaw that slides presses along its motion alone, a finger that turns with its end as well.
     """
-    off, pad = np.arccos(np.clip(cosines, -1.0, 1.0)), np.arccos(np.clip(pad_cosines, -1.0, 1.0))
-    return np.asarray(np.minimum(angles, WIDEST) - 0.5 * off - np.where(slides & (pad >= angles), 0.5, 0.0))
+    deviations, pad_angles = np.arccos(np.clip(cosines, -1.0, 1.0)), np.arccos(np.clip(pad_cosines, -1.0, 1.0))
+    return np.asarray(
+        np.minimum(angles, WIDEST) - 0.5 * deviations - np.where(slides & (pad_angles >= angles), 0.5, 0.0)
+    )
 
 
 def _widest_cone(
     normals: FloatArray, usable: NDArray[np.bool_], unusable: FloatArray, slides: bool
 ) -> tuple[FloatArray, float]:
-    """Return the axis, one of normals (m, 3), and the angle of the best cone without unusable normals (n, 3).
+    """Return axis and angle of the best cone of normals (m, 3) that contains no unusable normal (n, 3).
 
     The first of the normals is the wanted middle, the last the pad; for a jaw that slides, a cone that ends next to a
     usable pad is widened to it.
@@ -226,18 +233,18 @@ def _widest_cone(
 
 
 def _cut(corners: FloatArray, direction: FloatArray, length: float) -> FloatArray:
-    """Return the corners of the part of a convex hull within a length of its farthest point along a direction."""
+    """Return the corners of the part of a convex hull within a length of its extreme point along a direction."""
     hull = ConvexHull(corners)
     height = corners @ direction - np.max(corners @ direction) + length
     a, b = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0).T
     crosses = height[a] * height[b] < 0.0
     a, b = a[crosses], b[crosses]
-    share = height[a] / (height[a] - height[b])
-    return np.concatenate([corners[height >= 0.0], corners[a] + share[:, None] * (corners[b] - corners[a])])
+    fraction = height[a] / (height[a] - height[b])
+    return np.concatenate([corners[height >= 0.0], corners[a] + fraction[:, None] * (corners[b] - corners[a])])
 
 
 def supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> FloatArray:
-    """Return at most ``most`` corners with nearly the support function of all of them along the normals (m, 3)."""
+    """Return at most ``most`` corners that nearly keep the support function along normals (m, 3)."""
     heights = normals @ corners.T
     support = heights.max(axis=1)
     chosen = [int(np.argmax(heights[0]))]
@@ -252,7 +259,10 @@ def supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> Fl
 
 
 def _directions_to_others(robot: Robot, centres: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the mean direction from a point of each link to all points, link frame, metres, over random postures."""
+    """Return the mean vector from each link's point to the centroid of all points, link frame, metres.
+
+    The mean is over random postures.
+    """
     ranges = [robot.ranges[joint.name] for joint in robot.free_joints]
     low, high = (np.clip([ends[side] for ends in ranges], -np.pi, np.pi) for side in (0, 1))
     joints = np.random.default_rng(0).uniform(low, high, (POSTURES, len(ranges)))
@@ -266,7 +276,7 @@ def _directions_to_others(robot: Robot, centres: Mapping[str, FloatArray]) -> di
 
 
 def _range_balance(robot: Robot, joint: Joint) -> float:
-    """Return how far a joint's range is on one side of zero, from -1 (negative positions alone) to 1."""
+    """Return how one-sided a joint's range is about zero: -1 for negative positions only, 1 for positive ones."""
     driver, multiplier, _ = robot.driving_joint(joint)
     low, high, _ = robot.ranges[driver]
     if not np.isfinite(low) or not np.isfinite(high) or high <= low:
@@ -275,7 +285,7 @@ def _range_balance(robot: Robot, joint: Joint) -> float:
 
 
 def _link_poses(robot: Robot, link: str, joints: FloatArray) -> FloatArray:
-    """Return the poses (b, 4, 4) of a link in the palm's frame at positions (b, m) of the free joints."""
+    """Return the poses (b, 4, 4) of a link in the palm frame at positions (b, m) of the free joints."""
     index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
     poses = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
     for joint in robot.chain(link):

@@ -1,4 +1,4 @@
-"""Inspection of a hand: parts, opposition, suggested fingertips and warnings about its file."""
+"""Inspection of a hand: parts, opposition of the fingertips, suggested fingertips, warnings about the file."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Inspection:
 
     @property
     def verdict(self) -> str:
-        """Verdict as text: the number of warnings, that there are none, or that no fingertips are stated."""
+        """Verdict as text: the number of warnings, or that no fingertips are stated."""
         if not self.hand.tree.tips:
             return "no fingertips stated"
         count = len(self.findings)
@@ -95,7 +95,7 @@ class Inspection:
 
     @property
     def kind(self) -> str:
-        """Severity: ``good``, ``some`` (there are warnings) or ``bad`` (grasps may come out wrong)."""
+        """Severity of the findings: ``good``, ``some`` (there are warnings) or ``bad`` (grasps may come out wrong)."""
         if not self.hand.tree.tips:
             return "some"
         if any(finding.grave for finding in self.findings):
@@ -104,7 +104,7 @@ class Inspection:
 
     @property
     def notices(self) -> tuple[FileWarning, ...]:
-        """Warnings, after a proposal of fingertips where none are stated."""
+        """Warnings, preceded by a proposal of fingertips if none are stated."""
         if self.hand.tree.tips:
             return self.findings
         if self.hand.preset is not None:
@@ -120,12 +120,12 @@ class Inspection:
 
     @property
     def usage_lines(self) -> tuple[str, ...]:
-        """Command and line of Python that state the proposed fingertips; empty where fingertips are stated."""
+        """Command and line of Python that state the proposed fingertips; empty if fingertips are stated."""
         return () if self.hand.tree.tips else format_usage(self.hand)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Summary of the parts, verdict and warnings, a line each."""
+        """Summary of the hand's parts, verdict and warnings, as lines of text."""
         robot = self.hand.tree.robot
         followers = sum(joint.moves for joint in robot.joints) - len(robot.free_joints)
         joints = _counted(len(robot.free_joints), "joint")
@@ -140,7 +140,7 @@ class Inspection:
 
 
 def _counted(count: int, noun: str) -> str:
-    """Return a count with its noun, singular or plural."""
+    """Return a count with a noun in singular or plural, as text."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -162,7 +162,7 @@ def inspection_data(hand: Hand) -> InspectedHand:
 def inspect_without_tips(
     path: str | Path, palm: str | None, approach: ArrayLike, units: UrdfUnits = SI
 ) -> InspectedHand:
-    """Return the inspection data of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
+    """Return the inspection data of a robot file without fingertips; arguments as in ``ng.URDFHand.load``.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def inspect_without_tips(
 
 @dataclass(frozen=True)
 class InspectedHand:
-    """A hand under inspection: kinematics, collision spheres and torque limits.
+    """Data of a hand under inspection: kinematics, collision spheres and torque limits.
 
     Parameters
     ----------
@@ -204,14 +204,17 @@ class InspectedHand:
 
     @property
     def rest_posture(self) -> FloatArray:
-        """Positions of the free joints in a relaxed posture, (m,): zero for ranges nearly symmetric about zero."""
+        """Positions of the free joints in a relaxed posture, (m,).
+
+        Joints with a range nearly symmetric about zero rest at zero.
+        """
         lower, upper = self.tree.joint_limits if self.tree.robot.free_joints else np.zeros((2, 0))
         is_symmetric = np.abs(lower + upper) <= EVEN_RANGE * (upper - lower)
         return np.where(is_symmetric, 0.0, lower + REST_SHARE * (upper - lower))
 
     @cached_property
     def proposal(self) -> TipProposal:
-        """Proposed fingertips, tried on bodies."""
+        """Proposed fingertips, tested on cylinders and boxes."""
         return propose_tips(self.tree, self.fits, self.rest_posture)
 
     @property
@@ -221,7 +224,7 @@ class InspectedHand:
 
 
 def findings(hand: InspectedHand, opposition: Opposition | None) -> tuple[FileWarning, ...]:
-    """Return the warnings about a hand, grave ones first.
+    """Return the warnings about a hand, grave warnings first.
 
     Parameters
     ----------
@@ -259,7 +262,7 @@ class FileWarning:
 
 
 def _palm_warning(hand: InspectedHand) -> list[FileWarning]:
-    """Return a warning where the palm probably faces another way than stated."""
+    """Return a warning if the palm probably faces another way than stated; else an empty list."""
     axis = suggested_approach(hand.tree)
     if axis is None:
         return []
@@ -271,7 +274,7 @@ def _palm_warning(hand: InspectedHand) -> list[FileWarning]:
 
 
 def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
-    """Return warnings about missing collision shapes, and links thicker than their fingertips."""
+    """Return warnings about implausible units, missing collision shapes, and links thicker than their fingertips."""
     robot = hand.tree.robot
     result = [FileWarning(f"{_sentence(text)}.", grave=True) for text in unit_questions(robot)]
     if robot.missing:
@@ -294,12 +297,12 @@ def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
 
 
 def _sentence(text: str) -> str:
-    """Return text with a capital letter at its beginning."""
+    """Return text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
 def _overhangs(hand: InspectedHand) -> list[FileWarning]:
-    """Return warnings about fingertips that reach beyond the shapes of their links."""
+    """Return warnings about fingertips that protrude from the shapes of their links."""
     result = []
     for i, (link, tip) in enumerate(hand.tree.tips):
         distance = overhang(tip, link, hand.tree.robot)
@@ -314,7 +317,7 @@ def _overhangs(hand: InspectedHand) -> list[FileWarning]:
 
 
 def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
-    """Return warnings about joints: none that move, effort limits, full turns, couplings."""
+    """Return warnings about joints: no moving joint, effort limits, full turns, couplings."""
     robot = hand.tree.robot
     if not robot.free_joints:
         return [FileWarning(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
@@ -344,7 +347,7 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
 
 
 def _tip_warnings(hand: InspectedHand, opposition: Opposition) -> list[FileWarning]:
-    """Return warnings about fingertips that cannot press from two sides or meet."""
+    """Return warnings about fingertips that cannot press from two sides or cannot meet."""
     if len(hand.tree.tips) == 1:
         return [FileWarning("Only one fingertip is stated: to hold a body takes two at least.", grave=True)]
     result = []
@@ -371,7 +374,7 @@ def _pair_warning(hand: InspectedHand, pair: TipMeeting) -> FileWarning:
 
 
 def format_usage(hand: InspectedHand) -> tuple[str, str]:
-    """Return the command and the line of Python with the hand's preset, or with its proposed fingertips."""
+    """Return the command and the line of Python that load the hand with its preset or proposed fingertips."""
     path = json.dumps(hand.file, ensure_ascii=False)
     units = hand.tree.robot.units.to_dict()
     options = [
@@ -402,17 +405,18 @@ def millimetres(distance: float) -> str:
 
 
 def _format_tips(hand: InspectedHand, fingers: Sequence[int]) -> str:
-    """Return fingertips by number and link, as text."""
+    """Return fingertips as text, by index and link."""
     names = [f"{i} ({hand.tree.tips[i][0]})" for i in fingers]
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _is_revolute(robot: Robot, name: str) -> bool:
+    """Return whether the free joint with a name is revolute."""
     return next(j.is_revolute for j in robot.free_joints if j.name == name)
 
 
 def _format_some(names: Sequence[str], noun: str, count: int = 0) -> str:
-    """Return names as text, or ``all n`` where all of a count n are named."""
+    """Return names as text, or ``all n`` if all n of them are named."""
     if len(names) == count > 1:
         return f"all {count} {noun}s"
     return f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names)}"

@@ -1,4 +1,4 @@
-"""Forward kinematics and contact Jacobians of a robot, as CasADi expressions and numbers."""
+"""Forward kinematics and contact Jacobians of a robot hand, as CasADi expressions and numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DRAWN_SHARES = (0.1, 0.7)  # part of the joint ranges, as shares, from which ran
 
 
 class LinkTree:
-    """Kinematic tree of the links with a fingertip or a collision shape.
+    """Kinematic tree of the links that have a fingertip or a collision shape.
 
     Parameters
     ----------
@@ -46,17 +46,17 @@ class LinkTree:
 
     @cached_property
     def joint_limits(self) -> FloatArray:
-        """Lower and upper limits of the free joints, (2, m), narrowed by those of mimic joints."""
+        """Lower and upper limits of the free joints, (2, m), tightened by the limits of mimic joints."""
         return np.array([ends[:2] for ends in self.robot.ranges.values()], dtype=float).T
 
     def with_limits(self, limits: FloatArray) -> LinkTree:
-        """Return the same links with other limits of the free joints, (2, m)."""
+        """Return the same tree with other limits of the free joints, (2, m)."""
         result = copy(self)
         result.joint_limits = limits
         return result
 
     def joint_positions(self, joints: FloatArray) -> dict[str, float]:
-        """Return the position of every moving joint by name, for positions of the free joints (m,)."""
+        """Return the position of every moving joint by name, given the positions of the free joints (m,)."""
         index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
         result = {}
         for joint in self.robot.joints:
@@ -66,47 +66,47 @@ class LinkTree:
         return result
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
-        """Return the palm's pose in the body's frame."""
+        """Return the palm's pose in the body frame (symbolic)."""
         rotation = rotation_matrix(variables["palm_quaternion"])
         return PalmPose(variables["palm_position"], rotation, ca.mtimes(rotation, ca.DM(self.approach)))
 
     def poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
-        """Return the links' poses in the body's frame."""
+        """Return the links' poses in the body frame (symbolic)."""
         palm = self.palm(variables)
         base = ca.vertcat(ca.horzcat(palm.rotation, palm.position), ca.SX([[0.0, 0.0, 0.0, 1.0]]))
         poses = ca.horzsplit(self.link_function(variables["joints"]), 4)
         return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, poses, strict=True)}
 
     def palm_frame(self, values: Mapping[str, FloatArray]) -> FloatArray:
-        """Return the palm's frame in the body's, (4, 4), for values of the hand's variables."""
+        """Return the palm's pose in the body frame, (4, 4), given values of the hand's variables."""
         frame = np.eye(4)
         frame[:3, :3] = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
         frame[:3, 3] = values["palm_position"]
         return frame
 
     def palm_poses(self, joints: FloatArray) -> FloatArray:
-        """Return the used links' poses, palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
+        """Return the used links' poses in the palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
         stacked = self._links_evaluator(joints)[0]
         return stacked.reshape(len(joints), 4, len(self.used_links), 4).transpose(0, 2, 1, 3)
 
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
+        """Return the used links' poses in the body frame, (4, 4) each, given values of the hand's variables."""
         base = self.palm_frame(values)
         poses = self.palm_poses(np.asarray(values["joints"], dtype=float)[None])[0]
         return {name: base @ pose for name, pose in zip(self.used_links, poses, strict=True)}
 
     def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
-        """Return link, patch and sliding coordinate, if any, of each contact."""
+        """Return link, patch and sliding coordinate of each fingertip; None if the patch has no such coordinate."""
         slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
         return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
 
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
-        """Return the centres of round fingertips in the body's frame, None for the others."""
+        """Return the centre of each round fingertip in the body frame; None for other fingertips."""
         poses = self.poses(variables)
         return [tip.ball_centre(poses[link], slide) for link, tip, slide in self.tips_with_slides(variables)]
 
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
-        """Return the fingertips' centres in the body's frame."""
+        """Return the middle of each fingertip in the body frame."""
         poses = self.poses(variables)
         tips = zip(self.tips, self.tip_centres(variables), strict=True)
         return [
@@ -115,7 +115,7 @@ class LinkTree:
         ]
 
     def rigid_transform(self, link: str, other: str) -> FloatArray | None:
-        """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected, else None."""
+        """Return the transform (4, 4) from one link's frame to another's if they are rigidly connected, else None."""
         groups = self.robot.rigid_groups
         if groups[link] != groups[other]:
             return None
@@ -125,7 +125,7 @@ class LinkTree:
 
     @cached_property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the free joints that move some contact."""
+        """Names of the free joints that move a contact."""
         moving = [joint for link, _ in self.tips for joint in self.robot.chain(link) if joint.moves]
         drivers = {self.robot.driving_joint(joint)[0] for joint in moving}
         return tuple(j.name for j in self.robot.free_joints if j.name in drivers)
@@ -133,7 +133,7 @@ class LinkTree:
     def contact_motion(
         self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
     ) -> list[tuple[Expression, Expression]]:
-        """Return velocity and angular velocity, (3,) each, body frame, of contact points fixed to their links.
+        """Return velocity and angular velocity, (3,) each, body frame, of contact points that are fixed to their links.
 
         Arguments are those of ``PosedHand.contact_motion``.
         """
@@ -157,7 +157,10 @@ class LinkTree:
 
     @cached_property
     def contact_function(self) -> ca.Function:
-        """Function of palm position, quaternion, joints and contact points (3, k) to stacked Jacobians (6 k, m)."""
+        """CasADi function to the stacked contact Jacobians (6 k, m).
+
+        Its arguments are palm position, quaternion, joint positions and contact points (3, k).
+        """
         variables = {"palm_position": ca.SX.sym("t", 3), "palm_quaternion": ca.SX.sym("r", 4)}
         variables["joints"] = ca.SX.sym("q", len(self.robot.free_joints))
         rates, points = ca.SX.sym("rates", len(self.loaded_joints)), ca.SX.sym("p", 3, len(self.tips))
@@ -167,18 +170,18 @@ class LinkTree:
 
     @cached_property
     def span(self) -> float:
-        """Largest distance of a fingertip from the palm's origin, metres (over 500 random joint positions)."""
+        """Largest distance of a fingertip from the palm's origin, metres, over 500 random postures."""
         rng = np.random.default_rng(0)
         lower, upper = self.joint_limits
         tips = self.palm_tips(rng.uniform(lower, upper, (500, len(lower))))
         return float(np.max(np.linalg.norm(tips, axis=2)))
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
-        """Return the fingertip centres (b, k, 3) in the palm's frame for joint positions (b, m)."""
+        """Return the fingertip centres (b, k, 3) in the palm frame at joint positions (b, m)."""
         return self._tip_centres_and_normals(joints)[0]
 
     def palm_normals(self, joints: FloatArray) -> FloatArray:
-        """Return the outward normals of flat fingertips (b, k, 3) in the palm's frame, zero for curved ones."""
+        """Return the outward normals of flat fingertips (b, k, 3) in the palm frame, zero for curved fingertips."""
         return self._tip_centres_and_normals(joints)[1]
 
     def _tip_centres_and_normals(self, joints: FloatArray) -> list[FloatArray]:
@@ -188,13 +191,13 @@ class LinkTree:
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
     ) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return random palm poses and joints, (count, m) each, and the fingertips' centres, (count, k, 3).
+        """Return random palm poses and joint positions, (count, m) each, and the fingertip centres, (count, k, 3).
 
         The fingertips' centroid is at the given points, (count, 3).
         """
         lower, upper = self.joint_limits
-        shares = rng.uniform(*DRAWN_SHARES, (count, len(lower)))
-        joints = lower + shares * (upper - lower)
+        fractions = rng.uniform(*DRAWN_SHARES, (count, len(lower)))
+        joints = lower + fractions * (upper - lower)
         rotations = Rotation.random(count, rng=rng)
         tips = np.einsum("bij,bkj->bki", rotations.as_matrix(), self.palm_tips(joints))
         position = around - tips.mean(axis=1)
@@ -203,7 +206,7 @@ class LinkTree:
         return values | self.initial_slides(count), position[:, None] + tips
 
     def initial_slides(self, count: int) -> dict[str, FloatArray]:
-        """Return the initial sliding coordinates of the fingertips, (count, m), if there are any."""
+        """Return the initial sliding coordinates of the fingertips, (count, m)."""
         slides = [tip.initial_slide for _, tip in self.tips if tip.slides]
         return {"slides": np.tile(slides, (count, 1))} if slides else {}
 
@@ -215,7 +218,7 @@ class LinkTree:
 
     @cached_property
     def link_function(self) -> ca.Function:
-        """Function of joints to the used links' poses in the palm's frame, side by side."""
+        """CasADi function from joint positions to the used links' poses in the palm frame, side by side."""
         q = ca.SX.sym("q", len(self.robot.free_joints))
         poses = link_poses(self.robot, self.used_links, q)
         return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
@@ -227,7 +230,7 @@ class LinkTree:
 
     @cached_property
     def _tips_evaluator(self) -> BatchEvaluator:
-        """Evaluator of the fingertips' centres and normals."""
+        """Evaluator of centres and normals of the fingertips."""
         return BatchEvaluator(self._tip_function)
 
     @cached_property
@@ -257,7 +260,7 @@ def rotation_matrix(quaternion: Expression) -> Expression:
 
 
 def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[str, Expression]:
-    """Return the poses of links in the palm's frame, (4, 4) homogeneous transforms.
+    """Return the poses of links in the palm frame, homogeneous transforms (4, 4).
 
     The library gets the robot below the palm alone, with unit axes and without mimic joints: it supports
     neither default axes nor mimic joints.
@@ -301,7 +304,7 @@ def require_kinematics() -> None:
 
 
 def _kinematic_urdf(robot: Robot) -> str:
-    """Return a URDF with the robot's kinematics alone."""
+    """Return a URDF with the robot's links and joints alone."""
     root = ET.Element("robot", name=robot.name)
     for link in robot.links:
         _add_link_element(root, link)
@@ -320,6 +323,7 @@ def _kinematic_urdf(robot: Robot) -> str:
 
 
 def _add_link_element(root: ET.Element, name: str) -> None:
+    """Add a link element to a URDF."""
     inertial = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")  # without mass it is no link
     ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
     ET.SubElement(inertial, "mass", value="1")
@@ -327,6 +331,7 @@ def _add_link_element(root: ET.Element, name: str) -> None:
 
 
 def _joint_element(root: ET.Element, joint: Joint) -> ET.Element:
+    """Add a joint element to a URDF and return it."""
     element = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
     ET.SubElement(element, "parent", link=joint.parent)
     ET.SubElement(element, "child", link=joint.child)
@@ -335,4 +340,5 @@ def _joint_element(root: ET.Element, joint: Joint) -> ET.Element:
 
 
 def _format_numbers(values: Iterable[float]) -> str:
+    """Return numbers as text with all digits, separated by spaces."""
     return " ".join(repr(float(v)) for v in values)

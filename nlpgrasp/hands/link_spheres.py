@@ -1,4 +1,4 @@
-"""Collision spheres that cover the links of a hand, with a stated error.
+"""Collision spheres that cover the links of a hand, with bounds on the error.
 
 A sphere of radius ``d + e`` about an inner point at depth ``d`` reaches at most ``e`` beyond the shape. A greedy set
 cover chooses few such spheres that cover samples of the surface; the error e grows until they are few enough. Where
@@ -46,7 +46,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SphereFit:
-    """Collision spheres of one link, in its frame.
+    """Collision spheres of one link, in the link's frame.
 
     Parameters
     ----------
@@ -69,14 +69,14 @@ class SphereFit:
         return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
 
     def limit_radii(self, most: FloatArray, inside: BoolArray) -> SphereFit:
-        """Return the spheres with radii limited to ``most`` (m,), without those ``inside`` (m,) a fingertip."""
+        """Return the spheres with radii at most ``most`` (m,), without the spheres ``inside`` (m,) a fingertip."""
         radii = np.minimum(self.radii, most)
         is_used = (radii > 0.0) & ~inside
         return SphereFit(self.centres[is_used], radii[is_used], self.error, self.uncovered)
 
 
 def fit_hand(robot: Robot, per_link: int) -> dict[str, SphereFit]:
-    """Return spheres for each link that has a collision shape, at most ``per_link`` (more for the palm)."""
+    """Return spheres that cover each link with a collision shape, at most ``per_link`` (more for the palm)."""
     result = {}
     fits: dict[tuple[bytes, int], SphereFit] = {}
     for link, shapes in robot.shapes.items():
@@ -89,7 +89,7 @@ def fit_hand(robot: Robot, per_link: int) -> dict[str, SphereFit]:
 
 
 def fit_around_tips(fits: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
-    """Return the spheres of each link, shrunk or removed next to fingertips so that these can touch."""
+    """Return the spheres of each link, shrunk or removed near fingertips so that the fingertips can touch."""
     result = {}
     for link, fit in fits.items():
         fixed_tips: list[tuple[FloatArray, Tip]] = []
@@ -112,7 +112,7 @@ def fit_around_tips(fits: Mapping[str, SphereFit], tree: LinkTree, clearance: fl
 
 
 def links_thicker_than_tips(fits: Mapping[str, SphereFit], tree: LinkTree) -> dict[str, float]:
-    """Return how far links stick out of their spheres and stated fingertips, metres, where that is worth a warning.
+    """Return the links thicker than their fingertips, with how far each sticks out of spheres and fingertip, metres.
 
     Fingertips fitted to their links as hulls are as thick as these.
     """
@@ -126,7 +126,7 @@ def links_thicker_than_tips(fits: Mapping[str, SphereFit], tree: LinkTree) -> di
 def _uncovered_depth(
     shapes: Sequence[CollisionShape], fit: SphereFit, fixed_tips: Sequence[tuple[FloatArray, Tip]]
 ) -> float:
-    """Return the largest distance of the shapes outside the spheres and the fingertip solids, metres."""
+    """Return how far the shapes stick out of the spheres and the fingertips at most, metres."""
     points, _ = surface_points(shapes, np.random.default_rng(0))
     gaps = [tip.beyond(points @ transform[:3, :3].T + transform[:3, 3]) for transform, tip in fixed_tips]
     if len(fit.radii):
@@ -135,7 +135,10 @@ def _uncovered_depth(
 
 
 def fit_spheres(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
-    """Return at most ``most`` spheres that cover the shapes of one link (one per shape if all are spheres)."""
+    """Return at most ``most`` spheres that cover the shapes of one link.
+
+    Shapes that are all spheres are returned as they are.
+    """
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
     arrays = cached_arrays(
@@ -145,7 +148,7 @@ def fit_spheres(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
 
 
 def _fit_cover(shapes: Sequence[CollisionShape], most: int) -> dict[str, FloatArray]:
-    """Return centres, radii and error of the better of set cover and regular arrangement."""
+    """Return centres, radii and errors of the better of two covers: greedy and regular."""
     fit = min((_greedy_cover(shapes, most), _regular_cover(shapes, most)), key=lambda fit: fit.error)
     if fit.error > MOST_ERROR:
         depth = np.max([shape.depth(fit.centres) for shape in shapes], axis=0)
@@ -156,7 +159,7 @@ def _fit_cover(shapes: Sequence[CollisionShape], most: int) -> dict[str, FloatAr
 
 
 def _greedy_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
-    """Return spheres by greedy set cover, each moved to cover its share with the least error."""
+    """Return spheres by greedy set cover, each then moved to cover its samples with the least error."""
     rng = np.random.default_rng(0)
     surface, spacing = surface_points(shapes, rng)
     inner, depth = _interior_points(shapes, rng)
@@ -177,7 +180,7 @@ def _greedy_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
 
 
 def _cover(coverage: BoolArray, most: int) -> list[int] | None:
-    """Return a greedy set cover of all columns by at most ``most`` rows; None where it needs more."""
+    """Return the rows of a greedy set cover of all columns; None if it needs more than ``most`` rows."""
     chosen: list[int] = []
     uncovered = np.ones(coverage.shape[1], dtype=bool)
     while uncovered.any():
@@ -193,10 +196,10 @@ def _cover(coverage: BoolArray, most: int) -> list[int] | None:
 
 
 def _refine_cover(distances: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
-    """Move each sphere to cover its own samples with the least error; return indices of centres, and radii."""
+    """Return indices of centres and radii, each sphere moved to cover its samples with the least error."""
     indices = np.array(chosen)
     radii = np.zeros(len(indices))
-    least = np.inf
+    least_error = np.inf
     centres = indices
     for _ in range(SWEEPS):
         owner = np.argmin(distances[centres] - depth[centres][:, None], axis=0)
@@ -208,17 +211,17 @@ def _refine_cover(distances: FloatArray, depth: FloatArray, chosen: list[int]) -
                 candidates[i] = int(np.argmin(farthest - depth))
                 candidate_radii[i] = farthest[candidates[i]]
         error = float(np.max(np.where(candidate_radii > 0.0, candidate_radii - depth[candidates], -np.inf)))
-        if error >= least:
+        if error >= least_error:
             break
-        indices, radii, least, centres = candidates, candidate_radii, error, candidates
+        indices, radii, least_error, centres = candidates, candidate_radii, error, candidates
     return indices, radii
 
 
 def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
-    """Return the regular arrangement of spheres in the shapes' box that covers them with the least radius."""
+    """Return the regular grid of spheres in the bounding box that covers the shapes with the least radius."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
-    some, margin = surface[::SCREENED], SPACING_MARGIN * spacing
+    subset, margin = surface[::SCREENED], SPACING_MARGIN * spacing
     best: SphereFit | None = None
     for counts in _arrangements(most):
         for inset in INSETS:
@@ -228,7 +231,7 @@ def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
             margins = np.minimum(half, np.where(np.array(counts) > 1, inset * half_cell, half))
             axes = [np.linspace(low[a] + margins[a], high[a] - margins[a], counts[a]) for a in range(3)]
             centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-            if best is not None and np.max(np.min(cdist(centres, some), axis=0)) + margin >= np.max(best.radii):
+            if best is not None and np.max(np.min(cdist(centres, subset), axis=0)) + margin >= np.max(best.radii):
                 continue
             distances = cdist(centres, surface) + margin
             radius = float(np.max(np.min(distances, axis=0)))  # the largest of the spheres'
@@ -243,7 +246,7 @@ def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
 
 
 def _arrangements(most: int) -> list[tuple[int, int, int]]:
-    """Return numbers of spheres along three axes whose product is from half of ``most`` to ``most``."""
+    """Return the grid sizes along three axes with a product between half of ``most`` and ``most``."""
     return [
         (a, b, c)
         for a in range(1, most + 1)
@@ -254,7 +257,7 @@ def _arrangements(most: int) -> list[tuple[int, int, int]]:
 
 
 def surface_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Return samples of the union's surface with the shapes' vertices, (m, 3), and their spacing, metres."""
+    """Return samples (m, 3) of the surface of the union of shapes, vertices included, and their spacing, metres."""
     import trimesh
 
     area = sum(float(s.mesh.area) for s in shapes)
@@ -263,16 +266,16 @@ def surface_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -
         count = max(int(SURFACE_SAMPLES * shape.mesh.area / area), 20)
         drawn = trimesh.sample.sample_surface(shape.mesh, count, seed=rng)[0]
         samples = np.concatenate([drawn, shape.mesh.vertices[:200]])
-        inside = np.zeros(len(samples), dtype=bool)
+        is_inside = np.zeros(len(samples), dtype=bool)
         for other in shapes:
             if other is not shape:
-                inside |= other.depth(samples) > 1e-9
-        points.append(samples[~inside])
+                is_inside |= other.depth(samples) > 1e-9
+        points.append(samples[~is_inside])
     return np.concatenate(points), float(np.sqrt(area / SURFACE_SAMPLES))
 
 
 def _interior_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return points inside the union and their depths, medial points among them."""
+    """Return points inside the union of shapes, medial points among them, and the depths of the points."""
     import trimesh
 
     parts = []
@@ -298,7 +301,7 @@ def _interior_points(shapes: Sequence[CollisionShape], rng: np.random.Generator)
 
 
 def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:
-    """Return points along the central axis of the longest side, the best sphere centres for fingers."""
+    """Return points along the central axis of a mesh's longest side."""
     low, high = mesh.bounds
     t = np.linspace(0.0, 1.0, 41)[:, None]
     middle = np.repeat(((low + high) / 2.0)[None], len(t), axis=0)

@@ -1,4 +1,4 @@
-"""Hand with a kinematic tree: palm pose, posture, and inverse kinematics by random postures."""
+"""Hand with a kinematic tree: palm pose, joint positions, inverse kinematics from random postures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class LinkedHand(InNotebook, PosedHand):
 
     @property
     def shown_name(self) -> str:
-        """Name of the hand on its page: the robot's name."""
+        """Title of the HTML page that shows the hand: the robot's name."""
         return self.tree.robot.name
 
     def __repr__(self) -> str:
@@ -48,29 +48,29 @@ class LinkedHand(InNotebook, PosedHand):
 
     @property
     def posing_radii(self) -> tuple[float, ...]:
-        """Radius of the ball that stands for each fingertip where the hand is posed, metres."""
+        """Radius of the ball that replaces each fingertip while the hand is posed, metres."""
         return tuple(tip.posing_radius for _, tip in self.tree.tips)
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
-        """Return the palm's pose in the body's frame."""
+        """Return the palm's pose in the body frame."""
         return self.tree.palm(variables)
 
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
-        """Return the centres of round fingertips in the body's frame, None for the others."""
+        """Return the centre of each round fingertip in the body frame; None for other fingertips."""
         return self.tree.tip_centres(variables)
 
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
-        """Return the fingertips' centres in the body's frame."""
+        """Return the middle of each fingertip in the body frame."""
         return self.tree.tip_places(variables)
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the free joints that move some contact."""
+        """Names of the free joints that move a contact."""
         return self.tree.loaded_joints
 
     @property
     def sliding_joints(self) -> dict[str, bool]:
-        """Whether each joint that moves some contact slides, by joint name."""
+        """Whether a joint that moves a contact is prismatic, by joint name."""
         kinds = {joint.name: not joint.is_revolute for joint in self.tree.robot.free_joints}
         return {name: kinds[name] for name in self.loaded_joints}
 
@@ -81,13 +81,13 @@ class LinkedHand(InNotebook, PosedHand):
         return self.tree.contact_motion(variables, rates, points)
 
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
+        """Return contact Jacobians (k, 6, m): twists of points (k, 3), metres, per rate of the loaded joints."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         jacobians = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
         return np.asarray(jacobians.full()).reshape(self.count, 6, len(self.loaded_joints))
 
     def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return random palm orientations and joints, with the fingertips' centroid at ``around`` (count, space).
+        """Return random palm poses and joint positions, with the fingertips' centroid at ``around`` (count, space).
 
         Returns
         -------
@@ -99,7 +99,7 @@ class LinkedHand(InNotebook, PosedHand):
         return self.tree.draw(count, around, rng)
 
     def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return palm poses and joints with the fingertips near goals (g, k, 3), and their centres, (g near, k, 3).
+        """Return palm poses and joints with the fingertips near goals (g, k, 3), and the fingertip centres.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class LinkedHand(InNotebook, PosedHand):
         return fit_postures(self.tree, places, near, rng)
 
     def describe(self, values: Values) -> Json:
-        """Return joint positions by name (mimic joints included) and the palm's pose."""
+        """Return joint positions by name (mimic joints included) and the palm's pose, as JSON data."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         return {
             "joint_positions": self.tree.joint_positions(values["joints"]),
@@ -121,7 +121,7 @@ class LinkedHand(InNotebook, PosedHand):
         }
 
     def values_of(self, posture: Json) -> Values:
-        """Return the variables' values, palm pose and joints, in a posture in the format of ``describe``.
+        """Return palm pose and joint positions in a posture given in the format of ``describe``.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class LinkedHand(InNotebook, PosedHand):
 def fit_postures(
     tree: LinkTree, places: FloatArray, near: int, rng: np.random.Generator
 ) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Return palm poses and joints by inverse kinematics, and the fingertips' centres, (g near, k, 3), body frame.
+    """Return palm poses and joints by inverse kinematics, and the fingertip centres in the body frame.
 
     The distances between the fingertips do not depend on the palm's pose: for each goal, the postures whose distances
     are nearest to the goal's are taken, and the palm is where the least-squares fit puts the fingertips.
@@ -171,7 +171,7 @@ def fit_postures(
 
 
 def fit_rigid_transforms(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rotations (b, 3, 3) and translations (b, 3) that bring points (b, k, 3) nearest to places.
+    """Return the rotations (b, 3, 3) and translations (b, 3) that fit points (b, k, 3) to goals best.
 
     Least squares without reflections (Kabsch 1976, doi:10.1107/S0567739476001873).
     """
@@ -184,6 +184,6 @@ def fit_rigid_transforms(points: FloatArray, places: FloatArray) -> tuple[FloatA
 
 
 def _pair_distances(points: FloatArray) -> FloatArray:
-    """Return the distances between each two of the points (b, k, 3), (b, k (k - 1) / 2)."""
+    """Return the distances between all pairs of k points (b, k, 3), (b, k (k - 1) / 2)."""
     i, j = np.triu_indices(points.shape[1], 1)
     return np.asarray(np.linalg.norm(points[:, i] - points[:, j], axis=2))

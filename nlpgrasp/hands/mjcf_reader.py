@@ -1,4 +1,4 @@
-"""MJCF reader: links, joints, couplings, effort limits and shapes of a compiled MuJoCo model."""
+"""MJCF reader: links, joints, couplings, effort limits and shapes, read through a compiled MuJoCo model."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FIXED_GAIN, NO_BIAS = 0, 0  # mjtGain, mjtBias
 
 
 def read_mjcf(path: Path, palm: str | None = None) -> Robot:
-    """Return the bodies below the palm as links, their hinges and slides as joints, with their collision shapes.
+    """Return the robot below the palm: links, joints and collision shapes.
 
     The palm's own joints, and everything above it, are left out, as its pose is a variable. Joint positions are
     MuJoCo's: at its reference position a joint leaves the body as in the file.
@@ -99,7 +99,7 @@ def mjcf_links(path: Path) -> tuple[str, ...]:
 
 
 def mjcf_inertials(path: Path) -> dict[str, Inertial]:
-    """Return mass and inertia of the bodies with mass, stated or from their geometries' density.
+    """Return mass and inertia of the bodies with mass, stated or computed from the geometries' density.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def mjcf_inertials(path: Path) -> dict[str, Inertial]:
 
 
 def _compile_model(path: Path) -> MjModel:
-    """Return MuJoCo's model of a file, with every body a link of its own."""
+    """Return the compiled MuJoCo model of a file, with every body as a link."""
     mujoco = import_mujoco(f"{path.name}: reading MJCF")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -130,7 +130,7 @@ def _compile_model(path: Path) -> MjModel:
 
 
 def _palm_body(path: Path, model: MjModel, palm: str | None) -> int:
-    """Return the number of the palm's body: the one with that name, or the world's only one."""
+    """Return the index of the palm's body: the one with the given name, or the world's only child."""
     names = [body_name(model, body) for body in range(model.nbody)]
     if palm is not None:
         if palm not in names[1:]:
@@ -147,10 +147,11 @@ def _palm_body(path: Path, model: MjModel, palm: str | None) -> int:
 
 
 def read_joints(path: Path, model: MjModel, body: int) -> list[Joint]:
-    """Return the joints from a body's parent to the body; several are chained by links without shapes.
+    """Return the joints between a body's parent and the body.
 
-    With anchor a and axis u in the body's frame a hinge moves what is below it by ``T(a) R(u, q - q0) T(-a)``, after
-    the joints before it: each joint's frame stands in its anchor. Joints without a range have infinite limits here.
+    Several joints of one body are chained by links without shapes. With anchor a and axis u in the body's frame a hinge
+    moves what is below it by ``T(a) R(u, q - q0) T(-a)``, after the joints before it: each joint's frame stands in its
+    anchor. Joints without a range have infinite limits here.
 
     Raises
     ------
@@ -186,13 +187,13 @@ def read_joints(path: Path, model: MjModel, body: int) -> list[Joint]:
 
 
 def fix_joint(joint: Joint, position: float) -> Joint:
-    """Return the joint fixed at a position, radians or metres."""
+    """Return a joint fixed at a position, radians or metres."""
     moved = joint.frame @ joint_motion(joint.kind == "prismatic", joint.axis, position)
     return replace(joint, kind="fixed", xyz=moved[:3, 3].copy(), rpy=euler_angles(moved[:3, :3]), lower=0.0, upper=0.0)
 
 
 def with_finite_limits(path: Path, joint: Joint) -> Joint:
-    """Return the joint with finite limits: a hinge without a range turns half a turn either way.
+    """Return a joint with finite limits: a hinge without a range turns half a turn either way.
 
     Raises
     ------
@@ -209,10 +210,11 @@ def with_finite_limits(path: Path, joint: Joint) -> Joint:
 def read_geoms(
     model: MjModel, bodies: Sequence[int]
 ) -> tuple[dict[str, tuple[CollisionShape, ...]], tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return shapes by body, the shapes left out, visible bodies without a collision shape, and those with such alone.
+    """Return the collision shapes by body, and the names of geometries and bodies without a shape.
 
-    A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the collision group. Meshes are taken
-    as they are, not as the convex hulls that MuJoCo collides.
+    The names are those of unsupported geometries, of visible bodies without a shape, and of such bodies that have
+    unsupported geometries only. A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the
+    collision group. Meshes are taken as they are, not as the convex hulls that MuJoCo collides.
     """
     shapes: dict[str, tuple[CollisionShape, ...]] = {}
     missing, shapeless, unreadable = [], [], []
@@ -231,12 +233,12 @@ def read_geoms(
 
 
 def _is_collision_geom(model: MjModel, geom: int) -> bool:
-    """Return whether a geometry is in the group of collision shapes."""
+    """Return whether a geometry is in the collision group."""
     return int(model.geom_group[geom]) == COLLISION_GROUP
 
 
 def _mjcf_shape(model: MjModel, geom: int) -> CollisionShape | None:
-    """Return a geometry's shape in its body's frame; None for kinds that are no solid."""
+    """Return a geometry's shape in the frame of its body; None for kinds that are not solids."""
     kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
     pose = transform(model.geom_pos[geom], model.geom_quat[geom])
     if kind == SPHERE:
@@ -253,7 +255,7 @@ def _mjcf_shape(model: MjModel, geom: int) -> CollisionShape | None:
 
 
 def _mjcf_mesh_shape(model: MjModel, mesh: int, pose: FloatArray) -> CollisionShape:
-    """Return a mesh of the model as a shape at a pose (4, 4)."""
+    """Return a mesh of the model as a collision shape with a pose (4, 4)."""
     import trimesh
 
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
@@ -265,14 +267,14 @@ def _mjcf_mesh_shape(model: MjModel, mesh: int, pose: FloatArray) -> CollisionSh
 
 
 def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
-    """Return a mesh's file by the mesh's name in the model; None if the MJCF itself states the vertices."""
+    """Return the file of a mesh, given the mesh's name; None if the MJCF itself contains the vertices."""
     start = int(model.mesh_pathadr[mesh])
     path = Path(model.paths[start : model.paths.index(b"\0", start)].decode()) if start >= 0 else None
     return MeshFile.of(model.mesh(mesh).name, path) if path is not None and path.is_file() else None
 
 
 def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with mimic joints, and a list of the couplings that are not modelled.
+    """Return the robot with mimic joints for its couplings; couplings left out are listed in the robot.
 
     An equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the later
     joint of the file follow the earlier one, where their limits leave both a range.
@@ -290,12 +292,12 @@ def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
     tendons = read_tendons(model, robot)
     coupled = set()
     for e in active:
-        number = int(model.eq_obj1id[e])
-        if int(model.eq_type[e]) == TENDON and number in tendons and int(model.eq_obj2id[e]) < 0:
-            coupled_robot = _couple_by_tendon(robot, tendons[number], float(model.eq_data[e][0]))
+        tendon = int(model.eq_obj1id[e])
+        if int(model.eq_type[e]) == TENDON and tendon in tendons and int(model.eq_obj2id[e]) < 0:
+            coupled_robot = _couple_by_tendon(robot, tendons[tendon], float(model.eq_data[e][0]))
             if coupled_robot is not None:
                 robot = coupled_robot
-                coupled.add(number)
+                coupled.add(tendon)
     constrained = {
         int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
     }
@@ -304,7 +306,7 @@ def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
 
 
 def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
-    """Return the robot after one joint equality: the joint follows another, or is fixed."""
+    """Return the robot with one joint equality applied: a joint follows another, or is fixed."""
     joints = {joint.name: joint for joint in robot.joints}
     first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
     name, other = joint_name(model, first), joint_name(model, second) if second >= 0 else ""
@@ -328,7 +330,7 @@ def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Ro
 
 
 def _couple_by_tendon(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
-    """Return the robot where a tendon of fixed length makes one of its two joints follow; None where it cannot."""
+    """Return the robot with one joint following another by a tendon of fixed length; None if not possible."""
     joints = {joint.name: joint for joint in robot.joints}
     if len(tendon.arms) != 2 or not all(name in joints for name in tendon.arms):
         return None
@@ -343,12 +345,12 @@ def _couple_by_tendon(robot: Robot, tendon: Tendon, longer: float) -> Robot | No
 
 
 def _replace_joint(robot: Robot, joint: Joint) -> Robot:
-    """Return the robot with another joint in place of that with its name."""
+    """Return the robot with a joint in place of the one of the same name."""
     return replace(robot, joints=tuple(joint if j.name == joint.name else j for j in robot.joints))
 
 
 def _describe_loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
-    """Return a phrase for each closed loop: a connect or weld constraint between bodies of the hand."""
+    """Return a phrase for each closed kinematic loop: a connect or weld constraint between bodies of the hand."""
     phrases = []
     for e in active:
         if int(model.eq_type[e]) in (CONNECT, WELD):
@@ -364,7 +366,7 @@ def _describe_loops(model: MjModel, robot: Robot, active: list[int]) -> list[str
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon that acts on joints of the hand.
+    """A tendon that acts on joints of a hand.
 
     Parameters
     ----------
@@ -387,7 +389,7 @@ class Tendon:
     upper: float
 
     def couples(self, robot: Robot) -> bool:
-        """Return whether it acts on the robot beyond the joints' own couplings and limits."""
+        """Return whether the tendon restricts the robot beyond the joints' couplings and limits."""
         if not self.arms:
             return self.pulls or np.isfinite(self.upper)
         joints = {joint.name: joint for joint in robot.joints}
@@ -403,7 +405,7 @@ class Tendon:
 
 
 def read_tendons(model: MjModel, robot: Robot) -> dict[int, Tendon]:
-    """Return the fixed tendons that act on the robot's joints, and the spatial ones, by number."""
+    """Return the tendons that act on the robot's joints, by index."""
     driven = {
         int(i)
         for i, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
@@ -423,14 +425,14 @@ def read_tendons(model: MjModel, robot: Robot) -> dict[int, Tendon]:
 
 
 def tendon_moment_arms(model: MjModel, tendon: int) -> dict[str, float]:
-    """Return a fixed tendon's moment arms, change of length per change of each joint; none for spatial ones."""
+    """Return a fixed tendon's moment arms, length per joint position, by joint; empty for spatial tendons."""
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     wraps = [w for w in range(first, first + count) if int(model.wrap_type[w]) == WRAP_JOINT]
     return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
 
 
 def add_effort_limits(model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with the largest torque (force) of each free joint, where the file states one.
+    """Return the robot with the largest torque (force) of each free joint that the file states.
 
     An actuator's largest force is the smaller end of its ``forcerange``, or of a motor's ``ctrlrange`` without one. By
     virtual work it counts at the free joint that its joints follow. An actuator whose tendon pulls several free joints
@@ -463,7 +465,7 @@ def add_effort_limits(model: MjModel, robot: Robot) -> Robot:
 
 
 def _actuator_moment_arms(model: MjModel, actuator: int) -> dict[str, float]:
-    """Return the moment arm of an actuator at each joint: generalised force per unit of its force."""
+    """Return the moment arm of an actuator at each joint: generalised force per unit of actuator force."""
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator][0])
     gear = float(model.actuator_gear[actuator][0])
     if kind in JOINT_DRIVEN:
@@ -474,7 +476,7 @@ def _actuator_moment_arms(model: MjModel, actuator: int) -> dict[str, float]:
 
 
 def _actuator_force(model: MjModel, actuator: int) -> float | None:
-    """Return the force that an actuator has in both directions; None where the file does not state it."""
+    """Return the force that an actuator can exert in both directions; None if the file does not state one."""
     if model.actuator_forcelimited[actuator]:
         return float(np.min(np.abs(model.actuator_forcerange[actuator])))
     gain_type, bias_type = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
@@ -514,7 +516,7 @@ def transform(position: FloatArray, quaternion: FloatArray | None = None) -> Flo
 
 
 def euler_angles(rotation: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity too."""
+    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity as well."""
     yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
     rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
     return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])

@@ -1,4 +1,4 @@
-"""Fingertip opposition: least distances between fingertips over the joint ranges.
+"""Fingertip opposition: least distances between fingertips over the joint ranges, face to face or not.
 
 A random search with shrinking steps: its least distances are upper bounds, in practice close. Collisions between links
 are ignored, so other links may prevent a meeting.
@@ -31,7 +31,7 @@ FIRST_WIDTH = 0.25  # share of the joint ranges: standard deviation about a post
 
 
 def opposition(tree: LinkTree, rest_posture: FloatArray) -> Opposition:
-    """Return the opposition of a hand's fingertips: least distances of pairs, and sets that cannot meet.
+    """Return the opposition of a hand's fingertips: least distances of pairs, and groups that cannot meet.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def opposition(tree: LinkTree, rest_posture: FloatArray) -> Opposition:
 
 
 def opposed_tips(tree: LinkTree, rest_posture: FloatArray) -> tuple[int, ...]:
-    """Return the fingertips that face another one in some posture; arguments are those of ``opposition``."""
+    """Return the fingertips that face another fingertip in some posture; arguments as in ``opposition``."""
     distances = TipDistances(tree)
     lower, upper = tree.joint_limits
     alignment = mean_alignment(tree, np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower))))
@@ -69,9 +69,10 @@ def opposed_tips(tree: LinkTree, rest_posture: FloatArray) -> tuple[int, ...]:
 
 
 def mean_alignment(tree: LinkTree, joints: FloatArray) -> FloatArray:
-    """Return the mean cosines of the angles between the facings of fingertips, (k, k), at positions (b, m) of joints.
+    """Return the mean cosine of the angle between the facing directions of each two fingertips, (k, k).
 
-    A patch faces along the outward normal of its middle; a round one has none, and its cosines are zero.
+    The mean is over positions (b, m) of the free joints. A patch faces along the outward normal of its middle; a round
+    one has none, and its cosines are zero.
     """
     poses = tree.palm_poses(joints)
     directions = np.zeros((len(joints), len(tree.tips), 3))
@@ -84,7 +85,7 @@ def mean_alignment(tree: LinkTree, joints: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Opposition:
-    """Opposition of fingertips: pairs that can meet, and sets that cannot.
+    """Opposition of fingertips: pairs that can meet, and groups that cannot.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ class Opposition:
 
     @property
     def unopposed(self) -> tuple[int, ...]:
-        """Fingertips that touch no other fingertip face to face."""
+        """Fingertips that touch no other fingertip face to face in any posture."""
         fingers = sorted({i for pair in self.pairs for i in pair.fingers})
         return tuple(i for i in fingers if not any(p.touches for p in self.pairs if i in p.fingers))
 
@@ -136,12 +137,12 @@ class TipMeeting:
 
     @property
     def touches(self) -> bool:
-        """Whether the fingertips touch, face to face."""
+        """Whether the fingertips can touch face to face."""
         return self.opposed <= TOUCH
 
 
 def _least_distances(distances: TipDistances, fingers: tuple[int, ...], rest_posture: FloatArray) -> TipMeeting:
-    """Return the least distances between some fingertips."""
+    """Return the least distances between given fingertips, over all postures."""
     if len(fingers) > 2:
         joints, value = _closest_posture(distances, fingers, rest_posture, facing=False)
         return TipMeeting(fingers, value, value, joints)
@@ -157,7 +158,7 @@ def _least_distances(distances: TipDistances, fingers: tuple[int, ...], rest_pos
 def _closest_posture(
     distances: TipDistances, fingers: Sequence[int], rest_posture: FloatArray, *, facing: bool
 ) -> tuple[FloatArray, float]:
-    """Return the joints (m,) with the least distance, and the distance."""
+    """Return the joint positions (m,) at which given fingertips are closest, and their distance."""
 
     def objective(joints: FloatArray) -> FloatArray:
         return distances.distances(fingers, joints, facing=facing)
@@ -167,7 +168,7 @@ def _closest_posture(
 
 
 def _can_face(distances: TipDistances, fingers: Sequence[int], rest_posture: FloatArray) -> bool:
-    """Return whether fingertips face each other in some posture."""
+    """Return whether two fingertips face each other in some posture."""
 
     def objective(joints: FloatArray) -> FloatArray:
         return distances.largest_misalignment(fingers, joints)
@@ -182,7 +183,7 @@ def _random_search(
     objective: Callable[[FloatArray], FloatArray],
     rounds: int,
 ) -> tuple[FloatArray, float]:
-    """Return the joints (m,) with the least objective, and the objective: random postures, then smaller steps.
+    """Return joint positions (m,) of least objective, and the objective, by random search with shrinking steps.
 
     It ends at an objective of zero or less.
     """
@@ -209,7 +210,7 @@ def _random_search(
 
 
 class TipDistances:
-    """Distances between a hand's fingertips for batches of joint positions.
+    """Evaluator of distances between a hand's fingertips for batches of joint positions.
 
     Parameters
     ----------
@@ -221,11 +222,11 @@ class TipDistances:
         self._samples = [_patch_samples(tip) for _, tip in tree.tips]
 
     def round(self, fingers: Sequence[int]) -> bool:
-        """Return whether all given fingertips are round, and so face every direction."""
+        """Return whether all given fingertips are round, so that they face every direction."""
         return all(self._samples[i].normals is None for i in fingers)
 
     def moving(self, fingers: Sequence[int]) -> NDArray[np.intp]:
-        """Return the numbers of the free joints that move some of the fingertips relative to others."""
+        """Return the indices of the free joints that move some of the fingertips relative to others."""
         robot = self.tree.robot
         links = [self.tree.tips[i][0] for i in fingers]
         chains: list[set[str]] = [{j.name for j in robot.chain(link) if j.moves} for link in links]
@@ -234,7 +235,7 @@ class TipDistances:
         return np.array([i for i, j in enumerate(robot.free_joints) if j.name in drivers], dtype=np.intp)
 
     def distances(self, fingers: Sequence[int], joints: FloatArray, *, facing: bool) -> FloatArray:
-        """Return the largest pairwise distance of fingertips, (b,), metres, negative where all overlap.
+        """Return the largest pairwise distance between given fingertips, (b,), metres, negative if all overlap.
 
         Parameters
         ----------
@@ -247,11 +248,11 @@ class TipDistances:
         return self._largest(fingers, joints, self.tree.span if facing else 0.0)[0]
 
     def largest_misalignment(self, fingers: Sequence[int], joints: FloatArray) -> FloatArray:
-        """Return the largest misalignment of any pair, (b,), as a cosine; 0 where all pairs face each other."""
+        """Return the largest misalignment of any pair, (b,), as a cosine; 0 if all pairs face each other."""
         return self._largest(fingers, joints, self.tree.span)[1]
 
     def _largest(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
-        """Return the largest distance and the largest misalignment over the pairs, (b,) each."""
+        """Return the largest distance and the largest misalignment over all pairs, (b,) each."""
         sizes = sorted(len(self._samples[i].points) for i in fingers)
         chunks = np.array_split(joints, max(1, -(-len(joints) * sizes[-1] * sizes[-2] // BATCH_PAIRS)))
         batches = [self._chunk_distances(fingers, chunk, weight) for chunk in chunks]
@@ -260,7 +261,7 @@ class TipDistances:
     def _chunk_distances(
         self, fingers: Sequence[int], joints: FloatArray, weight: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the largest distance and misalignment over the pairs, (b,) each, for a batch of joint positions."""
+        """Return the largest distance and misalignment over all pairs, (b,) each, for one batch of joint positions."""
         poses = self.tree.palm_poses(joints)
         placed = [self._samples_at(i, poses) for i in fingers]
         pair_distances = [_closest_points(a, b, weight) for a, b in combinations(placed, 2)]
@@ -268,7 +269,7 @@ class TipDistances:
         return np.max(lengths, axis=0), np.max(misalignments, axis=0)
 
     def _samples_at(self, i: int, poses: FloatArray) -> _PatchSamples:
-        """Return a fingertip's samples for poses (b, links, 4, 4) of the used links."""
+        """Return the sample points of a fingertip, given poses (b, links, 4, 4) of the used links."""
         pose = poses[:, self.tree.used_links.index(self.tree.tips[i][0])]
         samples, rotations = self._samples[i], pose[:, :3, :3]
         points = np.einsum("bxa,ma->bmx", rotations, samples.points) + pose[:, None, :3, 3]
@@ -278,7 +279,7 @@ class TipDistances:
 
 @dataclass(frozen=True)
 class _PatchSamples:
-    """Sample points of a patch, its ball radius, and outward normals unless it is round.
+    """Sample points of a fingertip patch, radius of its ball, and outward normals unless the patch is round.
 
     Arrays are (m, 3) in the link's frame, (b, m, 3) in the palm's in b postures.
     """
@@ -289,7 +290,7 @@ class _PatchSamples:
 
 
 def _patch_samples(tip: Tip) -> _PatchSamples:
-    """Return the samples of a patch in its link's frame."""
+    """Return the sample points of a fingertip patch, in the link's frame."""
     if tip.standoff > 0.0:
         return _PatchSamples(tip.backbone, tip.standoff, None)
     if isinstance(tip, HullTip):  # the normals at its edges are its own, not those of the triangles beside them
@@ -305,7 +306,7 @@ def _patch_samples(tip: Tip) -> _PatchSamples:
 
 
 def _closest_points(a: _PatchSamples, b: _PatchSamples, weight: float) -> tuple[FloatArray, FloatArray]:
-    """Return distance and misalignment, (b,) each, of two fingertips at their best pair of points."""
+    """Return distance and misalignment, (b,) each, of the best pair of sample points of two fingertips."""
     differences = b.points[:, None] - a.points[:, :, None]  # (b, points of a, points of b, 3)
     lengths = np.linalg.norm(differences, axis=3)
     misalignments = np.zeros_like(lengths)

@@ -1,4 +1,4 @@
-"""Parallel-jaw gripper: constraints of its jaws, and its pose about the closing line.
+"""Parallel-jaw gripper: constraints on the jaws, and poses about the closing line.
 
 The closing direction points from contact 0 to contact 1. The approach, in which the gripper moves to the body, is the
 clearest direction at right angles to it within the cones of the problem. The pose is that of the gripper's own frame,
@@ -60,7 +60,7 @@ Cone = tuple[FloatArray, float]  # a unit direction, and the largest angle to it
 
 @dataclass(frozen=True)
 class ParallelJaw(Hand):
-    """Two flat jaws that face each other, for two contacts (usually soft ones).
+    """A parallel-jaw gripper: two flat jaws that face each other, for two contacts (usually soft fingers).
 
     The line between the contacts is within an angle of both inward normals: jaws close along one line and touch
     flat. The opening is the distance of the contacts along it.
@@ -171,7 +171,7 @@ class ParallelJaw(Hand):
             object.__setattr__(self, "finger_thickness", self.finger[1])
 
     def _stated_tcp(self, default: FloatArray) -> tuple[float, ...] | None:
-        """Return the validated tool centre point; None where it is the default one."""
+        """Return the validated tool centre point; None if it equals the default."""
         if self.tcp is None:
             return None
         point = array("ParallelJaw.tcp", self.tcp, (3,))
@@ -185,23 +185,26 @@ class ParallelJaw(Hand):
 
     @property
     def tool_centre_point(self) -> FloatArray:
-        """Middle between the pads in the gripper's own frame, (3,), metres: ``tcp``, stated or by default."""
+        """Tool centre point, the middle between the pads, in the gripper's frame, (3,), metres."""
         return self.finger_length * self.axes[:, 2] if self.tcp is None else np.asarray(self.tcp, dtype=float)
 
     @property
     def is_solid(self) -> bool:
-        """Whether sizes of pads or fingers are stated, so that clearances are those of boxes instead of lines."""
+        """Whether pad or finger sizes are given, so that clearances are computed with boxes instead of lines."""
         return self.pad is not None or self.finger is not None
 
     @property
     def finger_width(self) -> float:
-        """Width of a finger across closing line and approach, metres: as stated, else the pad's, else a millimetre."""
+        """Width of a finger transverse to closing line and approach, metres.
+
+        By default the pad's width, or a millimetre without pads.
+        """
         if self.finger is not None:
             return float(self.finger[2])
         return THIN if self.pad is None else float(self.pad[1])
 
     def solids(self, opening: float, opened: float, path: float) -> GripperSolids:
-        """Return the boxes that fingers and palm sweep on a straight approach and while they close.
+        """Return the boxes swept by fingers and palm on a straight approach and by the fingers while they close.
 
         Parameters
         ----------
@@ -234,11 +237,11 @@ class ParallelJaw(Hand):
         return (0.0, 0.0)
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return no variables: the contacts determine the jaws."""
+        """Return an empty list: the contacts determine the jaws."""
         return []
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return constraints on the opening and on the angle of each normal to the closing line."""
+        """Return the constraints on the opening and on the angle between each normal and the closing line."""
         (p, q), (m, n) = placement.positions, placement.normals
         between = q - p
         squared = ca.sumsqr(between)
@@ -255,7 +258,7 @@ class ParallelJaw(Hand):
         ]
 
     def closing(self, positions: Sequence[Expression]) -> Expression:
-        """Return the line from one contact to the other."""
+        """Return the vector from the first contact to the second, metres."""
         return positions[1] - positions[0]
 
     def at_contacts(self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone] = ()) -> Json:
@@ -264,12 +267,15 @@ class ParallelJaw(Hand):
         return jaws.posture(size, distance, self.axes, self.tool_centre_point)
 
     def along_approach(self, points: FloatArray, direction: FloatArray, size: float, distance: Distance) -> Json:
-        """Return pose and opening of the gripper on a given approach, as JSON data; arguments as ``approach_depth``."""
+        """Return pose and opening of the gripper for a given approach, as JSON data.
+
+        Arguments as for ``approach_depth``.
+        """
         jaws = Jaws(points, self.finger_length, self.finger_thickness)
         return jaws.posture(size, distance, self.axes, self.tool_centre_point, direction)
 
     def flip_record(self, data: Json) -> Json:
-        """Return the JSON data of a pose with the jaws exchanged: half a turn about the approach through the TCP."""
+        """Return the JSON data of a pose with the jaws exchanged, by half a turn about the approach."""
         pose, direction = data["palm_pose"], np.asarray(data["approach"]["direction"], dtype=float)
         turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True)
         rotation, position = self.flip(turn.as_matrix(), np.asarray(pose["position"], dtype=float), direction)
@@ -281,18 +287,18 @@ class ParallelJaw(Hand):
         return flipped, position + (rotation - flipped) @ self.tool_centre_point
 
     def approaches(self, points: FloatArray, cones: Sequence[Cone] = (), turns: int = TURNS) -> FloatArray:
-        """Return unit approach directions at right angles to the closing line, (m, space), within cones."""
+        """Return unit approach directions perpendicular to the closing line and within cones, (m, space)."""
         return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones)).approaches(turns)
 
     def pose(self, points: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotation (3, 3) and position (3,), metres, of the gripper's own frame at contacts, for an approach."""
+        """Return rotation (3, 3) and position (3,), metres, of the gripper's frame, given contacts and approach."""
         jaws = Jaws(points, self.finger_length, self.finger_thickness)
         return jaws.pose(direction, self.axes, self.tool_centre_point)
 
     def approach_depth(self, points: FloatArray, direction: FloatArray, size: float, distance: Distance) -> float:
-        """Return the penetration depth of fingers and palm on one approach, metres; arguments as for ``at_contacts``.
+        """Return the penetration depth of fingers and palm on a given approach, metres.
 
-        ``direction`` is the approach's, unit, (space,), body frame.
+        Arguments as for ``at_contacts``. ``direction`` is the approach's, unit, (space,), body frame.
         """
         jaws = Jaws(points, self.finger_length, self.finger_thickness)
         return float(jaws.march_outwards(direction[None], size, distance)[0][0])
@@ -300,7 +306,7 @@ class ParallelJaw(Hand):
     def is_blocked(
         self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone], depth: float
     ) -> bool:
-        """Return whether fingers or palm are deeper than a depth, metres, in something on every approach.
+        """Return whether fingers or palm penetrate something deeper than a limit, metres, on every approach.
 
         They are sampled at positions along the approaches: a shallow or thin obstacle can be missed.
         """
@@ -308,7 +314,7 @@ class ParallelJaw(Hand):
         return bool(np.all(jaws.sampled_depths(jaws.approaches(), size, distance) > depth))
 
     def to_dict(self) -> Json:
-        """Return limits, fingers, axes and tool centre point as JSON data."""
+        """Return limits, finger sizes, axes and tool centre point as JSON data."""
         axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}
         return {
             "type": self.kind,
@@ -328,7 +334,7 @@ class ParallelJaw(Hand):
 
 @dataclass(frozen=True)
 class GripperSolids:
-    """Boxes that fingers and palm of a gripper sweep on a straight approach and while they close.
+    """Boxes swept by fingers and palm of a gripper on a straight approach, and by the fingers while they close.
 
     Coordinates are along closing line, transverse direction and approach, metres, from the middle between the pads.
 
@@ -382,7 +388,7 @@ class Jaws:
         return np.asarray((self.points[1] - self.points[0]) / self.opening)
 
     def approaches(self, turns: int = TURNS) -> FloatArray:
-        """Return unit approach directions at right angles to the closing line, (m, space), steepest downwards first.
+        """Return unit approach directions perpendicular to the closing line, (m, space), steepest downwards first.
 
         Only those within all cones are returned, or those nearest to them; each cone's axis is tried too.
         """
@@ -398,11 +404,11 @@ class Jaws:
         return np.asarray(directions[violation <= float(violation.min()) + 1e-9])
 
     def _perpendicular_directions(self, turns: int) -> FloatArray:
-        """Return unit directions at right angles to the closing line, (m, space), steepest downwards first."""
+        """Return unit directions perpendicular to the closing line, (m, space), steepest downwards first."""
         closing, space = self.closing, self.points.shape[1]
         if space == 2:
-            across = np.array([[-closing[1], closing[0]], [closing[1], -closing[0]]])
-            return across[np.argsort(across[:, 1])]
+            normals = np.array([[-closing[1], closing[0]], [closing[1], -closing[0]]])
+            return normals[np.argsort(normals[:, 1])]
         down = -np.eye(3)[2] if abs(closing[2]) < 1.0 - 1e-9 else np.eye(3)[0]
         steepest = down - (down @ closing) * closing
         steepest /= np.linalg.norm(steepest)
@@ -430,10 +436,10 @@ class Jaws:
         return directions[index], float(depth[index]), bool(through[index])
 
     def sampled_depths(self, directions: FloatArray, size: float, distance: Distance) -> FloatArray:
-        """Return the penetration depth at positions along approaches (m, space), (m,), metres, at least zero."""
+        """Return the largest penetration depth along each approach (m, space), (m,), metres, from sampled positions."""
         (starts, firsts, _), path_length = self._lines(), self.length + PATH_SIZES * size
-        shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(path_length / SAMPLE_SPACING)))
-        travelled = firsts + shares[:, None] * (path_length - firsts)  # (s, n)
+        fractions = np.linspace(0.0, 1.0, 1 + int(np.ceil(path_length / SAMPLE_SPACING)))
+        travelled = firsts + fractions[:, None] * (path_length - firsts)  # (s, n)
         samples = starts - travelled[None, :, :, None] * directions[:, None, None]
         gaps = distance(samples.reshape(-1, starts.shape[1])).reshape(len(directions), -1)
         return np.asarray(np.maximum(-np.min(gaps, axis=1), 0.0))
@@ -441,7 +447,7 @@ class Jaws:
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return penetration depth and mean distance of the fingers and the palm along straight approach paths.
+        """Return penetration depth and mean distance of fingers and palm along each straight approach.
 
         The lines of fingers and palm are followed from the grasp outwards by steps that depend on the distance.
 
@@ -493,17 +499,18 @@ class Jaws:
         return 0.0 - least_gap, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
     def _lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return points (n, space) of lines along the approach, their initial setback, and which lie along pads.
+        """Return points (n, space) of lines parallel to the approach, their initial setback, and which are on pads.
 
-        Finger lines begin at the pads, palm lines between them, a finger's length behind; metres.
+        The lines stand for the fingers and the palm. Finger lines begin at the pads, palm lines between them, a
+        finger's length behind; metres.
         """
         (first, second), closing = self.points, self.closing
-        across = _evenly_spaced(self.thickness)
+        offsets = _evenly_spaced(self.thickness)
         palm = _evenly_spaced(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
-        fingers = [first - across[:, None] * closing, second + across[:, None] * closing]
+        fingers = [first - offsets[:, None] * closing, second + offsets[:, None] * closing]
         starts = np.concatenate([*fingers, first + palm[:, None] * closing])
-        firsts = np.concatenate([np.zeros(2 * len(across)), np.full(len(palm), self.length)])
-        on_pads = np.isin(np.arange(len(starts)), [0, len(across)])
+        firsts = np.concatenate([np.zeros(2 * len(offsets)), np.full(len(palm), self.length)])
+        on_pads = np.isin(np.arange(len(starts)), [0, len(offsets)])
         return starts, firsts, on_pads
 
     def posture(
@@ -514,7 +521,7 @@ class Jaws:
         tcp: FloatArray,
         direction: FloatArray | None = None,
     ) -> Json:
-        """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data.
+        """Return opening, approach, penetration depth and, in space, the pose of the gripper's frame, as JSON data.
 
         Parameters
         ----------
@@ -542,13 +549,13 @@ class Jaws:
         return {"palm_pose": pose_data(rotation, position), **data}
 
     def pose(self, approach: FloatArray, axes: FloatArray, tcp: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotation (3, 3) and position (3,), metres, of the gripper's own frame in the body's."""
+        """Return rotation (3, 3) and position (3,), metres, of the gripper's frame in the body frame."""
         rotation = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1) @ axes.T
         return rotation, self.points.mean(axis=0) - rotation @ tcp
 
 
 def _evenly_spaced(width: float) -> FloatArray:
-    """Return offsets evenly across a width, both ends included, at most ``LINE_SPACING`` from each other, metres."""
+    """Return even offsets over a width, ends included, with steps of at most ``LINE_SPACING``, metres."""
     return np.linspace(0.0, width, 1 + int(np.ceil(width / LINE_SPACING - ROUNDING)))
 
 
@@ -598,7 +605,7 @@ def axis_direction(field: str, axis: str | Sequence[float]) -> FloatArray:
 
 
 def axis_name(direction: FloatArray) -> str | tuple[float, float, float]:
-    """Return a unit direction as a signed letter where it is a coordinate axis, else as three numbers."""
+    """Return a unit direction as a signed letter if it is a coordinate axis, else as three numbers."""
     for letter, unit in AXES.items():
         for sign, mark in ((1.0, ""), (-1.0, "-")):
             if np.array_equal(sign * direction, unit):

@@ -195,7 +195,7 @@ JAWS = {
 
 
 class Options(TypedDict, total=False):
-    """Keyword arguments of a preset, with the meaning of those of ``URDFHand.load``.
+    """Keyword arguments of a preset, as in ``URDFHand.load``.
 
     ``palm`` selects one of two hands in a URDF; ``torque_limits`` and ``clearance`` replace the preset's.
     """
@@ -211,7 +211,7 @@ class Options(TypedDict, total=False):
 
 
 def ability(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Ability Hand (PSYONIC), right or left: five fingers, of which the thumb and two fingers touch.
+    """Return the Ability Hand (PSYONIC), right or left: five fingers, three with fingertips (thumb and two).
 
     Contacts, in this order: the ends of index, middle finger and thumb (links ``index_L2``, ``middle_L2``,
     ``thumb_L2``, with any prefix), fitted to the collision shapes of the file (``HullTip``). The palm (``thumb_base``,
@@ -287,7 +287,7 @@ def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
 
 
 def inspire(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the RH56 hand (Inspire Robots), right or left: five fingers, of which the thumb and two fingers touch.
+    """Return the RH56 hand (Inspire Robots), right or left: five fingers, three with fingertips (thumb and two).
 
     Contacts, in this order: the ends of index, middle finger and thumb (links ``index_distal``, ``middle_distal``,
     ``thumb_distal``, with any prefix), fitted to the collision shapes of the file (``HullTip``). The names are those
@@ -341,7 +341,7 @@ def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand
 
 
 def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the gripper of a Panda or FR3 arm (Franka Hand): two pads, one joint; the arm is left out.
+    """Return the gripper of a Panda or FR3 arm (Franka Hand): two pads, one joint; the arm is omitted.
 
     Contacts: the pads of the left and right finger (links ``leftfinger``, ``rightfinger``, with any prefix), flat
     rectangles of 17.5 mm by 18.5 mm where the maker's URDF has the rubber tips. The palm (``panda_hand``) faces along
@@ -390,7 +390,7 @@ def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> 
 
 
 def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Robotiq 3-Finger gripper, with all of its joints free (its linkage couples those of a finger).
+    """Return the Robotiq 3-Finger gripper, with all joints free (the real linkage couples those of a finger).
 
     Contacts: the ends of ``finger_1_link_3``, ``finger_2_link_3`` and ``finger_middle_link_3``, fitted to the collision
     shapes of the file (``HullTip``). The palm (``palm``) faces along its y axis.
@@ -415,7 +415,7 @@ def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> UR
 
 
 def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Shadow Dexterous Hand, right or left: five fingers, from the palm on (the wrist is left out).
+    """Return the Shadow Dexterous Hand, right or left: five fingers, without the wrist.
 
     Contacts, in this order: first, middle, ring and little finger (links ``ffdistal``, ``mfdistal``, ``rfdistal``,
     ``lfdistal``, with any prefix such as ``rh_``), spheres of 7 mm, 24 mm along the link's z axis, and the thumb
@@ -442,7 +442,7 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
 
 
 def jaws(name: str) -> ParallelJaw:
-    """Return a known parallel gripper with its sizes and force, in the frame of its own model.
+    """Return a parallel gripper of a known model, with sizes and force, in the frame of that model.
 
     ``"panda"`` is in the frame of ``panda_hand`` (``fr3_hand``), ``"robotiq_2f85"`` and ``"robotiq_2f140"`` in that of
     ``robotiq_arg2f_base_link``, ``"robotiq_hande"`` in that of ``robotiq_hande_link``, ``"schunk_wsg50"`` in that of
@@ -466,7 +466,7 @@ def jaws(name: str) -> ParallelJaw:
 
 
 def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the hand of a preset in a URDF or MJCF file.
+    """Return the hand of a preset, read from a URDF or MJCF file.
 
     A spherical tip is the capsule instead where that is the collision shape of the link in the file.
 
@@ -489,7 +489,7 @@ def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Opt
 
 
 def matching_preset(path: str | Path) -> str | None:
-    """Return the name of the preset whose palm and fingertips a robot file has; None where there is no such one."""
+    """Return the name of the preset whose palm and fingertips a robot file contains; None if there is none."""
     links = robot_links(path)
     for name, preset in PRESETS.items():
         reader = _PresetReader(name, preset, path)
@@ -524,7 +524,7 @@ class _PresetReader:
     units: UrdfUnits = SI
 
     def load(self, options: Options) -> URDFHand:
-        """Return the hand, with the preset's data where the options leave them open."""
+        """Return the hand, with the preset's data for options that are not given."""
         robot = self._read(options["palm"]) if "palm" in options else self.robot_below_palm()
         self._check_tips([robot])
         return URDFHand.from_robot(
@@ -543,7 +543,10 @@ class _PresetReader:
         return read_robot(self.path, palm, self.units)
 
     def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip] | None]:
-        """Return the fingertips by link: the preset's, or the link's own capsule in place of a sphere."""
+        """Return the fingertips by link, as in the preset.
+
+        Where the link has one capsule shape, it replaces a sphere.
+        """
         joints = {joint.child: joint for joint in robot.joints}
         result: dict[str, float | Tip | Sequence[Tip] | None] = {}
         for name, tip in self.preset.tips.items():
@@ -555,7 +558,7 @@ class _PresetReader:
         return result
 
     def robot_below_palm(self) -> Robot:
-        """Return the robot below the palm: a link with one of the preset's palm names that all fingertips hang from.
+        """Return the robot below the palm: a link with one of the preset's palm names that carries all fingertips.
 
         A frame of that name without fingers is no palm. Among nested links with the same name but for prefixes, such as
         the bases of an arm and of its hand, it is the innermost.
@@ -587,12 +590,12 @@ class _PresetReader:
         return candidates[0]
 
     def has_links(self, links: Sequence[str]) -> bool:
-        """Return whether the palm and all fingertips are among some links."""
+        """Return whether palm and all fingertips are among given links."""
         palm = any(self._matching_links(links, name) for name in self.preset.palms)
         return palm and all(self._matching_links(links, name) for name in self._names)
 
     def _check_tips(self, robots: Sequence[Robot]) -> None:
-        """Refuse a file in which no palm carries all fingertips; the message names what is missing."""
+        """Raise if no palm in the file carries all fingertips, naming those that are missing."""
         missing = {robot.root: self._missing_links(robot) for robot in robots}
         if not all(missing.values()):
             return
@@ -604,38 +607,38 @@ class _PresetReader:
 
     @property
     def _names(self) -> tuple[str, ...]:
-        """Names of the fingertips and of the further links of this hand."""
+        """Names of the fingertip links and of the further links of this hand."""
         return (*self.preset.tips, *self.preset.marks)
 
     def _missing_links(self, robot: Robot) -> list[str]:
-        """Return the fingertips and further links that do not hang from a robot's root, by their names there."""
+        """Return the names of the preset's links that a robot lacks."""
         return [name for name in self._names if not self._matching_links(robot.links, name)]
 
     def _matching_links(self, links: Sequence[str], name: str) -> list[str]:
-        """Return the links with a name, whatever their prefix."""
+        """Return the links with a given name, with any prefix."""
         longer = [tip for tip in self.preset.tips if tip.endswith(f"_{name}")]  # thumb_fingertip is not a fingertip
         return [link for link in links if _has_name(link, name) and not any(_has_name(link, tip) for tip in longer)]
 
     def _tip_link(self, robot: Robot, name: str) -> str:
-        """Return a fingertip's link: the one with exactly this name, or the only one with a prefix."""
+        """Return a fingertip's link: the one with exactly this name, or the only one with a prefix before it."""
         matches = [name] if name in robot.links else self._matching_links(robot.links, name)
         if len(matches) > 1:
             self._refuse_ambiguous(matches)
         return matches[0]
 
     def _refuse(self, reason: str) -> NoReturn:
-        """Raise ``InputError`` for a file that is not of this hand."""
+        """Raise ``InputError`` for a file that does not contain this hand."""
         given, allowed = f"{Path(self.path).name} {reason}", "the URDF of this hand; ng.URDFHand.load takes any other"
         raise InputError(f"hands.{self.name}.urdf", given, allowed)
 
     def _refuse_ambiguous(self, links: Sequence[str]) -> NoReturn:
-        """Raise ``InputError`` for a file with several hands of this model."""
+        """Raise ``InputError`` for a file that contains several hands of this model."""
         given = f"{Path(self.path).name} with links {', '.join(links)}"
         raise InputError(f"hands.{self.name}.palm", given, "which of the hands it is, by its palm's link")
 
 
 def described_urdf(name: str) -> str:
-    """Return the path of a preset's URDF from the package ``robot_descriptions``.
+    """Return the path of a preset's URDF in the package ``robot_descriptions``.
 
     Raises
     ------
@@ -661,7 +664,7 @@ def described_urdf(name: str) -> str:
 
 
 def _has_name(link: str, name: str) -> bool:
-    """Return whether a link has a name, with any prefix."""
+    """Return whether a link has a given name, with any prefix."""
     return link == name or link.endswith(tuple(f"{mark}{name}" for mark in "_:/"))
 
 

@@ -16,7 +16,7 @@ HANDS: Registry[Hand] = Registry("hand.type")
 
 
 def register(hand: type[Kind]) -> type[Kind]:
-    """Register a hand type, of this package or another, for loading from files; also as a decorator.
+    """Register a hand type for JSON files; usable as a decorator.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def register(hand: type[Kind]) -> type[Kind]:
 
 
 def hand_from_dict(data: Json) -> Hand:
-    """Return the hand that ``to_dict`` wrote, of any registered kind.
+    """Return a hand of any registered type from the data of its ``to_dict``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Robot description as plain data: links, joints, collision shapes and masses, with checks for the file readers."""
+"""Robot description as plain data: links, joints, collision shapes and masses, with validity checks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOVABLE = ("revolute", "continuous", "prismatic")  # kinds of joints that move
 
 @dataclass(frozen=True)
 class Mimic:
-    """Mimic relation of a joint to another: ``value = multiplier * other + offset``."""
+    """Mimic relation of a joint to another joint: ``value = multiplier * other + offset``."""
 
     joint: str
     multiplier: float
@@ -66,12 +66,12 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        """Whether the joint is not fixed."""
+        """Whether the joint is movable, not fixed."""
         return self.kind in MOVABLE
 
     @property
     def frame(self) -> FloatArray:
-        """Pose (4, 4) of the child's frame in the parent's at position zero."""
+        """Pose (4, 4) of the child link's frame in the parent's at joint position zero."""
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_euler("xyz", self.rpy).as_matrix()
         pose[:3, 3] = self.xyz
@@ -80,7 +80,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Robot:
-    """The links below a palm link, with the joints between them.
+    """The links below a palm link and the joints between them.
 
     Parameters
     ----------
@@ -130,23 +130,23 @@ class Robot:
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
-        """The moving joints that follow no other."""
+        """The moving joints that are not mimic joints."""
         return tuple(j for j in self.joints if j.moves and j.mimic is None)
 
     @property
     def mesh_files(self) -> dict[str, str]:
-        """SHA-256 of each mesh file of the collision shapes, by its name in the robot file."""
+        """SHA-256 of each mesh file of the collision shapes, by name in the robot file."""
         files = (shape.file for shapes in self.shapes.values() for shape in shapes)
         return {file.name: file.sha256 for file in files if file is not None}
 
     @cached_property
     def parents(self) -> dict[str, str]:
-        """Parent of each link."""
+        """Parent link of each link."""
         return {j.child: j.parent for j in self.joints}
 
     @cached_property
     def rigid_groups(self) -> dict[str, str]:
-        """Topmost link of the rigid group of each link."""
+        """Topmost link of each link's rigid group (links joined by fixed joints)."""
         by_child = {j.child: j for j in self.joints}
         groups: dict[str, str] = {}
         for link in self.links:
@@ -155,14 +155,14 @@ class Robot:
         return groups
 
     def fixed_transform(self, link: str, other: str) -> FloatArray | None:
-        """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected; else None."""
+        """Return the transform (4, 4) from one link's frame to another's if they are rigidly connected, else None."""
         groups = self.rigid_groups
         if groups[link] != groups[other]:
             return None
         return np.asarray(np.linalg.inv(self._in_group(other)) @ self._in_group(link))
 
     def group_shapes(self, link: str) -> list[tuple[CollisionShape, FloatArray]]:
-        """Return the shapes of a link's rigid group, each with the transform (4, 4) to the link's frame."""
+        """Return the shapes of a link's rigid group, each with its transform (4, 4) to the link's frame."""
         result = list[tuple[CollisionShape, FloatArray]]()
         for other, shapes in self.shapes.items():
             transform = self.fixed_transform(other, link)
@@ -171,7 +171,7 @@ class Robot:
         return result
 
     def _in_group(self, link: str) -> FloatArray:
-        """Return the pose (4, 4) of a link in the topmost link of its rigid group."""
+        """Return the pose (4, 4) of a link relative to the topmost link of its rigid group."""
         pose, top = np.eye(4), self.rigid_groups[link]
         for joint in reversed(self.chain(link)):
             if joint.child == top:
@@ -180,13 +180,13 @@ class Robot:
         return pose
 
     def adjacent(self, a: str, b: str) -> bool:
-        """Return whether exactly one moving joint lies between two links."""
+        """Return whether two links have exactly one moving joint between them."""
         groups = self.rigid_groups
         return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float, str]]:
-        """Limits of each free joint with those of its mimic joints: lower, upper, the joint that narrowed them last."""
+        """Limits of each free joint, mimic joints included: lower, upper, and the joint that set them last."""
         result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
         for joint in self.joints:
             if joint.moves and joint.mimic is not None:
@@ -202,7 +202,7 @@ class Robot:
         return result
 
     def driving_joint(self, joint: Joint) -> tuple[str, float, float]:
-        """Return the free joint that drives a moving joint, with multiplier and offset (mimic chains resolved)."""
+        """Return the free joint that drives a moving joint, with multiplier and offset."""
         by_name = {j.name: j for j in self.joints}
         name, multiplier, offset = joint.name, 1.0, 0.0
         while (mimic := by_name[name].mimic) is not None:
@@ -240,7 +240,7 @@ class Inertial:
 
 
 def joint_motion(slides: bool, axis: FloatArray, position: float | FloatArray) -> FloatArray:
-    """Return the motion (4, 4) of a joint along, or about, an axis (3,) through the origin; (b, 4, 4) for (b,)."""
+    """Return the transform (4, 4) of a joint's motion along or about an axis (3,); (b, 4, 4) for positions (b,)."""
     offsets = np.multiply.outer(position, axis)
     pose = np.zeros((*np.shape(position), 4, 4)) + np.eye(4)
     if slides:
@@ -251,7 +251,7 @@ def joint_motion(slides: bool, axis: FloatArray, position: float | FloatArray) -
 
 
 def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
-    """Refuse joints that follow missing joints, or each other."""
+    """Raise for mimic joints that follow missing joints or each other."""
     by_name = {j.name: j for j in joints if j.moves}
     for joint in by_name.values():
         visited, current = [joint.name], joint
@@ -269,7 +269,7 @@ def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
 
 
 def check_ranges(source: Path, robot: Robot) -> None:
-    """Refuse joints whose mimic joints leave them an empty range."""
+    """Raise for joints whose mimic joints leave an empty range."""
     for joint in robot.free_joints:
         lower, upper, follower = robot.ranges[joint.name]
         if lower > upper or (lower == upper and joint.lower < joint.upper):

@@ -1,4 +1,4 @@
-"""Robot file reader for URDF, xacro and MJCF."""
+"""Reader of robot files in URDF, xacro or MJCF."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.hands.urdf_reader import link_names, read_urdf, urdf_inertials
 
 
 def read_robot(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) -> Robot:
-    """Return the links below the palm, their joints and collision shapes.
+    """Return the robot below the palm: links, joints and collision shapes.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def robot_inertials(path: str | Path) -> Mapping[str, Inertial]:
 
 
 def _is_mjcf(path: object) -> bool:
-    """Return whether the file's root element is MuJoCo's; unreadable files are left to the URDF reader."""
+    """Return whether a file's root element is that of MJCF; False for unreadable files."""
     if not isinstance(path, str | Path):
         return False
     try:

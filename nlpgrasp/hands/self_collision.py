@@ -38,7 +38,7 @@ EDGE_DIRECTIONS = directions_around(FIRST_DIRECTION, 60)  # beside the normals, 
 
 
 def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
-    """Return the pairs of links with self-collision constraints: those that collide in some, not all, postures.
+    """Return the pairs of links that collide in some postures but not in nearly all.
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
     """
@@ -79,7 +79,7 @@ class LinkPair:
 
 
 def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
-    """Return the links' frames for random joint positions, (samples, 4, 4), palm frame."""
+    """Return the links' poses for random joint positions, (samples, 4, 4) each, palm frame."""
     names, limits = tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
@@ -88,7 +88,7 @@ def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, Fl
 
 
 def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links with more than one moving joint between them."""
+    """Yield the pairs of links that have more than one moving joint between them."""
     groups = tree.robot.rigid_groups
     for a, b in combinations(fits, 2):
         if groups[a] != groups[b] and not tree.robot.adjacent(a, b):
@@ -110,16 +110,16 @@ def _overlaps(
     centres: Mapping[str, FloatArray],
     link_pairs: Sequence[tuple[str, str]],
 ) -> FloatArray:
-    """Return the allowed overlap of each pair of links, (c,), metres: infinite for those that never collide."""
+    """Return the sphere overlap allowed for each pair of links, (c,), metres; infinite for pairs that never collide."""
 
     def make() -> dict[str, FloatArray]:
         hulls = {link: [ShapeHull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
         values = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in link_pairs]
         return {"overlaps": np.array(values)}
 
-    numbers = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
+    arrays = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
     shapes = [shape.content for link in fits for shape in tree.robot.shapes.get(link, ())]
-    return cached_arrays("overlaps", ["\n".join(fits).encode(), *shapes, *numbers], make)["overlaps"]
+    return cached_arrays("overlaps", ["\n".join(fits).encode(), *shapes, *arrays], make)["overlaps"]
 
 
 def _overlap(
@@ -129,7 +129,7 @@ def _overlap(
     other_frames: FloatArray,
     gaps: FloatArray,
 ) -> float:
-    """Return the allowed overlap of two links, metres, from postures with sphere distances (b, m, n)."""
+    """Return the sphere overlap allowed for a pair of links, metres, given sphere distances (b, m, n) in postures."""
     overlap = -gaps.min(axis=(1, 2), initial=np.inf)
     indices = np.flatnonzero(overlap > 0.0)
     indices = indices[:: max(1, len(indices) // MAX_POSTURES)]
@@ -145,7 +145,7 @@ def _overlap(
 
 @dataclass(frozen=True)
 class ShapeHull:
-    """Corners and normals of a shape's convex hull.
+    """Convex hull of a shape: corners and face normals.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class ShapeHull:
 
 
 def hull_penetration(hulls: Sequence[ShapeHull], other_hulls: Sequence[ShapeHull], frames: FloatArray) -> FloatArray:
-    """Return the largest penetration depth of the hulls of two links, (b,), metres; negative where they are apart.
+    """Return the largest penetration depth of the hulls of two links, (b,), metres; negative if they are apart.
 
     Two convex sets are disjoint if, in some direction, one's support function plus the other's in the opposite
     direction is negative. The least sum over the hulls' normals and further directions is an upper bound on the depth.
@@ -189,6 +189,7 @@ def hull_penetration(hulls: Sequence[ShapeHull], other_hulls: Sequence[ShapeHull
 
 
 def _hull_depth(a: ShapeHull, b: ShapeHull, rotations: FloatArray, translations: FloatArray) -> FloatArray:
+    """Return the penetration depth of two convex hulls, (b,), metres; negative if they are apart."""
     corners = b.corners @ rotations.transpose(0, 2, 1) + translations[:, None]  # (b, v, 3), the first one's frame
     between = corners.mean(axis=1) - a.corners.mean(axis=0)
     distances = np.linalg.norm(between, axis=1, keepdims=True)
@@ -207,7 +208,7 @@ def _hull_depth(a: ShapeHull, b: ShapeHull, rotations: FloatArray, translations:
 def self_collision_constraints(
     watched: Sequence[LinkPair], spheres: Sequence[LinkSphere], span: float
 ) -> list[ScalarConstraint]:
-    """Return one constraint per pair of spheres: their overlap is at most the allowed one.
+    """Return one constraint per pair of spheres: the overlap is at most the allowed one.
 
     Parameters
     ----------
@@ -229,16 +230,16 @@ def self_collision_constraints(
 
 
 def colliding_tips(tree: LinkTree) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of round fingertips that can collide: not those on neighbouring links of a chain."""
+    """Return the pairs of round fingertips that can collide: those not on adjacent links."""
     groups, robot = tree.robot.rigid_groups, tree.robot
-    round_ones = [(i, link) for i, (link, tip) in enumerate(tree.tips) if tip.standoff > 0.0]
+    round_tips = [(i, link) for i, (link, tip) in enumerate(tree.tips) if tip.standoff > 0.0]
     return tuple(
-        (i, j) for (i, a), (j, b) in combinations(round_ones, 2) if groups[a] != groups[b] and not robot.adjacent(a, b)
+        (i, j) for (i, a), (j, b) in combinations(round_tips, 2) if groups[a] != groups[b] and not robot.adjacent(a, b)
     )
 
 
 def tip_clearance_constraints(tree: LinkTree, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-    """Return one constraint per pair: the ball centres are at least the sum of the radii apart.
+    """Return one constraint per pair of round fingertips: the balls do not overlap.
 
     Parameters
     ----------

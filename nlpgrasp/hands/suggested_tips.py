@@ -19,7 +19,7 @@ BRIDGED_HOLLOW = 2e-3  # metres: depth of a hollow that a convex hull bridges wh
 
 
 def tip_from_shapes(shapes: Sequence[CollisionShape]) -> Tip | None:
-    """Return the patch of a link's only sphere or capsule; None where there is not exactly one.
+    """Return a fingertip from a link's only sphere or capsule; None if there is not exactly one.
 
     A capsule's end is the one farther from the link's origin.
     """
@@ -34,24 +34,28 @@ def tip_from_shapes(shapes: Sequence[CollisionShape]) -> Tip | None:
 
 
 def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
-    """Return the largest distance of a fingertip's patch outside the shapes of its rigid group of links, metres.
+    """Return how far a fingertip's patch protrudes from the shapes of its link at most, metres.
 
-    Where the patch is beyond them, the finger itself does not touch. None if none of these links has a shape. Links of
-    a rigid group do not move against each other, so the result holds in every posture.
+    Links fixed to this link count too. Where the patch is beyond them, the finger itself does not touch. None if none
+    of these links has a shape. Links of a rigid group do not move against each other, so the result holds in every
+    posture.
     """
     surface = tip.surface().vertices
-    outside = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
-    return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
+    distances = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
+    return max(0.0, float(np.max(np.min(distances, axis=0)))) if distances else None
 
 
 def noticeable_overhang(tip: Tip) -> float:
-    """Return the overhang of a fingertip above which it is warned of, metres; a convex hull may bridge hollows."""
+    """Return the overhang of a fingertip above which a warning is given, metres.
+
+    It is larger for a convex hull, which may bridge hollows.
+    """
     return BRIDGED_HOLLOW if isinstance(tip, HullTip) else OVERHANG
 
 
 @dataclass(frozen=True)
 class SuggestedTip:
-    """A leaf link suggested as a fingertip, with the text that states it.
+    """A leaf link suggested as a fingertip, with command and code that state it.
 
     Parameters
     ----------
@@ -71,7 +75,7 @@ class SuggestedTip:
 
 
 def leaf_links(robot: Robot) -> tuple[str, ...]:
-    """Return the leaf links, one per rigid group; only those that move against the palm, where any do.
+    """Return the leaf links, one per rigid group, without those that do not move against the palm.
 
     Of several links fixed to each other, it is the first with a collision shape.
     """
@@ -87,7 +91,7 @@ def leaf_links(robot: Robot) -> tuple[str, ...]:
 
 
 def suggest_tip(robot: Robot, link: str) -> SuggestedTip:
-    """Return the fingertip that a leaf link's shapes suggest, as command and code."""
+    """Return the fingertip suggested by a leaf link's shapes, as command and code."""
     tip = tip_from_shapes(robot.shapes.get(link, ()))
     if isinstance(tip, SphereTip) and not np.any(tip.centre):
         radius = format_number(tip.radius, DIGITS)

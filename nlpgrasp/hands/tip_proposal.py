@@ -1,4 +1,4 @@
-"""Proposal of fingertips for a robot file: leaf links that oppose others, tried on cylinders and boxes."""
+"""Proposal of fingertips for a robot file: leaf links that face others, tested on cylinders and boxes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TipProposal:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Sentences about the trial and the links that are left out."""
+        """Sentences about the bodies that the fingertips close on, and about the leaf links that are left out."""
         result = []
         if self.closing is not None:
             result.append(f"They close on {self.closing} (links as spheres, friction {FRICTION:g}).")
@@ -49,7 +49,9 @@ class TipProposal:
 
 
 def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: FloatArray) -> TipProposal:
-    """Return the proposed fingertips: leaf links with a shape that face others, without those of their linkages.
+    """Return the proposed fingertips: leaf links with a shape that face other leaf links.
+
+    Links of a linkage that follow a fingertip are left out.
 
     Parameters
     ----------
@@ -77,22 +79,22 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
     closing = closing_widths(with_tips, fits)
     followers = _followers(with_tips)
     if followers:
-        kept = [tip for i, tip in enumerate(with_tips.tips) if i not in followers]
-        closing_without = closing_widths(LinkTree(robot, kept, tree.approach), fits)
+        leaders = [tip for i, tip in enumerate(with_tips.tips) if i not in followers]
+        closing_without = closing_widths(LinkTree(robot, leaders, tree.approach), fits)
         if len(closing_without) > len(closing):
             left_out |= {links[i]: FOLLOWS for i in followers}
-            links, closing = [link for link, _ in kept], closing_without
+            links, closing = [link for link, _ in leaders], closing_without
     return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, closing)
 
 
 def _with_tips(tree: LinkTree, links: Sequence[str]) -> LinkTree:
-    """Return the kinematics with the suggested fingertips on links."""
+    """Return the kinematic tree with the suggested fingertips on given links."""
     guessed = {link: GUESS if suggest_tip(tree.robot, link).guessed else None for link in links}
     return LinkTree(tree.robot, resolve_tips(tree.robot, guessed), tree.approach)
 
 
 def _followers(tree: LinkTree) -> set[int]:
-    """Return the fingertips behind another one, which the same joints move and which faces the same way.
+    """Return the fingertips that lie behind another one, face the same way and are moved by the same joints.
 
     Such are the knuckles of a linkage, and the shorter fingers of a hand whose fingers have one motor.
     """

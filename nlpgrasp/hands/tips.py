@@ -1,4 +1,4 @@
-"""Fingertip geometries: the patch of a link that may touch the body."""
+"""Fingertip geometries: the patch of a link's surface that may touch the body."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ class Tip(ABC):
     @property
     @abstractmethod
     def centre(self) -> FloatArray:
-        """Point in the middle of the patch or behind it, (3,), metres, link frame: the initial position."""
+        """Point in or behind the middle of the patch, (3,), metres, link frame: the initial position."""
 
     @property
     def standoff(self) -> float:
-        """Radius of the patch's ball behind the contact, metres; 0 for patches that are not round."""
+        """Distance of the contact from the ball centre behind it, metres; 0 for patches that are not round."""
         return 0.0
 
     @property
     def posing_radius(self) -> float:
-        """Radius of the ball about ``centre`` that stands for the patch where a hand is posed, metres."""
+        """Radius of the ball about ``centre`` that replaces the patch while the hand is posed, metres."""
         return self.standoff
 
     @property
@@ -59,12 +59,12 @@ class Tip(ABC):
 
     @property
     def slides(self) -> bool:
-        """Whether the patch has a sliding coordinate between 0 and 1."""
+        """Whether the patch has a sliding coordinate, from 0 to 1."""
         return False
 
     @property
     def initial_slide(self) -> float:
-        """Initial sliding coordinate: that with the ball at ``centre``."""
+        """Initial sliding coordinate, which puts the ball at ``centre``."""
         return 0.5
 
     def slide_at(self, point: FloatArray) -> float:
@@ -73,28 +73,28 @@ class Tip(ABC):
         return self.initial_slide
 
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression | None:
-        """Return the centre of the ball behind the contact, body frame, for the link's pose; None without a ball."""
+        """Return the centre of the ball behind the contact, body frame, given the link's pose; None without a ball."""
         return None
 
     @abstractmethod
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
-        """Return the constraints that put the contact onto the patch."""
+        """Return the constraints that the contact lies on the patch."""
 
     @abstractmethod
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return signed distances, metres, of points (m, 3), link frame, from the patch's solid, negative inside."""
+        """Return signed distances of points (m, 3), link frame, from the patch's solid, metres, negative inside."""
 
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii of link spheres about points (m, 3) that leave the patch free, (m,), metres."""
+        """Return the largest radii (m,), metres, of link spheres about points (m, 3) that do not cover the patch."""
 
     @property
     def backbone(self) -> FloatArray:
-        """Ball centres of radius ``standoff`` behind the patch, (m, 3), metres, link frame."""
+        """Centres of the balls of radius ``standoff`` that stand for the patch, (m, 3), metres, link frame."""
         return self.centre[None]
 
     def surface(self, sides: int = FINE) -> Triangles:
-        """Return the patch as outward triangles in the link's frame; by default a ball.
+        """Return the patch as triangles facing outwards, in the link's frame; by default a ball.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class Tip(ABC):
 
 @dataclass(frozen=True)
 class SymbolicTouch:
-    """Symbolic link pose and contact of a fingertip.
+    """A fingertip's contact with the body: symbolic link pose, contact point and normal.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class SymbolicTouch:
     def row(
         self, part: str, expression: Expression, lower: float = 0.0, upper: float = np.inf, *, length: bool = False
     ) -> ScalarConstraint:
-        """Return a constraint of the tip, on a length in metres or a number; ``part`` names it."""
+        """Return a scalar constraint of the fingertip, on a length in metres or a dimensionless number."""
         scale, unit = (self.size, "m") if length else (1.0, "")
         return ScalarConstraint(
             ON_FINGERTIP, expression, lower, upper, scale, unit, fingers=(self.finger,), link=self.link, part=part
@@ -149,7 +149,7 @@ class SymbolicTouch:
 
 @dataclass(frozen=True)
 class SphereTip(Tip):
-    """A sphere fixed to a link, with the constraint ``c(q) = p - r n`` (docs/hands.md).
+    """A spherical fingertip fixed to a link, with the constraint ``c(q) = p - r n`` (docs/hands.md).
 
     Parameters
     ----------
@@ -186,11 +186,11 @@ class SphereTip(Tip):
         return equality_constraints(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) outside the sphere, (m,), metres."""
+        """Return the signed distance of points (m, 3) from the sphere, (m,), metres, negative inside."""
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii of spheres about points (m, 3) inside a cone behind the tip, (m,), metres."""
+        """Return the largest radii (m,), metres, of spheres about points (m, 3) that stay in a cone behind the tip."""
         return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:
@@ -200,7 +200,7 @@ class SphereTip(Tip):
 
 @dataclass(frozen=True)
 class CylinderTip(Tip):
-    """The side of a cylinder between two points of its axis, with the position along it as sliding coordinate.
+    """A cylindrical fingertip: the side of a cylinder, with the position along the axis as sliding coordinate.
 
     Parameters
     ----------
@@ -241,16 +241,16 @@ class CylinderTip(Tip):
 
     @property
     def slides(self) -> bool:
-        """True, because the contact may be anywhere along the axis."""
+        """Always true: the contact may be anywhere along the axis."""
         return True
 
     def slide_at(self, point: FloatArray) -> float:
-        """Return the contact's position along the axis, as a share of its length."""
+        """Return the contact's position along the axis, as a fraction of its length."""
         a, b = self.ends
         return float(np.clip((point - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0))
 
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
-        """Return the centre of the fingertip's ball, on its axis behind the contact, body frame."""
+        """Return the centre of the ball, on the axis behind the contact, body frame."""
         a, b = self.ends
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(a) + slide * ca.DM(b - a))
 
@@ -264,15 +264,15 @@ class CylinderTip(Tip):
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) outside the cylinder with round ends, (m,), metres."""
+        """Return the signed distance of points (m, 3) from the cylinder with round ends, (m,), metres."""
         return self._axis_distances(points, 0.0) - self.radius
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii of spheres about points (m, 3) within the cylinder's own radius, (m,), metres."""
+        """Return the largest radii (m,), metres, of spheres about points (m, 3) within the cylinder's radius."""
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, 0.0) - SLACK, 0.0))
 
     def _axis_distances(self, points: FloatArray, first: float) -> FloatArray:
-        """Return the distances of points (m, 3) from the axis between a share ``first`` of it and its end, metres."""
+        """Return the distances of points (m, 3), metres, from the axis beyond its fraction ``first``."""
         a, b = self.ends
         t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), first, 1.0)
         return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
@@ -289,13 +289,13 @@ class CylinderTip(Tip):
         return tube(self.radius, start, end, sides)
 
     def to_dict(self) -> Json:
-        """Return radius and ends."""
+        """Return radius and ends as JSON data."""
         return {"type": self.kind, "radius": self.radius, "start": list(self.ends[0]), "end": list(self.ends[1])}
 
 
 @dataclass(frozen=True)
 class CapsuleTip(CylinderTip):
-    """A capsule between two points of its axis: side and both round ends.
+    """A capsule fingertip: the side and both round ends of a capsule.
 
     With s from 0 to 1 along the axis and v = u . n the contact normal's share of the axis' direction u,
     ``a + s (b - a) = p - r n`` puts a ball that touches at p on the axis. It touches where the capsule does, if v = 0
@@ -324,7 +324,7 @@ class CapsuleTip(CylinderTip):
         return 1.0
 
     def surface(self, sides: int = FINE) -> Triangles:
-        """Return side and both round ends as triangles."""
+        """Return side and round ends as triangles."""
         start, end = self.ends
         along = (end - start) / np.linalg.norm(end - start)
         caps = [(start, dome(-along, 0.5 * np.pi, sides)), (end, dome(along, 0.5 * np.pi, sides))]
@@ -335,14 +335,14 @@ class CapsuleTip(CylinderTip):
         return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii of spheres about points (m, 3) within the capsule's own radius, (m,), metres.
+        """Return the largest radii (m,), metres, of spheres about points (m, 3) within the capsule's radius.
 
         Behind the start, the finger may continue as thick as the capsule.
         """
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, -np.inf) - SLACK, 0.0))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
-        """Return ``a + s (b - a) = p - r n``, and that n tilts beyond the side only at the ends."""
+        """Return ``a + s (b - a) = p - r n``, and that n tilts beyond the perpendicular only at the ends."""
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         leans = ca.dot(along, touch.n)
@@ -355,7 +355,7 @@ class CapsuleTip(CylinderTip):
 
 @dataclass(frozen=True)
 class EllipsoidTip(Tip):
-    """The patch of an ellipsoid whose outward normals are within an angle of a direction.
+    """An ellipsoidal fingertip: the patch with outward normals within an angle of a direction.
 
     With A = diag(semi-axes) and the normal m in the ellipsoid's axes, the point with that normal is
     ``A^2 m / |A m|`` (the gradient of the support function).
@@ -405,7 +405,7 @@ class EllipsoidTip(Tip):
         return float(np.min(self.semi_axes))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
-        """Return the constraint ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's limit."""
+        """Return ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the limit of the patch."""
         frame = ca.mtimes(touch.pose, ca.DM(tip_frame("EllipsoidTip", self.offset, self.rpy)))
         m = ca.mtimes(frame[:3, :3].T, touch.n)
         scaled = ca.DM(np.asarray(self.semi_axes)) * m
@@ -417,14 +417,14 @@ class EllipsoidTip(Tip):
         return rows
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return an upper bound on the distance of points (m, 3) outside the ellipsoid, (m,), metres."""
+        """Return upper bounds on the distances of points (m, 3) outside the ellipsoid, (m,), metres."""
         frame = tip_frame("EllipsoidTip", self.offset, self.rpy)
         axes = np.asarray(self.semi_axes, dtype=float)
         gauge = np.linalg.norm((points - frame[:3, 3]) @ frame[:3, :3] / axes, axis=1)
         return np.asarray((gauge - 1.0) * np.max(axes))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the smallest semi-axis."""
+        """Return radii (m,), metres, for points (m, 3) within 20 degrees of the smallest semi-axis."""
         smallest = float(np.min(self.semi_axes))
         return np.asarray(smallest + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
@@ -438,7 +438,7 @@ class EllipsoidTip(Tip):
         return Triangles(points @ frame[:3, :3].T + frame[:3, 3], unit_dome.faces)
 
     def to_dict(self) -> Json:
-        """Return shape, pose and extent as JSON data."""
+        """Return semi-axes, pose and extent as JSON data."""
         return {
             "type": self.kind,
             "semi_axes": list(np.asarray(self.semi_axes, float)),
@@ -451,7 +451,7 @@ class EllipsoidTip(Tip):
 
 @dataclass(frozen=True)
 class HullTip(Tip):
-    """The patch of a rounded convex hull whose outward normals are within an angle of a direction.
+    """A fingertip on a rounded convex hull: the patch with outward normals within an angle of a direction.
 
     The hull of points v_i is given by its support function ``max_i v_i . m``, smoothed to
     ``h(m) = e log sum_i exp(v_i . m / e)`` for unit normals m, which exceeds it by at most ``e log(number of points)``.
@@ -487,22 +487,25 @@ class HullTip(Tip):
 
     @cached_property
     def _ball(self) -> FloatArray:
-        """Centre and radius of the ball whose support function is nearest over the patch's normals, (4,)."""
+        """Centre and radius of the ball that approximates the patch best, (4,), metres.
+
+        Its support function is nearest to the hull's over the patch's normals.
+        """
         normals, support = self._tangent_planes(self.angle, FINE)
         return np.asarray(np.linalg.lstsq(np.column_stack([normals, np.ones(len(normals))]), support, rcond=None)[0])
 
     @property
     def centre(self) -> FloatArray:
-        """Centre of the ball nearest to the patch, (3,), metres, link frame."""
+        """Centre of the ball that approximates the patch, (3,), metres, link frame."""
         return self._ball[:3]
 
     @property
     def posing_radius(self) -> float:
-        """Radius of the ball nearest to the patch, metres."""
+        """Radius of the ball that approximates the patch, metres."""
         return max(0.0, float(self._ball[3]))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
-        """Return the constraint that the hull's point with the outward normal n is p, and the patch's limit."""
+        """Return constraints: the hull's point with outward normal n is p, and the limit of the patch."""
         corners, rotation = ca.DM(np.asarray(self.points)), touch.pose[:3, :3]
         m = ca.mtimes(rotation.T, touch.n)
         exponents = ca.mtimes(corners, m) / self.rounding
@@ -516,12 +519,12 @@ class HullTip(Tip):
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) outside the hull's tangent planes, (m,), metres, negative inside."""
+        """Return signed distances of points (m, 3) from the patch's tangent planes, (m,), metres, negative inside."""
         normals, support = self._tangent_planes(np.pi, 2 * FINE)
         return np.asarray(np.max(points @ normals.T - support, axis=1))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii about points (m, 3) that stay behind all tangent planes of the patch, (m,), metres."""
+        """Return the largest radii (m,), metres, of spheres about points (m, 3) behind the patch's tangent planes."""
         normals, support = self._tangent_planes(self.angle, FINE)
         return np.asarray(np.min(support - centres @ normals.T, axis=1) - SLACK)
 
@@ -531,12 +534,12 @@ class HullTip(Tip):
         return Triangles(self.points_with_normals(patch.vertices), patch.faces)
 
     def _tangent_planes(self, angle: float, sides: int) -> tuple[FloatArray, FloatArray]:
-        """Return sampled normals (m, 3) within an angle of the middle, and the heights of the corners along them."""
+        """Return sampled normals (m, 3) within an angle of the middle, and the corners' heights along these."""
         normals = dome(np.asarray(self.facing), angle, sides).vertices
         return normals, np.max(normals @ np.asarray(self.points).T, axis=1)
 
     def points_with_normals(self, normals: FloatArray) -> FloatArray:
-        """Return the points of the rounded hull with unit outward normals (m, 3), (m, 3), metres, link frame."""
+        """Return the rounded hull's points with given outward unit normals (m, 3), (m, 3), metres, link frame."""
         corners = np.asarray(self.points)
         exponents = normals @ corners.T / self.rounding
         total = logsumexp(exponents, axis=1, keepdims=True)
@@ -557,7 +560,7 @@ class HullTip(Tip):
 
 @dataclass(frozen=True)
 class FlatTip(Tip):
-    """A flat rectangle whose outward normal is the z axis of its own frame.
+    """A flat rectangular fingertip, whose outward normal is the z axis of its frame.
 
     Parameters
     ----------
@@ -586,7 +589,7 @@ class FlatTip(Tip):
 
     @property
     def frame(self) -> FloatArray:
-        """Pose of the rectangle in the link's frame, (4, 4)."""
+        """Pose of the rectangle in the link frame, (4, 4)."""
         return tip_frame("FlatTip", self.offset, self.rpy)
 
     @property
@@ -600,7 +603,7 @@ class FlatTip(Tip):
         return np.asarray(self.frame[:3, 2])
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
-        """Return constraints: equal normals, and the contact in the plane and within the rectangle."""
+        """Return constraints: rectangle normal along n, contact in the plane and within the rectangle."""
         frame = ca.mtimes(touch.pose, ca.DM(self.frame))
         local = ca.mtimes(frame[:3, :3].T, touch.p - frame[:3, 3])
         m = ca.mtimes(frame[:3, :3].T, touch.n)
@@ -615,12 +618,12 @@ class FlatTip(Tip):
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) in front of the pad's plane, (m,), metres."""
+        """Return the signed distance of points (m, 3) in front of the rectangle's plane, (m,), metres."""
         frame = self.frame
         return np.asarray((points - frame[:3, 3]) @ frame[:3, 2])
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) behind the pad's plane, (m,), metres."""
+        """Return how far points (m, 3) are behind the rectangle's plane, (m,), metres, at least 0."""
         frame = self.frame
         return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 
@@ -639,12 +642,12 @@ class FlatTip(Tip):
 
 
 def equality_constraints(touch: SymbolicTouch, left: Expression, right: Expression) -> list[ScalarConstraint]:
-    """Return constraints ``left = right`` for columns of 3."""
+    """Return three scalar constraints ``left = right`` for columns of 3."""
     return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
 
 
 def tip_frame(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
-    """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
+    """Return the validated transform (4, 4) of an offset and roll, pitch, yaw."""
     pose = np.eye(4)
     pose[:3, 3] = array(f"{field}.offset", offset, (3,))
     turns = check_angles(f"{field}.rpy", array(f"{field}.rpy", rpy, (3,)))
@@ -653,7 +656,7 @@ def tip_frame(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
 
 
 def _unit_direction(field: str, given: ArrayLike) -> tuple[float, ...]:
-    """Return a direction (3,) scaled to length one; refuse zero."""
+    """Return a direction (3,) scaled to unit length; raise for a zero vector."""
     direction = array(field, given, (3,))
     length = float(np.linalg.norm(direction))
     if length == 0.0:
@@ -664,7 +667,7 @@ def _unit_direction(field: str, given: ArrayLike) -> tuple[float, ...]:
 def check_offset(
     field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the given offset and roll, pitch, yaw, or those of a pose given instead."""
+    """Return the given offset and roll, pitch, yaw, or those of a given pose."""
     if pose is not None:
         if np.any(np.asarray(offset, dtype=object) != 0.0) or np.any(np.asarray(rpy, dtype=object) != 0.0):
             raise InputError(f"{field}.pose", "a pose beside offset or rpy", "one of them")
@@ -677,7 +680,7 @@ def check_offset(
 
 
 def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
-    """Return the part of the unit sphere within an angle of a direction.
+    """Return the part of the unit sphere within an angle of a direction, as triangles.
 
     Parameters
     ----------
@@ -697,7 +700,7 @@ def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
 
 
 def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Triangles:
-    """Return the side of a cylinder between two points (3,) of its axis."""
+    """Return the side of a cylinder between two points (3,) of its axis, as triangles."""
     steps = max(2, sides // 4)
     along = (end - start) / np.linalg.norm(end - start)
     first, second = tangents(along[None])[0]
@@ -708,9 +711,9 @@ def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Trian
 
 
 def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
-    """Return a rectangle of full lengths (2,) in the xy plane of a frame (4, 4), facing along z."""
-    share = np.linspace(-0.5, 0.5, steps + 1)
-    x, y = np.meshgrid(share * extents[0], share * extents[1], indexing="ij")
+    """Return a rectangle with side lengths (2,) in the xy plane of a frame (4, 4), facing along z, as triangles."""
+    fractions = np.linspace(-0.5, 0.5, steps + 1)
+    x, y = np.meshgrid(fractions * extents[0], fractions * extents[1], indexing="ij")
     flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     corner = (np.arange(steps)[:, None] * (steps + 1) + np.arange(steps)).ravel()
     a, b, c, d = corner, corner + steps + 1, corner + steps + 2, corner + 1

@@ -1,4 +1,4 @@
-"""Robot hand given by a URDF or MJCF file."""
+"""Robot hand read from a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ class URDFHand(LinkedHand):
         self_collision: bool = True,
         tip_overhang: float | None = None,
     ) -> URDFHand:
-        """Return the hand of a robot that was read from a file; everything else is as for ``load``."""
+        """Return the hand of a robot that was already read from a file; other arguments as for ``load``."""
         refuse_implausible_lengths(robot)
         for text in file_warnings(robot):
             warn(f"{robot.source}: {text}")
@@ -217,11 +217,11 @@ class URDFHand(LinkedHand):
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
-        """Radius of each round fingertip, metres, 0 for the others."""
+        """Radius of each round fingertip, metres; 0 for other fingertips."""
         return tuple(tip.standoff for _, tip in self.tips)
 
     def with_clearance(self, clearance: float) -> URDFHand:
-        """Return the same hand with another clearance of its links from the body."""
+        """Return the same hand with another clearance between its links and the body."""
         result = copy(self)
         result.__dict__.pop("fits", None)
         result.clearance = number("URDFHand.clearance", clearance)
@@ -234,12 +234,12 @@ class URDFHand(LinkedHand):
         return result
 
     def check(self, space: int) -> None:
-        """Refuse planar bodies, on which links cannot be placed."""
+        """Raise for planar bodies, on which links cannot be placed."""
         if space != 3:
             raise InputError("GraspProblem.hand", "a URDF hand for a planar body", "a body in space")
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return palm position, palm quaternion (w, x, y, z), joints, and the tips' sliding coordinates."""
+        """Return the variables: palm position, palm quaternion (w, x, y, z), joints, sliding tip coordinates."""
         lower, upper = self.tree.joint_limits
         margin = 1.2 * self.tree.span
         result = [
@@ -253,7 +253,7 @@ class URDFHand(LinkedHand):
         return result
 
     def values_at(self, posture: Json, points: FloatArray) -> Values:
-        """Return values of all variables in a posture whose fingertips touch at points (k, 3), metres, body frame."""
+        """Return the values of all variables in a posture with fingertips at points (k, 3), metres, body frame."""
         values = self.values_of(posture)
         poses = self.tree.body_poses(values)
         slides = [
@@ -264,7 +264,7 @@ class URDFHand(LinkedHand):
         return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return the constraints: unit quaternion, contacts on fingertips, and self-collision unless it is off."""
+        """Return the constraints: unit quaternion, contacts on fingertips, and self-collision unless disabled."""
         rows = [ScalarConstraint(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
@@ -275,7 +275,7 @@ class URDFHand(LinkedHand):
         return rows + self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return the links' collision spheres in the body's frame."""
+        """Return the links' collision spheres in the body frame."""
         poses = self.tree.poses(variables)
         result = []
         for link, fit in self.fits.items():
@@ -291,21 +291,21 @@ class URDFHand(LinkedHand):
 
     @cached_property
     def fits(self) -> dict[str, SphereFit]:
-        """Spheres of each link, shrunk next to a fingertip so that it can touch."""
+        """Collision spheres of each link, shrunk near a fingertip so that the fingertip can touch."""
         return fit_around_tips(self.unshrunk_spheres, self.tree, self.clearance)
 
     @cached_property
     def self_collision_pairs(self) -> tuple[LinkPair, ...]:
-        """Pairs of links with self-collision constraints, and their allowed sphere overlap."""
+        """Pairs of links with self-collision constraints, and the sphere overlap allowed for each."""
         return find_colliding_pairs(self.tree, self.fits) if self.self_collision else ()
 
     @cached_property
     def unshrunk_spheres(self) -> dict[str, SphereFit]:
-        """Spheres of each link before any are shrunk next to fingertips."""
+        """Collision spheres of each link, before shrinking near fingertips."""
         return fit_hand(self.robot, self.spheres_per_link)
 
     def to_dict(self) -> Json:
-        """Return source, fingerprints, fingertips, limits, and the spheres with their errors, as JSON data."""
+        """Return source, fingerprints, fingertips, limits, and the spheres' errors as JSON data."""
         return {
             "type": self.kind,
             "source": self.robot.source,
@@ -328,14 +328,14 @@ class URDFHand(LinkedHand):
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Refuse to load: the data name a URDF and do not contain it."""
+        """Raise: the data name a URDF but do not contain it."""
         raise incomplete_data(
             "hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)"
         )
 
 
 def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
-    """Return link and patch of each contact, in the given order."""
+    """Return link and patch of each fingertip, in the given order."""
     if fingertips is None:
         raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_suggest_tips(robot)}")
     if isinstance(fingertips, list | tuple) and all(isinstance(name, str) for name in fingertips):
@@ -365,7 +365,10 @@ def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str,
 
 
 def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float | None) -> None:
-    """Refuse fingertips farther beyond the shapes of their links than ``most``, metres; warn if it is not given."""
+    """Raise for fingertips that protrude from their links' shapes by more than ``most``, metres.
+
+    Only a warning is given if ``most`` is not stated.
+    """
     limit = MOST_OVERHANG if most is None else number("URDFHand.tip_overhang", most, at_least=0.0)
     for link, tip in tips:
         distance = overhang(tip, link, robot) or 0.0
@@ -379,12 +382,12 @@ def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float |
 
 
 def _check_radius(field: str, radius: object) -> float:
-    """Return a fingertip's radius, checked, metres."""
+    """Return the validated radius of a fingertip, metres."""
     return hand_length(field, number(field, radius, above=0.0), LARGEST_TIP)
 
 
 def _suggest_tips(robot: Robot) -> str:
-    """Return the fingertips that the leaf links suggest, as Python code."""
+    """Return the fingertips suggested by the leaf links, as Python code."""
     names = leaf_links(robot)
     examples = ", ".join(f'"{link}": {suggest_tip(robot, link).code}' for link in names[:MOST])
     ending = f" ({len(names) - MOST} more links are at ends)" if len(names) > MOST else ""
@@ -392,10 +395,11 @@ def _suggest_tips(robot: Robot) -> str:
 
 
 def _tips_from_shapes(robot: Robot, fingertips: Mapping[str, object]) -> dict[str, Tip]:
-    """Return the fingertips stated as None: the link's only sphere or capsule, else the hull of the link's end."""
-    own = {link: tip_from_shapes(robot.shapes.get(link, ())) for link, patch in fingertips.items() if patch is None}
-    result = {link: tip for link, tip in own.items() if tip is not None}
-    fitted = [link for link in own if link not in result]
+    """Return fingertips for the links stated as None: the link's only sphere or capsule, else a convex hull."""
+    unstated = [link for link, patch in fingertips.items() if patch is None]
+    shape_tips = {link: tip_from_shapes(robot.shapes.get(link, ())) for link in unstated}
+    result = {link: tip for link, tip in shape_tips.items() if tip is not None}
+    fitted = [link for link in unstated if link not in result]
     return {**result, **fit_hull_tips(robot, fitted, [link for link in fingertips if link not in fitted])}
 
 
@@ -408,7 +412,7 @@ def unit_approach(approach: ArrayLike) -> FloatArray:
 
 
 def resolve_torque_limits(robot: Robot, limits: Mapping[str, float] | float | None) -> dict[str, float]:
-    """Return the torque limits by joint: those given, or the URDF's efforts."""
+    """Return the torque limits by joint, as given or else the file's effort limits."""
     names = [j.name for j in robot.free_joints]
     if limits is None:
         return {j.name: j.effort for j in robot.free_joints if j.effort}
@@ -422,7 +426,7 @@ def resolve_torque_limits(robot: Robot, limits: Mapping[str, float] | float | No
 
 
 def file_warnings(robot: Robot) -> list[str]:
-    """Return the warnings about a file that is accepted, a sentence each."""
+    """Return the warnings about an accepted robot file, one sentence each."""
     result = []
     if robot.missing:
         result.append(missing_mesh_warning(robot))
@@ -432,7 +436,7 @@ def file_warnings(robot: Robot) -> list[str]:
 
 
 def missing_mesh_warning(robot: Robot) -> str:
-    """Return the warning about mesh files that are missing, and about links that have no other shape."""
+    """Return the warning about missing mesh files and about links without any other shape."""
     text, links = f"left out {'; '.join(robot.missing)}", robot.unreadable
     if not links:
         return text
@@ -441,7 +445,7 @@ def missing_mesh_warning(robot: Robot) -> str:
 
 
 def modelling_warnings(robot: Robot) -> list[str]:
-    """Return the warnings about joints that are modelled otherwise than in the file, a sentence each."""
+    """Return the warnings about joints that are modelled differently from the file, one sentence each."""
     result = []
     if robot.negated_limits:
         result.append(f"taken with the other sign: {'; '.join(robot.negated_limits)}")

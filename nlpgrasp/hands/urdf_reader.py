@@ -25,7 +25,7 @@ MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
 
 
 def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) -> Robot:
-    """Return the links below the palm, their joints and collision shapes.
+    """Return the robot below the palm: links, joints and collision shapes.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def link_names(path: str | Path) -> tuple[str, ...]:
 
 
 def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
-    """Return mass and inertia of the links of a URDF that state a mass above zero.
+    """Return mass and inertia of the links of a URDF with a mass above zero.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
 
 
 def urdf_root(source: Path) -> ET.Element:
-    """Return the <robot> of a URDF, macros expanded.
+    """Return the <robot> element of a URDF, with macros expanded.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def urdf_root(source: Path) -> ET.Element:
 
 
 def _read_links(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
-    """Return the file's path, its root element and the names of its links."""
+    """Return a file's path, its root element and the names of its links."""
     if not isinstance(path, str | Path):
         raise InputError("URDFHand.path", path, "the path of a URDF file")
     source = Path(path)
@@ -169,7 +169,7 @@ def _read_links(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
 
 
 def _read_name(source: Path, element: ET.Element, tag: str) -> str:
-    """Return the name of a link or joint; refuse one without."""
+    """Return the name of a link or joint element; raise if it has none."""
     name = element.get("name")
     if not name:
         raise_invalid(source, f"a <{tag}> without name", "a name on every link and joint")
@@ -177,14 +177,14 @@ def _read_name(source: Path, element: ET.Element, tag: str) -> str:
 
 
 def _check_duplicates(source: Path, tag: str, names: list[str]) -> None:
-    """Refuse links or joints of the same name."""
+    """Raise for links or joints with the same name."""
     duplicates = sorted({n for n in names if names.count(n) > 1})
     if duplicates:
         raise_invalid(source, f"two {tag}s named {', '.join(duplicates)}", "one of each name")
 
 
 class Edge(NamedTuple):
-    """A joint element with its parent and child links."""
+    """A joint element together with its parent and child links."""
 
     name: str
     parent: str
@@ -193,7 +193,7 @@ class Edge(NamedTuple):
 
 
 def _read_edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
-    """Return a joint element with its links; refuse links that are missing."""
+    """Return a joint element with its links; raise for missing links."""
     name = _read_name(source, element, "joint")
     ends = []
     for tag in ("parent", "child"):
@@ -206,7 +206,7 @@ def _read_edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
 
 
 def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
-    """Return the root link; refuse anything but a tree."""
+    """Return the root link; raise unless the links form a tree."""
     children = [j.child for j in joints]
     twice = sorted({c for c in children if children.count(c) > 1})
     if twice:
@@ -221,7 +221,7 @@ def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
 
 
 def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
-    """Yield a phrase for each extension of a URDF that closes a linkage between links of the hand, which is a tree.
+    """Yield a phrase for each URDF extension that closes a loop between links of the hand.
 
     These are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
     """
@@ -240,7 +240,7 @@ def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
 
 
 def _subtree(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
-    """Return the links below a link, itself first, and the joints that lead to them."""
+    """Return a link with all links below it, and the joints between them."""
     links, edges = [start], []
     for link in links:
         for joint in joints:
@@ -272,7 +272,7 @@ def _read_joint(source: Path, edge: Edge) -> Joint:
 
 
 def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
-    """Return lower limit, upper limit and effort of a joint; infinite limits for mimic joints without."""
+    """Return lower limit, upper limit and effort of a joint; infinite limits for mimic joints without limits."""
     limit = element.find("limit")
     if kind == "fixed":
         return 0.0, 0.0, None
@@ -297,7 +297,7 @@ def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tu
 
 
 def _read_mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
-    """Return a joint's mimic relation; None where it follows no other."""
+    """Return a joint's mimic relation; None if the joint has none."""
     mimic = element.find("mimic")
     if mimic is None:
         return None
@@ -307,7 +307,7 @@ def _read_mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
 
 
 def orient_mimics(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
-    """Return the joints with the limits of mimic joints in their direction of motion, and those that were negated.
+    """Return the joints with the limits of mimic joints corrected in sign, and descriptions of those corrected.
 
     Files often give a mimic joint with a negative multiplier the limits of the joint it follows, without the sign, so
     that at most one position keeps both. Such limits are negated where that leaves a range.
@@ -367,6 +367,7 @@ def read_shapes(
 
 
 def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> CollisionShape | None:
+    """Return the shape of a <collision> element; None if the mesh file is missing."""
     label = f"collision of link {link}"
     origin, geometry = element.find("origin"), element.find("geometry")
     pose = np.eye(4)
@@ -401,6 +402,7 @@ def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]
 def _urdf_mesh_shape(
     source: Path, link: str, element: ET.Element, pose: FloatArray, missing: list[str]
 ) -> CollisionShape | None:
+    """Return the shape of a <mesh> element; None if the mesh file is missing."""
     import trimesh
 
     name = element.get("filename", "")
