@@ -1,1 +1,1 @@
-"""Motion of hands: clearances, straight paths, approach, phases, palm path, finger motion."""
+"""Motion of hands: clearances, straight paths, approach, keyframes, palm path, finger motion."""

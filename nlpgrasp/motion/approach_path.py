@@ -1,4 +1,4 @@
-"""Straight approach of the palm with an open hand: search of a collision-free direction and opening.
+"""Straight approach of the palm with an open hand: search for a collision-free direction and opening.
 
 The fingers open from the grasp towards the pregrasp or wider (``open_fingers``). From there the palm leaves in the
 first direction that is free (``find_free_approach``); the approach is that path in reverse.
@@ -37,10 +37,10 @@ def find_free_approach(
     locate: bool = True,
     touching: Callable[[Sequence[Values]], str] = lambda _: "",
 ) -> ApproachPath:
-    """Return the first collision-free approach direction of the open hand, opened wider where none is free.
+    """Return the first collision-free approach direction of the open hand.
 
-    Where none of several is free, others are tried about the one that is free longest, nearer and nearer to it: the
-    path out of a narrow place lies between the directions of any list.
+    If none is free, the hand is opened wider. Where none of several is free, others are tried about the one that is
+    free longest, nearer and nearer to it: the path out of a narrow place lies between the directions of any list.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class ApproachPath:
 
 @dataclass(frozen=True)
 class BlockedDirection:
-    """Approach direction that is not collision-free.
+    """Approach direction that is not collision-free, with the obstruction.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class BlockedDirection:
 
 
 def approach_candidates(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
-    """Return candidate approach directions of the palm, by increasing angle from its facing direction.
+    """Return candidate approach directions, by increasing angle from the direction in which the palm faces.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
 
 
 def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
-    """Return the hand opened from its grasp towards a multiple of its pregrasp, within the joint limits.
+    """Return the opening path of the hand, from the grasp towards a multiple of the pregrasp's opening.
 
     All joints move together; those that are blocked stop, and the others continue. Fingertips may be as near the body
     as in the program (``CollisionModel.least_clearances``), because they touch it in the end. Link spheres that overlap
@@ -208,7 +208,7 @@ def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor:
 
 
 def open_hand_straight(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
-    """Return the hand opened as by ``open_fingers``, or less, along one straight joint path."""
+    """Return an opening path along one straight line in joint space, towards the hand of ``open_fingers``."""
     opening = open_fingers(model, grasp, pregrasp, factor)
     if opening.blocked_by or opening.straight:
         return opening
@@ -222,7 +222,7 @@ def open_hand_straight(model: CollisionModel, grasp: Values, pregrasp: Values, f
 
 @dataclass(frozen=True)
 class OpeningPath:
-    """Path of postures from the grasp to the open hand.
+    """Opening path of a hand: postures from the grasp to the open hand.
 
     Parameters
     ----------
@@ -240,18 +240,21 @@ class OpeningPath:
 
     @property
     def values(self) -> Values:
-        """Values of the hand's variables when it is open."""
+        """Values of the hand's variables at the end of the path."""
         return self.postures[-1].values
 
 
 def opening_distances(model: CollisionModel, values: Values, grasp: Values) -> FloatArray:
-    """Return each fingertip's distance from its position in the grasp, palm frame, (k,), metres."""
+    """Return each fingertip's distance from its place in the grasp, (k,), metres, palm frame."""
     open_tips, grasp_tips = model.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
     return np.asarray(np.linalg.norm(open_tips - grasp_tips, axis=1))
 
 
 def _refined_directions(directions: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
-    """Yield the directions, then ever closer neighbours of the farthest free one; the caller extends ``blocked``."""
+    """Yield given directions, then ever closer neighbours of the direction with the longest free path.
+
+    The caller extends ``blocked``.
+    """
     count = len(blocked)
     yield from directions
     if len(directions) == 1:
@@ -266,17 +269,17 @@ def _refined_directions(directions: Sequence[FloatArray], blocked: Sequence[Bloc
 def _free_retreat(
     model: CollisionModel, start: Values, direction: FloatArray, distance: float, locate: bool
 ) -> StraightPath:
-    """Return the collision-free length of the open hand's straight retreat from the grasp, opposite to a direction."""
+    """Return the collision-free part of the open hand's straight retreat from the grasp."""
 
-    def posture(share: float) -> Values:
-        return {**start, "palm_position": start["palm_position"] - share * distance * direction}
+    def posture(fraction: float) -> Values:
+        return {**start, "palm_position": start["palm_position"] - fraction * distance * direction}
 
     limits = partial(_clearance_limits, model, model.tip_mask() | model.pair_mask())
     return follow_straight_path(model, posture, limits, locate)
 
 
 def missing_room(model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float) -> str:
-    """Return as text the table or obstacle that alone blocks a direction, and how much more room there would free it.
+    """Return the table or obstacle that alone blocks a direction, and by how much, as text.
 
     Of several the one with the least missing room; empty where every direction has other obstructions, too. A table
     that is lower by as much is out of the way. Of an obstacle the depth of the links is stated, which is less than they
@@ -296,12 +299,12 @@ def missing_room(model: CollisionModel, start: Values, directions: Sequence[Floa
 def _depths_of_fields(
     model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float
 ) -> Iterator[tuple[float, int, FloatArray]]:
-    """Yield depth, metres, and field of the table or obstacle that alone is on a retreat, and its direction."""
+    """Yield depth, metres, field and direction of each retreat that penetrates exactly one table or obstacle."""
     centres, radii = model.spheres.centres(start), model.spheres.radii
-    shares = np.linspace(0.0, length, int(np.ceil(length / ROOM_STEP)) + 1)
+    lengths = np.linspace(0.0, length, int(np.ceil(length / ROOM_STEP)) + 1)
     for direction in directions:
-        points = (centres - shares[:, None, None] * direction).reshape(-1, 3)
-        reach = np.tile(radii, len(shares))
+        points = (centres - lengths[:, None, None] * direction).reshape(-1, 3)
+        reach = np.tile(radii, len(lengths))
         depths = [-float(np.min(field.distance(points) - reach, initial=0.0)) for field in model.fields[1:]]
         deep = [i for i, depth in enumerate(depths, 1) if depth > model.tolerance]
         if len(deep) == 1:
@@ -309,7 +312,7 @@ def _depths_of_fields(
 
 
 def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: float) -> str:
-    """Return the reason why every direction is blocked, as text: that of the farthest free one."""
+    """Return the reason why all directions are blocked, as text, with the longest free path."""
     best = max(blocked, key=lambda b: b.free)
     direction = np.array2string(best.direction, precision=2, suppress_small=True)
     longest = f"the longest, along {direction}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
@@ -318,29 +321,35 @@ def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: floa
 
 
 def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPosture) -> FloatArray:
-    """Return the least admissible clearances, (n,), metres; ``relaxed`` ones may be as negative as at first."""
+    """Return the least admissible clearances, (n,), metres.
+
+    Those in the mask ``relaxed`` may be as negative as in the first posture.
+    """
     limits = model.least_clearances()
     limits[relaxed] = np.minimum(first.clearances[relaxed], 0.0)
     return limits
 
 
 def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
-    """Return the straight path to the goal of all joints that are free to move; the palm moves only while all are."""
+    """Return a function from fraction to variables: the straight path of the free joints to their goal.
+
+    The palm moves only while all joints are free.
+    """
     targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
     targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]
 
-    def posture(share: float) -> Values:
-        return {**start, **{name: start[name] + share * (end - start[name]) for name, end in targets.items()}}
+    def posture(fraction: float) -> Values:
+        return {**start, **{name: start[name] + fraction * (end - start[name]) for name, end in targets.items()}}
 
     return posture
 
 
 def _drop_penetrating(model: CollisionModel, postures: list[PathPosture]) -> None:
-    """Remove the last postures as long as they penetrate deeper than the first, even by less than the tolerance."""
+    """Remove the last postures of a path while they penetrate deeper than the first."""
     while len(postures) > 1 and _least_slack(model, postures[-1]) < min(0.0, _least_slack(model, postures[0])):
         postures.pop()
 
 
 def _least_slack(model: CollisionModel, posture: PathPosture) -> float:
-    """Return the least excess of a posture's clearances over the least admissible ones, metres."""
+    """Return the least difference between a posture's clearances and the admissible ones, metres."""
     return float(np.min(posture.clearances - model.least_clearances(), initial=np.inf))

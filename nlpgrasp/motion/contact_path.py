@@ -1,4 +1,4 @@
-"""Contact paths over a body's surface: shortest paths, their refinement, and the transfer of a finger.
+"""Contact paths over a body's surface: shortest paths, their refinement, transfer of a finger along them.
 
 A shortest path in a graph of surface samples gives the first stations (``SurfaceGraph``). ``ContactPath`` refines them;
 ``FingerTransfer`` adds lifting off and setting down.
@@ -75,12 +75,12 @@ class SurfaceGraph:
         return np.asarray(lengths[self._tree.query(ends)[1]])
 
     def stations(self, start: PathStation, end: PathStation) -> list[PathStation]:
-        """Return the stations of the shortest path between two stations, both included."""
-        numbers = self._nodes(start.point, end.point)[1:-1]
-        return [start, *(PathStation(self.points[i], self.normals[i], str(self.faces[i])) for i in numbers), end]
+        """Return the shortest path between two stations as a list of stations, both included."""
+        indices = self._nodes(start.point, end.point)[1:-1]
+        return [start, *(PathStation(self.points[i], self.normals[i], str(self.faces[i])) for i in indices), end]
 
     def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
-        """Return the indices of the sample points on the shortest path, including those nearest to its ends."""
+        """Return the indices of the sample points on the shortest path between two points."""
         a, b = self._nearest(start), self._nearest(end)
         _, predecessors = dijkstra(self._edges, False, a, True)
         nodes = [b]
@@ -140,12 +140,12 @@ class ContactPath:
 
     @property
     def edges(self) -> FloatArray:
-        """Path lengths, metres, at which the contact arrives at an edge, and at which it has rolled over it."""
+        """Path lengths, metres, at which the contact reaches an edge, and at which it has rolled over the edge."""
         rolls = np.concatenate([[False], (np.diff(self.lengths) == 0.0) & (np.diff(self.steps) > 0.0), [False]])
         return np.asarray(self.steps[rolls[1:] != rolls[:-1]])
 
     def deviations(self) -> FloatArray:
-        """Return the surface's deviations from the chords, (m - 1, 2): of points, metres, and of unit normals.
+        """Return the deviations of the surface from the chords, (m - 1, 2): of points, metres, and of unit normals.
 
         They are twice the deviations of the chord's middle from the surface there, and infinite where a chord leads
         from one face to another.
@@ -165,17 +165,19 @@ class ContactPath:
         return result
 
     def at(self, path_length: float) -> tuple[FloatArray, FloatArray, float]:
-        """Return point, inward unit normal and arc length on the surface at a path length."""
+        """Return point, inward unit normal and arc length on the surface at a given path length."""
         i = int(np.clip(np.searchsorted(self.steps, path_length, side="right") - 1, 0, len(self.steps) - 2))
         span = self.steps[i + 1] - self.steps[i]
-        share = float(np.clip((path_length - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
-        p, n, length = ((1.0 - share) * a[i] + share * a[i + 1] for a in (self.points, self.normals, self.lengths))
+        fraction = float(np.clip((path_length - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
+        p, n, length = (
+            (1.0 - fraction) * a[i] + fraction * a[i + 1] for a in (self.points, self.normals, self.lengths)
+        )
         return p, n / np.linalg.norm(n), float(length)
 
 
 @dataclass(frozen=True)
 class FingerTransfer:
-    """Transfer of a finger to its new contact: lifting off, moving over the surface, setting down.
+    """Transfer of a finger to a new contact: lifting off, moving over the surface, setting down.
 
     Parameters
     ----------
@@ -194,12 +196,12 @@ class FingerTransfer:
 
     @property
     def phase_changes(self) -> tuple[float, ...]:
-        """Path lengths at which phases change, which are waypoints."""
+        """Path lengths, metres, at which the phase changes."""
         changes = (self.lift, self.lift + self.path.total) if self.lift else ()
         return (*changes, self.total)
 
     def at(self, path_length: float) -> TargetContact:
-        """Return the target contact at a path length, metres."""
+        """Return the target contact at a given path length, metres."""
         length = self.path.total
         point, normal, along = self.path.at(min(max(path_length - self.lift, 0.0), length))
         if not self.lift:
@@ -211,7 +213,7 @@ class FingerTransfer:
 
 @dataclass(frozen=True)
 class TargetContact:
-    """Target contact of a fingertip on its path.
+    """Target contact of a fingertip at one point of its path.
 
     Parameters
     ----------
@@ -232,7 +234,7 @@ class TargetContact:
 
 
 def _add_edge_stations(body: Body, stations: Sequence[PathStation]) -> list[PathStation]:
-    """Return the stations with two more at each crossed edge, one with each face's normal."""
+    """Return the stations with two more at each crossed edge: one with the normal of each face."""
     result = [stations[0]]
     for a, b in itertools.pairwise(stations):
         if a.face != b.face:
@@ -242,7 +244,7 @@ def _add_edge_stations(body: Body, stations: Sequence[PathStation]) -> list[Path
 
 
 def _edge_point(body: Body, a: PathStation, b: PathStation) -> list[PathStation]:
-    """Return the point on the edge of two faces, once with each normal, by Newton's method; empty where it fails."""
+    """Return the stations where a path crosses the edge of two faces, one per face; an empty list on failure."""
     p, distance = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
     start = p
     for _ in range(NEWTON_STEPS):
@@ -258,14 +260,14 @@ def _edge_point(body: Body, a: PathStation, b: PathStation) -> list[PathStation]
 
 
 def _face_distances(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return first-order distance and outward normal of each face at a point."""
+    """Return the first-order distance of a point from each face, and each face's outward normal."""
     evaluations = [body.evaluate(face, p[None]) for face in faces]
     distances = [h[0] / max(slope[0], 1e-12) for h, slope, _, _ in evaluations]
     return np.array(distances), np.array([normal[0] for _, _, normal, _ in evaluations])
 
 
 def _refine_stations(body: Body, stations: list[PathStation], tolerance: float, most_turn: float) -> list[PathStation]:
-    """Return the stations refined until chords are near the surface and normals turn little."""
+    """Return the stations with others inserted, until chords are near the surface and normals turn little."""
     is_fine = [False] * (len(stations) - 1)
     for _ in range(LEVELS):
         coarse = [i for i, fine in enumerate(is_fine) if not fine]
@@ -290,7 +292,7 @@ def _refine_stations(body: Body, stations: list[PathStation], tolerance: float, 
 
 
 def _middle_stations(body: Body, pairs: Sequence[tuple[PathStation, PathStation]]) -> list[PathStation]:
-    """Return the station half way between each pair: on their common face, or on an edge with the mean normal."""
+    """Return a station half way between each pair, on the surface or on an edge."""
     middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
     lengths = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
     normals = np.array([a.normal + b.normal for a, b in pairs])

@@ -1,4 +1,4 @@
-"""Distance fields of body and obstacles, for collision checks of a hand."""
+"""Distance fields of the body and obstacles, for collision checks of a hand."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Distance = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class DistanceField:
-    """A distance field of the body or an obstacle, less its required clearance.
+    """Distance field of the body or an obstacle, minus the required clearance.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class DistanceField:
     distance: Distance
 
     def with_room(self, room: float) -> DistanceField:
-        """Return the distance field with its grid padded by a margin around the solid, metres."""
+        """Return the distance field increased by a length, metres, as if the solid were farther away."""
         return DistanceField(self.name, self.solid, lambda points: self.distance(points) + room)
 
 
@@ -52,24 +52,24 @@ def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint]
     involve links, such as ``Spread``, apply to grasps only, not to the hand's motion.
     """
     fields = [DistanceField(BODY, BODY, body.signed_distance)]
-    numbers = count(1)
+    counter = count(1)
     for constraint in constraints:
         distances = list(_probe_distances(constraint, contacts, body))
         if distances:
-            kind, number = constraint.kind, next(numbers)
+            kind, index = constraint.kind, next(counter)
             label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
-            name = f"{label} {number}" if label in {f.name for f in fields} else str(label)
+            name = f"{label} {index}" if label in {f.name for f in fields} else str(label)
             fields.append(DistanceField(name, TABLE if kind == Table.kind else str(label), _minimum(distances)))
     return fields
 
 
 def distance_to_all(fields: Sequence[DistanceField]) -> Distance:
-    """Return the minimum of several distance fields."""
+    """Return the pointwise minimum of several distance fields."""
     return _minimum([field.distance for field in fields])
 
 
 def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
-    """Yield the distances that a constraint limits, for a probe sphere, as functions of the probe's position."""
+    """Yield each distance that a constraint limits for a probe sphere, as a function of the sphere's position."""
     position = ca.SX.sym("probe", body.space)
     positions, normals = ([ca.SX.sym(name, body.space) for _ in range(contacts)] for name in "pn")
     palm = None
@@ -87,7 +87,7 @@ def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body)
 
 
 def _clearance_distance(row: Clearance, position: ca.SX) -> Distance:
-    """Return the distance of a clearance constraint, less its required clearance, as a function of the position."""
+    """Return the distance in a clearance constraint, minus the required clearance, as a function of position."""
     probe = ca.MX.sym("probe", position.shape[0])
     local = ca.Function("local", [position], [row.point])
     distance, lower = BatchEvaluator(ca.Function("distance", [probe], [row.distance(local(probe))])), row.lower
@@ -95,7 +95,7 @@ def _clearance_distance(row: Clearance, position: ca.SX) -> Distance:
 
 
 def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Distance]:
-    """Yield the distance of an expression from each of its finite limits, as a function of the position."""
+    """Yield the distance of an expression from each finite limit, as a function of position."""
     value = BatchEvaluator(ca.Function("row", [position], [row.expression]))
     lower, upper = row.lower, row.upper
     if np.isfinite(lower):
@@ -105,5 +105,5 @@ def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Di
 
 
 def _minimum(distances: Sequence[Distance]) -> Distance:
-    """Return the distance to the nearest of several solids."""
+    """Return the pointwise minimum of several distance functions."""
     return lambda points: np.min([distance(points) for distance in distances], axis=0)

@@ -1,4 +1,4 @@
-"""Inverse kinematics of one finger with fixed palm and other fingers, and diagnosis of what obstructs it."""
+"""Inverse kinematics of one finger while palm and other fingers are fixed, and diagnosis of obstructions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NO_LIMIT = 1e3  # joint limits that never bind
 
 @dataclass(frozen=True)
 class KinematicsResult:
-    """Joint positions found by Newton's method.
+    """Result of the inverse kinematics of a finger: variables and residual.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class KinematicsResult:
 
     @property
     def is_reached(self) -> bool:
-        """Whether the fingertip is at its contact, within tolerance."""
+        """Whether the fingertip is at its target contact, within tolerance."""
         return self.residual <= TOLERANCE
 
 
@@ -83,13 +83,13 @@ class FingerJoints:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The finger's own joints."""
+        """Names of the joints that move this finger alone."""
         return tuple(self.hand.robot.free_joints[i].name for i in self.joint_indices)
 
     def reach(
         self, values: Values, target: TargetContact, clearance_limits: FloatArray | None, *, limited: bool = True
     ) -> KinematicsResult:
-        """Return the nearest positions of the finger's joints with its fingertip at a target contact.
+        """Return the finger's joint positions, near the initial ones, that put its fingertip at a target contact.
 
         Clearances enter the Newton steps only if they are violated without.
 
@@ -111,7 +111,7 @@ class FingerJoints:
         return self._newton(values, target, clearance_limits, limited)
 
     def _shortest_steps(self, values: Values, target: TargetContact) -> KinematicsResult | None:
-        """Return the result of shortest steps on the equations alone; None where a limit is violated."""
+        """Return the result of minimum-norm Newton steps without inequalities; None if a limit is violated."""
         z = self._finger_variables(values)
         for _ in range(FREE_STEPS):
             candidate = self._replace_variables(values, z)
@@ -145,12 +145,12 @@ class FingerJoints:
         return KinematicsResult(self._replace_variables(values, result.best), result.violation)
 
     def residual(self, values: Values, target: TargetContact) -> float:
-        """Return the residual of the fingertip at a target contact, shares of the body's size and radians."""
+        """Return the residual of the fingertip at a target contact, in body sizes and radians."""
         g, _, low, high = self.linearise(values, target)
         return float(np.max(np.maximum(low - g, g - high), initial=0.0))
 
     def linearise(self, values: Values, target: TargetContact) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the contact constraints at a target, (r,), their slopes in the finger's variables, and limits."""
+        """Return the contact constraints (r,), their Jacobian in the finger's variables, lower and upper limits."""
         slides = values.get("slides", np.zeros(0))
         matrices = self._contact_function(
             values["palm_position"], values["palm_quaternion"], values["joints"], slides, target.point, target.normal
@@ -160,7 +160,7 @@ class FingerJoints:
 
     @cached_property
     def _contact_function(self) -> ca.Function:
-        """Function of posture and target contact to the contact constraints, their slopes and limits."""
+        """CasADi function from posture and target contact to the contact constraints, their Jacobian and limits."""
         symbols = {name: ca.SX.sym(name, n) for name, n in (("palm_position", 3), ("palm_quaternion", 4))}
         symbols["joints"] = ca.SX.sym("q", len(self.hand.robot.free_joints))
         tips = [tip for _, tip in self.hand.tips]
@@ -180,7 +180,7 @@ class FingerJoints:
     def _critical_clearances(
         self, values: Values, z: FloatArray, clearance_limits: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the slack of critical clearances, shares of the body's size, and their gradients."""
+        """Return the slack of critical clearances, in body sizes, and the gradients."""
         c = self.model.clearances(values)
         perturbed = [self.model.clearances(self._replace_variables(values, z + DIFFERENCE * e)) for e in np.eye(len(z))]
         slopes = np.array([m - c for m in perturbed]).T / DIFFERENCE
@@ -189,12 +189,12 @@ class FingerJoints:
         return c[is_critical] / self.size, slopes[is_critical] / self.size
 
     def _finger_variables(self, values: Values) -> FloatArray:
-        """Return the finger's own variables."""
+        """Return the variables that move this finger alone."""
         joints = values["joints"][self.joint_indices]
         return joints if self.slide is None else np.append(joints, values["slides"][self.slide])
 
     def _replace_variables(self, values: Values, z: FloatArray) -> Values:
-        """Return the hand's variables with the finger's own replaced."""
+        """Return the hand's variables with those of this finger replaced."""
         joints = values["joints"].copy()
         joints[self.joint_indices] = z[: len(self.joint_indices)]
         result = {**values, "joints": joints}
@@ -207,7 +207,7 @@ class FingerJoints:
 def describe_obstruction(
     joints: FingerJoints, values: Values, target: TargetContact, clearance_limits: FloatArray
 ) -> str:
-    """Return the obstruction on the way to a finger's next waypoint, as text.
+    """Return what prevents a finger from reaching its next waypoint, as text.
 
     Clearances are relaxed first, then joint limits; the relaxation that is needed is the reason. It is a local
     statement, for postures near the last one.
@@ -226,7 +226,7 @@ def describe_obstruction(
 
 
 def format_path_position(target: TargetContact) -> str:
-    """Return a finger's position on its path, as text."""
+    """Return the position of a finger on its path, as text."""
     position = f"{1e3 * target.along:.1f} mm along the path"
     if target.phase in (SLIDING, LIFTED):
         return position
@@ -234,7 +234,7 @@ def format_path_position(target: TargetContact) -> str:
 
 
 def _obstructing_part(joints: FingerJoints, values: Values, target: TargetContact, clearance_limits: FloatArray) -> str:
-    """Return what keeps the finger from its target, as text: a clearance, a joint limit, or the finger's reach."""
+    """Return what keeps the finger from its target, as text: a clearance, a joint limit, or the reach."""
     if not len(joints.joint_indices):
         return "no joint moves this finger alone"
     if joints.reach(values, target, clearance_limits).is_reached:
@@ -250,7 +250,10 @@ def _obstructing_part(joints: FingerJoints, values: Values, target: TargetContac
 
 
 def _limiting_joint(joints: FingerJoints, values: Values, unlimited: Values) -> str:
-    """Return the joint that stops at its limit, as text: of those that would exceed theirs, the nearest to it."""
+    """Return the joint that stops at its limit, as text.
+
+    Of the joints that would exceed their limits it is the nearest to its limit.
+    """
     lower, upper = joints.hand.tree.joint_limits[:, joints.joint_indices]
     positions, goals = values["joints"][joints.joint_indices], unlimited["joints"][joints.joint_indices]
     excess = np.maximum(lower - goals, goals - upper)

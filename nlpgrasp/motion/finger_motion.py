@@ -1,4 +1,4 @@
-"""Motion of a single finger along its contact path, for hands with links and for hands without.
+"""Motion of a single finger along a contact path, for hands with and without links.
 
 A hand with links (``LinkedMotions``): from each waypoint a step is tried, and halved until four conditions hold. The
 finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MAX_JOINT_STEP``,
@@ -54,7 +54,7 @@ Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
 @dataclass(frozen=True)
 class FingerPath:
-    """Waypoints of a moving finger while the palm and the other fingers stay.
+    """Waypoints of a moving finger while palm and other fingers stay in place.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class FingerPath:
 
     @property
     def clearance(self) -> float:
-        """Least clearance of all waypoints, metres."""
+        """Least clearance over all waypoints, metres."""
         return float(np.min(self.clearances, initial=np.inf))
 
     def to_dict(self) -> Json:
@@ -121,7 +121,7 @@ class FingerPath:
 
 
 class LinkedMotions:
-    """Finger motions of a hand with links, within its joint limits and clearances.
+    """Finger motions of a hand with links, within joint limits and clearances.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class LinkedMotions:
         return PenetrationModel(self._problem, self.hand)
 
     def _with_slides(self, values: Values) -> Values:
-        """Return the values with the sliding tip coordinates that bring the fingertips nearest to their contacts."""
+        """Return the values with sliding tip coordinates that bring the fingertips nearest to their contacts."""
         count = sum(tip.slides for _, tip in self.hand.tips)
         if not count:
             return values
@@ -186,15 +186,15 @@ class LinkedMotions:
             if joints.slide is not None:
                 target = TargetContact(path[0].point, path[0].normal, 0.0, SLIDING)
                 residuals = []
-                for share in SLIDE_CANDIDATES:
-                    result["slides"][joints.slide] = share
+                for slide in SLIDE_CANDIDATES:
+                    result["slides"][joints.slide] = slide
                     residuals.append(joints.residual(result, target))
                 result["slides"][joints.slide] = SLIDE_CANDIDATES[int(np.argmin(residuals))]
         return result
 
 
 class FingerStepper:
-    """Stepwise motion of one finger of a hand with links along its path.
+    """Stepwise motion of one finger along its path, for a hand with links.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ class FingerStepper:
 
     @cached_property
     def _shape_motion_bounds(self) -> FloatArray:
-        """Bound on the motion of each link's own points per unit of each free joint, (links, joints), metres."""
+        """Bound on how far points of each link move per unit of each free joint, (links, joints), metres."""
         hand = self.joints.hand
         farthest = {
             link: max(float(np.max(np.linalg.norm(shape.mesh.vertices, axis=1))) for shape in link_shapes)
@@ -220,7 +220,7 @@ class FingerStepper:
         return np.array([point_motion_bounds(hand, *pair) for pair in farthest.items()])
 
     def clearance_limits(self, path_length: float) -> FloatArray:
-        """Return the lower limits of the clearances, (n,), metres; a lifted fingertip has one from the body.
+        """Return the lower limits of the clearances, (n,), metres; a lifted fingertip also has one from the body.
 
         Limits of links from the body are minus infinity where the links' own shapes replace their spheres.
         """
@@ -232,7 +232,7 @@ class FingerStepper:
         return limits - self.model.tolerance / 2.0
 
     def move(self, values: Values) -> tuple[FingerPath, Values]:
-        """Return the waypoints from a posture, and the final posture."""
+        """Return the waypoints from a given posture on, and the final posture."""
         tolerance, limits = self.model.tolerance, self.clearance_limits(0.0)
         first = self._waypoint(values, 0.0, limits) if len(self.joints.joint_indices) else None
         if first is None:
@@ -256,7 +256,7 @@ class FingerStepper:
         return self._record(waypoints, ""), waypoints[-1].values
 
     def _waypoint(self, values: Values, path_length: float, limits: FloatArray) -> Waypoint | None:
-        """Return the waypoint at a path length; None where the finger does not reach it."""
+        """Return the waypoint at a path length; None if the finger does not reach it."""
         target = self.transfer.at(path_length)
         result = self.joints.reach(values, target, limits)
         if not result.is_reached:
@@ -266,7 +266,7 @@ class FingerStepper:
         return Waypoint(path_length, target, result.values, self.model.clearances(result.values))
 
     def _step(self, start: Waypoint, path_length: float) -> Waypoint | None:
-        """Return the waypoint after a step; None where the step is too long."""
+        """Return the waypoint after one step; None if the step is too long."""
         middle = (start.path_length + path_length) / 2.0
         limits = self.clearance_limits(middle)
         end = self._waypoint(start.values, path_length, limits)
@@ -287,7 +287,10 @@ class FingerStepper:
         return end if np.all(bounds >= limits - self.model.tolerance / 2.0) else None
 
     def _least_clearance(self, waypoint: Waypoint) -> float:
-        """Return the least clearance at a waypoint, metres; 0 of links from the body by their own shapes."""
+        """Return the least clearance at a waypoint, metres.
+
+        Where links are checked by their own shapes, negative clearances of their spheres from the body count as 0.
+        """
         clearances = waypoint.clearances.copy()
         if self.shapes is not None:
             of_body = slice(len(self.model.sphere_indices))
@@ -295,7 +298,7 @@ class FingerStepper:
         return float(np.min(clearances[~self._tip], initial=np.inf))
 
     def _record(self, waypoints: list[Waypoint], reason: str) -> FingerPath:
-        """Return the finger's path through the waypoints, infeasible where there is a reason."""
+        """Return the finger's path through the waypoints, infeasible if a reason is given."""
         path_length = waypoints[-1].path_length if waypoints else 0.0
         targets = [w.target for w in waypoints]
         return FingerPath(
@@ -316,7 +319,7 @@ class FingerStepper:
 
 @dataclass(frozen=True)
 class Waypoint:
-    """Posture at a path length, with its target contact and all clearances (n,)."""
+    """Posture of the hand at a path length, with its target contact and all clearances (n,)."""
 
     path_length: float
     target: TargetContact
@@ -325,7 +328,10 @@ class Waypoint:
 
 
 class ContactMotions:
-    """Finger motions of hands that are given by their contacts alone; arguments as for ``LinkedMotions``."""
+    """Finger motions of a hand without links, given by its contacts alone.
+
+    Arguments as for ``LinkedMotions``.
+    """
 
     def __init__(
         self, problem: GraspProblem, hand: Hand, contacts: Contacts, paths: Sequence[Sequence[PathStation]], lift: float
@@ -342,11 +348,11 @@ class ContactMotions:
         self.variables = tuple(variables)
 
     def start(self) -> Contacts:
-        """Return points and normals of the first grasp."""
+        """Return contact points and normals of the first grasp."""
         return self._first
 
     def move(self, posture: Contacts, finger: int, slides: bool) -> tuple[FingerPath, Contacts]:
-        """Return the path of a finger to its new contact, and all contacts at its end."""
+        """Return the path of a finger to its new contact, and all contacts at the end."""
         lift, step = 0.0 if slides else self.lift, WAYPOINT_STEP * self.body.size
         radius = self.hand.tip_radii[finger]
         transfer = FingerTransfer(ContactPath(self.body, self.paths[finger], radius + lift, step), lift)
@@ -371,13 +377,13 @@ class ContactMotions:
         return path, posture if reason else self._with_finger_at(posture, finger, target)
 
     def _with_finger_at(self, posture: Contacts, finger: int, target: TargetContact) -> Contacts:
-        """Return the contacts with one finger at its target."""
+        """Return the contacts, with one finger's contact at its target."""
         points, normals = (part.copy() for part in posture)
         points[finger], normals[finger] = target.point, target.normal
         return points, normals
 
     def _violation(self, posture: Contacts, finger: int, target: TargetContact) -> tuple[float, str]:
-        """Return the fingertip's clearance at a target, metres, and the violated constraint, as text."""
+        """Return the fingertip's clearance at a target, metres, and the violated constraint as text."""
         points, normals = self._with_finger_at(posture, finger, target)
         radii = np.asarray(self.hand.tip_radii)
         tips = points - radii[:, None] * normals
@@ -392,7 +398,10 @@ class ContactMotions:
         return min(clearances, default=np.inf), ""
 
     def _hand_values(self, tips: FloatArray) -> FloatArray:
-        """Return the hand's variables for fingertip centres (k, space): for a palm point their ball's centre."""
+        """Return the hand's variables, given fingertip centres (k, space), metres.
+
+        A palm point is the centre of the smallest ball around these.
+        """
         if self.variables == (PALM,):
             return smallest_ball(tips)[0]
         start = self.hand.start(tips)
@@ -409,12 +418,15 @@ def _violation_text(constraint: ScalarConstraint, value: float) -> str:
 
 
 def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
-    """Return centre (space,) and radius of the smallest ball around points (k, space), metres, by Welzl's algorithm."""
+    """Return centre (space,) and radius of the smallest ball that contains points (k, space), metres.
+
+    Welzl's algorithm.
+    """
     return _ball_around(list(points), [], points.shape[1])
 
 
 def _ball_around(points: Sequence[FloatArray], boundary: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
-    """Return the smallest ball around ``points`` with the points of ``boundary`` on its surface."""
+    """Return the smallest ball that contains ``points`` and has the points of ``boundary`` on its surface."""
     if not points or len(boundary) == space + 1:
         return _ball_through(boundary, space)
     first, rest = points[0], points[1:]
@@ -425,10 +437,10 @@ def _ball_around(points: Sequence[FloatArray], boundary: Sequence[FloatArray], s
 
 
 def _ball_through(boundary: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
-    """Return the smallest ball with the points on its surface; a radius of -1 without points."""
+    """Return the smallest ball with all points on its surface; radius -1 without points."""
     if not boundary:
         return np.zeros(space), -1.0
     sides = np.array(boundary[1:]).reshape(-1, space) - boundary[0]
-    shares = np.linalg.lstsq(sides @ sides.T, np.sum(sides**2, axis=1) / 2.0, rcond=None)[0]
-    offset = sides.T @ shares
+    weights = np.linalg.lstsq(sides @ sides.T, np.sum(sides**2, axis=1) / 2.0, rcond=None)[0]
+    offset = sides.T @ weights
     return boundary[0] + offset, float(np.linalg.norm(offset))

@@ -42,7 +42,7 @@ RANKED_CLEARANCE = 0.01  # metres: larger clearances of free poses rank equally
 
 @dataclass(frozen=True)
 class Solid:
-    """Solid from which a gripper keeps clear: the held body, a table or an obstacle.
+    """Solid from which a gripper keeps a clearance: the held body, a table or an obstacle.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Solid:
     contains: Callable[[FloatArray], FloatArray] | None = None
 
     def distances(self, boxes: FloatArray, rotation: FloatArray, origin: FloatArray) -> FloatArray:
-        """Return the clearance of each box less the required one, (b,), metres; minus the depth of a penetration.
+        """Return the signed distance of each box from the solid, minus the required clearance, (b,), metres.
 
         Parameters
         ----------
@@ -83,10 +83,10 @@ class Solid:
             lowest = origin[2] + np.sum(np.minimum(rotation[2] * boxes[:, 0], rotation[2] * boxes[:, 1]), axis=1)
             return np.asarray(np.minimum(lowest - self.height, FARTHEST) - self.clearance)
         triangles = (self.triangles - origin) @ rotation
-        least, most = triangles.min(axis=1), triangles.max(axis=1)
+        lowest_corners, highest_corners = triangles.min(axis=1), triangles.max(axis=1)
         result = np.full(len(boxes), FARTHEST)
         for i, (lower, upper) in enumerate(boxes):
-            near = triangles[np.all((lower - most < FARTHEST) & (least - upper < FARTHEST), axis=1)]
+            near = triangles[np.all((lower - highest_corners < FARTHEST) & (lowest_corners - upper < FARTHEST), axis=1)]
             result[i] = least_box_distance(near, lower, upper, FARTHEST)
             if result[i] > 0.0 and self.contains is not None and self.contains((rotation @ upper + origin)[None])[0]:
                 result[i] = -float(np.min(upper - lower)) / 2.0
@@ -94,7 +94,10 @@ class Solid:
 
 
 def build_solids(body: Body, constraints: Iterable[PlacementConstraint]) -> list[Solid]:
-    """Return body, tables and obstacles as solids, in the body's frame; bodies in space only."""
+    """Return the body, tables and obstacles as solids, in the body frame.
+
+    Bodies in space only.
+    """
     solids = [_body_solid(BODY, body, 0.0)]
     for constraint in constraints:
         if isinstance(constraint, Table):
@@ -113,7 +116,7 @@ def _body_solid(
     rotation: FloatArray | None = None,
     position: FloatArray | None = None,
 ) -> Solid:
-    """Return a body in a pose as a solid."""
+    """Return a body in a given pose as a solid."""
     rotation, position = np.eye(3) if rotation is None else rotation, np.zeros(3) if position is None else position
     corners, roughness = surface_triangles(body)
     contains = partial(_contains, body, rotation, position)
@@ -121,12 +124,12 @@ def _body_solid(
 
 
 def _contains(body: Body, rotation: FloatArray, position: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the mask of points (m, 3) that are inside a body in a pose."""
+    """Return which points (m, 3) are inside a body in a given pose, (m,)."""
     return np.asarray(body.signed_distance((points - position) @ rotation) < 0.0)
 
 
 def surface_triangles(body: Body) -> tuple[FloatArray, float]:
-    """Return triangles (n, 3, 3) of a body's surface and the largest distance of their points from it, metres.
+    """Return triangles (n, 3, 3) of a body's surface, and their largest distance from the surface, metres.
 
     The distance is sampled on a grid over each triangle and increased by a twentieth, more than it varies between.
     """
@@ -184,12 +187,12 @@ class JawPose:
 
     @property
     def matrix(self) -> FloatArray:
-        """Pose of the gripper's own frame in the body's, (4, 4): ``[[R, t], [0, 1]]``, metres."""
+        """Pose (4, 4) of the gripper's frame in the body frame, ``[[R, t], [0, 1]]``, metres."""
         return np.block([[self.rotation, self.position[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
 
 
 class JawClearance:
-    """Clearance of a parallel gripper around a body, for poses at given contacts.
+    """Clearance of a parallel gripper at given contacts of a body, for all its poses.
 
     Parameters
     ----------
@@ -218,7 +221,7 @@ class JawClearance:
     def poses(
         self, points: FloatArray, turns: int, slides: Sequence[float] = (0.0,), directions: FloatArray | None = None
     ) -> list[JawPose]:
-        """Return a pose for each turn and slide, without flips, free ones first, then by clearance.
+        """Return a pose for each turn and slide, without flips: free poses first, then by clearance.
 
         Parameters
         ----------
@@ -240,7 +243,7 @@ class JawClearance:
     def pose(
         self, points: FloatArray, direction: FloatArray, slide: float = 0.0, steepest: FloatArray | None = None
     ) -> JawPose:
-        """Return the pose for an approach, the jaws as wide open on it as is free; ``steepest`` where it is known."""
+        """Return the pose for an approach direction, with the jaws opened as wide as collisions allow."""
         steepest = self.gripper.approaches(points)[0] if steepest is None else steepest
         opening, closing = _opening_and_closing(points)
         rotation, position = self.gripper.pose(points + slide * direction, direction)
@@ -260,8 +263,8 @@ class JawClearance:
     def _clearance(
         self, opening: float, opened: float, frame: FloatArray, origin: FloatArray
     ) -> tuple[float, dict[str, float]]:
-        """Return the least clearance from all solids, metres, and the depth in each that blocks, by name."""
-        boxes, least, depths = self.gripper.solids(opening, opened, self.path), FARTHEST, dict[str, float]()
+        """Return the least clearance from all solids, metres, and the depth in each blocking solid, by name."""
+        boxes, least_clearance, depths = self.gripper.solids(opening, opened, self.path), FARTHEST, dict[str, float]()
         for solid in self.solids:
             is_body = solid.name == BODY
             approaching, closing = [*boxes.open_fingers, *boxes.palm], boxes.closing_fingers
@@ -274,11 +277,11 @@ class JawClearance:
             clearance = float(np.min(distances))
             if clearance < (-self.touching if is_body else 0.0):
                 depths[solid.name] = max(depths.get(solid.name, 0.0), -clearance)
-            least = min(least, clearance)
-        return least, depths
+            least_clearance = min(least_clearance, clearance)
+        return least_clearance, depths
 
     def pad_shares(self, points: FloatArray, direction: FloatArray, slide: float = 0.0) -> list[float]:
-        """Return the share of each pad that is on its face, for an approach; empty without pads.
+        """Return the fraction of each pad's area that is on its face, for an approach; empty without pads.
 
         Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm, and
         within 0.5 mm where the contacts are rectangles. They are clipped from the triangles that face the pad.
@@ -288,31 +291,32 @@ class JawClearance:
         length, width = self.gripper.pad
         _, closing = _opening_and_closing(points)
         half = 0.5 * np.array([width, length])
-        shares = []
+        fractions = []
         for point, inward in zip(points, (closing, -closing), strict=True):
             frame = np.stack([inward, np.cross(direction, inward), direction], axis=1)
             local = (self.solids[0].triangles - point - slide * direction) @ frame
-            shares.append(min(_covered_area(local, half, self.face_depth) / (width * length), 1.0))
-        return shares
+            fractions.append(min(_covered_area(local, half, self.face_depth) / (width * length), 1.0))
+        return fractions
 
     def directions(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray | None:
-        """Return the approaches (m, 3) along which rectangular contacts are oriented; None where any may be taken."""
+        """Return the approach directions (m, 3) that rectangular contacts allow; None if they allow all."""
         stated = next((model.direction for model in _rectangles(models)), None)
         if not self.gripper.is_solid or stated is None:
             return None
         _, closing = _opening_and_closing(points)
-        along = np.asarray(stated) - (closing @ np.asarray(stated)) * closing
-        if np.linalg.norm(along) < PARALLEL:
+        tangential = np.asarray(stated) - (closing @ np.asarray(stated)) * closing
+        if np.linalg.norm(tangential) < PARALLEL:
             return None
-        both_ways = np.outer([1.0, -1.0], along / np.linalg.norm(along))
+        both_ways = np.outer([1.0, -1.0], tangential / np.linalg.norm(tangential))
         is_allowed = [
-            all(np.arccos(np.clip(way @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones) for way in both_ways
+            all(np.arccos(np.clip(direction @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones)
+            for direction in both_ways
         ]
         return np.asarray(both_ways[is_allowed] if any(is_allowed) else both_ways[:1])
 
 
 def _rectangles(models: Sequence[ContactModel]) -> list[PlaneContact]:
-    """Return the contacts that are rectangles, such as the whole pads of a gripper."""
+    """Return the rectangular plane contacts, such as whole pads of a gripper."""
     return [model for model in models if isinstance(model, PlaneContact) and model.extents is not None]
 
 
@@ -323,7 +327,7 @@ def _opening_and_closing(points: FloatArray) -> tuple[float, FloatArray]:
 
 
 def _covered_area(triangles: FloatArray, half: FloatArray, face_depth: float) -> float:
-    """Return the area of a rectangle that triangles cover, projected along x, square metres.
+    """Return the area of a rectangle that is covered by triangles projected along x, square metres.
 
     Parameters
     ----------
@@ -344,7 +348,7 @@ def _covered_area(triangles: FloatArray, half: FloatArray, face_depth: float) ->
 
 
 def _clipped_area(triangle: FloatArray, half: FloatArray, face_depth: float) -> float:
-    """Return the area in y and z of a triangle inside a rectangle and a range of depth, square metres."""
+    """Return the area, square metres, of a triangle clipped to a rectangle in y and z and to a range of depth x."""
     polygon = triangle
     for axis, sign, limit in (
         (1, 1.0, half[0]),
@@ -355,27 +359,30 @@ def _clipped_area(triangle: FloatArray, half: FloatArray, face_depth: float) -> 
         (0, -1.0, TOUCHING),
     ):
         excess = sign * polygon[:, axis] - limit
-        kept = []
+        clipped = []
         for i in range(len(polygon)):
             a, b, u, v = polygon[i - 1], polygon[i], excess[i - 1], excess[i]
             if (u <= 0.0) != (v <= 0.0):
-                kept.append(a + u / (u - v) * (b - a))
+                clipped.append(a + u / (u - v) * (b - a))
             if v <= 0.0:
-                kept.append(b)
-        if len(kept) < 3:
+                clipped.append(b)
+        if len(clipped) < 3:
             return 0.0
-        polygon = np.array(kept)
+        polygon = np.array(clipped)
     y, z = polygon[:, 1], polygon[:, 2]
     return 0.5 * abs(float(np.sum(y * np.roll(z, -1) - np.roll(y, -1) * z)))
 
 
 def rank(pose: JawPose) -> tuple[bool, float, float, float]:
-    """Return the sorting key of poses: free ones, then by clearance up to a centimetre, small slides, steep ones."""
+    """Return the sorting key of a pose: free first, then larger clearance, smaller slide, steeper approach.
+
+    Clearances above a centimetre are equal.
+    """
     clearance = min(pose.clearance, RANKED_CLEARANCE) if pose.is_free else pose.clearance
     return not pose.is_free, -round(clearance, 3), abs(pose.slide), abs(pose.turn)
 
 
 def flip_pose(pose: JawPose, gripper: ParallelJaw) -> JawPose:
-    """Return the pose with the jaws exchanged: half a turn about the approach through the tool centre point."""
+    """Return a pose with the jaws exchanged, by half a turn about the approach through the tool centre point."""
     rotation, position = gripper.flip(pose.rotation, pose.position, pose.direction)
     return replace(pose, flip=True, rotation=rotation, position=position)

@@ -41,7 +41,7 @@ def plan_keyframes(
     links: PenetrationModel | None = None,
     spheres: CollisionModel | None = None,
 ) -> Json:
-    """Return the phases up to the grasp, with approach and lift, as JSON data.
+    """Return the keyframes from approach to grasp, with the lift, as JSON data.
 
     The palm keeps its orientation. It moves straight, in the first free one of many directions, of which its facing
     direction is the first, from where a plane across the direction separates hand and body, 0.1 m from the hand. Of
@@ -74,10 +74,10 @@ def plan_keyframes(
         return {"approach": _missing_approach_record(NO_PREGRASP), **entries}
     palm_model, shapes = model.for_palm_motion(), _ShapeCheck(links or PenetrationModel(problem, hand), grasp)
     open_straight = partial(open_hand_straight, model, grasp, pregrasp)
-    share = shapes.free_opening(open_straight)
+    opening = shapes.free_opening(open_straight)
     path = find_free_approach(
         palm_model,
-        lambda factor: open_straight(share * factor),
+        lambda factor: open_straight(opening * factor),
         approach_candidates(hand, grasp, DIRECTIONS),
         lambda values, direction: _retraction_length(model, problem.body.bounds, values, direction),
         locate=False,
@@ -99,7 +99,7 @@ def plan_keyframes(
 
 
 class _ShapeCheck:
-    """Check of the opening and of approaches, free for the links' spheres, by the links' own shapes.
+    """Check of openings and approaches by the links' collision shapes, after a check by their spheres.
 
     Parameters
     ----------
@@ -114,15 +114,18 @@ class _ShapeCheck:
         self._closings: list[tuple[Values, LinkPenetration]] = []  # open hands, and what closing from them shows
 
     def free_opening(self, open_hand: Callable[[float], OpeningPath]) -> float:
-        """Return the largest share of the pregrasp's opening from which the fingers close freely; 1 where none is."""
-        for share in OPENING_SHARES if self._links.has_shapes else ():
-            opened = open_hand(share)
+        """Return the largest fraction of the pregrasp's opening from which the fingers close freely; else 1."""
+        for fraction in OPENING_SHARES if self._links.has_shapes else ():
+            opened = open_hand(fraction)
             if opened.postures and self._while_closing(opened.values).is_free:
-                return share
+                return fraction
         return 1.0
 
     def touching(self, corners: Sequence[Values]) -> str:
-        """Return what links run into on an approach with these corners, as text; empty where free, and for the last."""
+        """Return what the links run into on an approach through given postures, as text; empty if free.
+
+        It is empty, too, for the last approach to be tried.
+        """
         if not self._links.has_shapes:
             return ""
         *before, opened = corners
@@ -133,13 +136,13 @@ class _ShapeCheck:
         return "" if penetration.is_free or len(self._on_approaches) == MOST_TOUCHING else penetration.words
 
     def way_in(self, opened: Values, has_approach: bool) -> LinkPenetration | None:
-        """Return the penetration on the last approach, or while the fingers close where none is free."""
+        """Return the penetration on the last checked approach; without an approach, while the fingers close."""
         if not self._links.has_shapes:
             return None
         return self._on_approaches[-1] if has_approach else self._while_closing(opened)
 
     def _while_closing(self, opened: Values) -> LinkPenetration:
-        """Return the penetration while the fingers close from an open hand, computed once for each."""
+        """Return the penetration while the fingers close from an open hand, with a cache."""
         for values, penetration in self._closings:
             if all(np.array_equal(values[name], opened[name]) for name in opened):
                 return penetration
@@ -148,7 +151,7 @@ class _ShapeCheck:
 
 
 def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:
-    """Return a hand's JSON data with the phases after the grasp: squeeze and lift.
+    """Return a hand's JSON data with the keyframes after the grasp: squeeze and lift.
 
     Parameters
     ----------
@@ -171,7 +174,7 @@ def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str,
 
 
 def lift_distance(model: CollisionModel, problem: GraspProblem, values: Values) -> Json:
-    """Return direction and collision-free distance of a lift along the last axis, the table's normal, as JSON data.
+    """Return direction and collision-free distance of a lift along the last axis, as JSON data.
 
     The links' spheres and samples of the body's surface are checked, at steps as long as their distance from obstacles
     or of two millimetres; they may stay as near as they are in the grasp. From a table they all move away.
@@ -202,7 +205,7 @@ def lift_distance(model: CollisionModel, problem: GraspProblem, values: Values) 
 
 
 def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
-    """Return samples (m, 3) of the body's surface; of a mesh its vertices too."""
+    """Return samples (m, 3) of the body's surface, including the vertices of a mesh."""
     if isinstance(body, Mesh):
         vertices = np.asarray(body.mesh.vertices, dtype=float)
         return np.concatenate([vertices, body.surface_samples(SAMPLES, rng)[0]])
@@ -211,7 +214,7 @@ def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
 
 
 def _retraction_length(model: CollisionModel, bounds: FloatArray, values: Values, direction: FloatArray) -> float:
-    """Return the length of the palm's retraction to a distance from the body's bounding box, metres."""
+    """Return how far the palm retracts, metres, until the hand is clear of the body's bounding box."""
     box_end = np.where(direction > 0.0, bounds[0], bounds[1]) @ direction  # the end of the box on the hand's side
     hand_end = np.max(model.spheres.centres(values) @ direction + model.spheres.radii)
     return float(max(hand_end - box_end, 0.0) + START_DISTANCE)
@@ -220,7 +223,7 @@ def _retraction_length(model: CollisionModel, bounds: FloatArray, values: Values
 def _free_height(
     fields: Sequence[DistanceField], points: FloatArray, radii: FloatArray, tolerance: float
 ) -> tuple[float, str]:
-    """Return the height to which spheres (m, 3) rise freely, metres, and the name of what stops them, if anything."""
+    """Return the height to which spheres (m, 3) rise freely, metres, and the obstacle that stops them, if any."""
     initial = [field.distance(points) - radii for field in fields]
     limits, height, clearances, up = [np.minimum(clearance, 0.0) for clearance in initial], 0.0, initial, np.eye(3)[-1]
     while height < LIFT_HEIGHT:
@@ -235,5 +238,5 @@ def _free_height(
 
 
 def _missing_approach_record(reason: str) -> Json:
-    """Return the record of a missing approach, as JSON data."""
+    """Return the JSON data of a missing approach."""
     return {"direction": None, "distance": None, "reason": reason}

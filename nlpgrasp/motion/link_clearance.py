@@ -38,7 +38,7 @@ BoolArray = NDArray[np.bool_]
 
 
 class CollisionModel:
-    """Collision model of a hand among the body, the obstacles of its constraints, and its own links.
+    """Collision model of a hand with the body, the obstacles of its constraints, and itself.
 
     Clearances are one array: those of each sphere from each field, one field after another, then those of pairs of
     spheres.
@@ -69,7 +69,7 @@ class CollisionModel:
         self.pairs, self.pair_distances = self.spheres.pairs, self.spheres.pair_distances
 
     def for_joints(self, joints: IntArray) -> CollisionModel:
-        """Return the model restricted to the spheres that some of the free joints move."""
+        """Return the model restricted to the spheres that given free joints move."""
         result = copy(self)
         moves = np.any(self.spheres.motion_bounds[:, joints] > 0.0, axis=1)
         result.sphere_indices = np.flatnonzero(moves)
@@ -84,13 +84,13 @@ class CollisionModel:
         return result
 
     def with_room(self, index: int, room: float) -> CollisionModel:
-        """Return the model with more room about the solid of one field, metres."""
+        """Return the model with one distance field increased by a length, metres, as if its solid were farther away."""
         result = copy(self)
         result.fields = [field.with_room(room) if i == index else field for i, field in enumerate(self.fields)]
         return result
 
     def clearances(self, values: Values) -> FloatArray:
-        """Return all clearances less the required ones, (n,), metres: negative where something is too near."""
+        """Return all clearances minus the required ones, (n,), metres; negative if something is too near."""
         centres, radii = self.spheres.centres(values), self.spheres.radii
         if not len(self.sphere_indices):
             return np.zeros(0)
@@ -100,7 +100,7 @@ class CollisionModel:
         return np.concatenate([*distances, np.linalg.norm(centres[i] - centres[j], axis=1) - self.pair_distances])
 
     def clearance_change_bounds(self, before: Values, after: Values) -> FloatArray:
-        """Return bounds on the change of each clearance between two postures, (n,), metres."""
+        """Return an upper bound on the change of each clearance between two postures, (n,), metres."""
         lengths = self.spheres.path_length_bounds(before, after)
         shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
         i, j = self.pairs.T
@@ -109,29 +109,29 @@ class CollisionModel:
         )
 
     def clearance_bounds(self, before: Values, after: Values, ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return a lower bound on each clearance between two postures, whose clearances are ``ends``."""
+        """Return a lower bound on each clearance along the path between two postures, (n,), metres."""
         a, b = ends
         return np.asarray((a + b - self.clearance_change_bounds(before, after)) / 2.0)
 
     def tip_mask(self) -> BoolArray:
-        """Return the mask of clearances between fingertips and body, (n,)."""
-        others = (len(self.fields) - 1) * len(self.sphere_indices) + len(self.pairs)
-        return np.concatenate([self.spheres.fingers[self.sphere_indices] >= 0, np.zeros(others, bool)])
+        """Return which clearances are between a fingertip and the body, (n,)."""
+        other_count = (len(self.fields) - 1) * len(self.sphere_indices) + len(self.pairs)
+        return np.concatenate([self.spheres.fingers[self.sphere_indices] >= 0, np.zeros(other_count, bool)])
 
     def least_clearances(self) -> FloatArray:
-        """Return the least admissible clearances, (n,), metres: zero, negative between round tips and the body."""
+        """Return the least admissible clearances, (n,), metres: zero, or negative for round fingertips on the body."""
         limits = np.zeros(len(self.fields) * len(self.sphere_indices) + len(self.pairs))
         tips = self.spheres.fingers[self.sphere_indices] >= 0
         limits[: len(tips)] = np.where(tips, -TIP_SHARE * self.spheres.radii[self.sphere_indices], 0.0)
         return limits
 
     def pair_mask(self) -> BoolArray:
-        """Return the mask of clearances between two spheres of the hand, (n,)."""
+        """Return which clearances are between two spheres of the hand, (n,)."""
         count = len(self.fields) * len(self.sphere_indices)
         return np.arange(count + len(self.pairs)) >= count
 
     def describe_clearance(self, index: int) -> str:
-        """Return the names of the sphere and the obstacle of a clearance, as text."""
+        """Return the sphere and the obstacle of a clearance, as text."""
         count = len(self.sphere_indices)
         if index < len(self.fields) * count:
             field, sphere = divmod(index, count)
@@ -140,20 +140,20 @@ class CollisionModel:
         return f"{self._sphere_name(int(i))} against {self._sphere_name(int(j))}"
 
     def moving_joints(self, index: int) -> BoolArray:
-        """Return the mask of free joints that move a sphere of a clearance, (m,)."""
+        """Return which free joints move a sphere of a clearance, (m,)."""
         count = len(self.sphere_indices)
-        things = len(self.fields) * count
-        balls = [self.sphere_indices[index % count]] if index < things else self.pairs[index - things]
+        field_count = len(self.fields) * count
+        balls = [self.sphere_indices[index % count]] if index < field_count else self.pairs[index - field_count]
         return np.asarray(np.any(self.spheres.motion_bounds[balls] > 0.0, axis=0))
 
     def _sphere_name(self, sphere: int) -> str:
-        """Return the name of a sphere: its link, or its fingertip's."""
+        """Return the name of a sphere: that of its link or fingertip."""
         tip = self.spheres.fingers[sphere] >= 0
         return f"fingertip {self.spheres.links[sphere]}" if tip else f"link {self.spheres.links[sphere]}"
 
 
 def point_motion_bounds(hand: URDFHand, link: str, distance: float) -> FloatArray:
-    """Return a bound on the motion of a link's points per unit of each free joint, (joints,), metres.
+    """Return a bound on how far a link's points move per unit of each free joint, (joints,), metres.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def point_motion_bounds(hand: URDFHand, link: str, distance: float) -> FloatArra
 
 
 class LinkSphereModel:
-    """Spheres around the links of a hand, those of round fingertips last.
+    """Collision spheres of a hand's links, those of round fingertips last.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class LinkSphereModel:
         self._sliding = np.array([f >= 0 and hand.tips[f][1].slides for f in fingers], bool)
 
     def centres(self, values: Values) -> FloatArray:
-        """Return the sphere centres (s, 3), metres, body frame, for values of the hand's variables."""
+        """Return the sphere centres (s, 3), metres, body frame, given values of the hand's variables."""
         tree = self.hand.tree
         base = tree.palm_frame(values)
         frames = np.asarray(tree.link_function(values["joints"]).full()).reshape(4, -1, 4)[
@@ -221,7 +221,10 @@ class LinkSphereModel:
         return np.asarray(in_palm @ base[:3, :3].T + base[:3, 3])
 
     def _link_frame_centres(self, values: Values) -> FloatArray:
-        """Return the centres (s, 3) in their links' frames; those of sliding tips depend on the hand's variables."""
+        """Return the sphere centres (s, 3) in their links' frames.
+
+        Those of sliding fingertips depend on the hand's variables.
+        """
         if "slides" not in values:
             return self._centres
         result, slides = self._centres.copy(), iter(values["slides"])
@@ -232,15 +235,15 @@ class LinkSphereModel:
 
     @cached_property
     def motion_bounds(self) -> FloatArray:
-        """Bound on each sphere's motion per unit of each free joint, (s, joints), metres."""
+        """Bound on how far each sphere moves per unit of each free joint, (s, joints), metres."""
         lengths = np.linalg.norm(self._centres, axis=1) + np.where(self._sliding, self.hand.tree.span, 0.0)
         bounds = [point_motion_bounds(self.hand, *pair) for pair in zip(self.links, lengths.tolist(), strict=True)]
         return np.array(bounds).reshape(len(self.links), len(self.hand.robot.free_joints))
 
     def path_length_bounds(self, before: Values, after: Values) -> FloatArray:
-        """Return a bound on each centre's path length, (s,), metres, along a straight joint path between postures.
+        """Return a bound on each centre's path length between two postures, (s,), metres.
 
-        The palm may move along, but not turn.
+        The path is straight in joint space. The palm may move along, but not turn.
         """
         shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
         joint_changes = np.abs(after["joints"] - before["joints"])
@@ -251,22 +254,30 @@ class LinkSphereModel:
 
     @property
     def pairs(self) -> IntArray:
-        """Pairs of spheres checked for self-collision, (m, 2): of links that no single joint connects."""
+        """Pairs of spheres that are checked for self-collision, (m, 2)."""
         return self._self_collision_pairs[0]
 
     @property
     def pair_distances(self) -> FloatArray:
-        """Least centre distance of each pair, (m,), metres."""
+        """Least admissible centre distance of each checked pair of spheres, (m,), metres."""
         return self._self_collision_pairs[1]
 
     @cached_property
     def _self_collision_pairs(self) -> tuple[IntArray, FloatArray]:
-        """Return the pairs of spheres checked for self-collision, (m, 2), and their least centre distances, (m,)."""
-        numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in dict.fromkeys(self.links)}
-        fits = {link: SphereFit(self._centres[indices], self.radii[indices], 0.0) for link, indices in numbers.items()}
+        """Return the sphere pairs to check for self-collision, (m, 2), and their least centre distances, (m,).
+
+        No single joint connects the links of a pair.
+        """
+        sphere_indices = {
+            link: np.flatnonzero([name == link for name in self.links]) for link in dict.fromkeys(self.links)
+        }
+        fits = {
+            link: SphereFit(self._centres[indices], self.radii[indices], 0.0)
+            for link, indices in sphere_indices.items()
+        }
         pairs, overlaps = [np.zeros((0, 2), int)], [np.zeros(0)]
         for link_pair in find_colliding_pairs(self.hand.tree, fits) if self.hand.self_collision else ():
-            a, b = (numbers[link] for link in link_pair.links)
+            a, b = (sphere_indices[link] for link in link_pair.links)
             pairs.append(np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2))
             overlaps.append(np.full(len(pairs[-1]), link_pair.overlap))
         sphere_pairs = np.concatenate(pairs)

@@ -33,7 +33,7 @@ LIMIT_ROUNDING = 1e-6  # radians or metres: tolerance of joint limits
 
 @dataclass(frozen=True)
 class PalmPath:
-    """Palm path to a grasp: waypoints of the hand from the start of the approach on, or the reason for having none.
+    """Palm path to a grasp: waypoints of the hand, or the reason why there is none.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class PalmPath:
 
     @property
     def clearance(self) -> float:
-        """Least clearance of all waypoints, metres; inf without any."""
+        """Least clearance over all waypoints, metres; inf without waypoints."""
         return float(np.min(self.clearances, initial=np.inf))
 
     def to_dict(self) -> Json:
@@ -176,7 +176,7 @@ def palm_path(
 
 
 def _check_hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
-    """Return the hand; refuse a solution that is not the problem's or has no pregrasp."""
+    """Return the hand; raise for a solution of another problem, or without a pregrasp."""
     if not isinstance(solution, GraspSolution):
         raise InputError("solution", solution, "a GraspSolution")
     if not isinstance(problem, GraspProblem):
@@ -192,7 +192,7 @@ def _check_hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
 
 
 def _check_approach_direction(direction: ArrayLike) -> FloatArray:
-    """Return the given direction as a unit vector."""
+    """Return the given approach direction as a unit vector."""
     vector = array("direction", direction, (3,))
     length = float(np.linalg.norm(vector))
     if length == 0.0:
@@ -201,7 +201,7 @@ def _check_approach_direction(direction: ArrayLike) -> FloatArray:
 
 
 def _exceeded_joint(hand: URDFHand, *postures: Values) -> str:
-    """Return the joint that exceeds its limits in any of the postures, as text; empty if none does."""
+    """Return the joint that exceeds its limits in some posture, as text; empty if none does."""
     lower, upper = hand.tree.joint_limits
     for values in postures:
         excess = np.maximum(lower - values["joints"], values["joints"] - upper)
@@ -213,7 +213,7 @@ def _exceeded_joint(hand: URDFHand, *postures: Values) -> str:
 def _path_record(
     model: CollisionModel, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
 ) -> PalmPath:
-    """Return the record of a path, from its start to the grasp."""
+    """Return the palm path that an approach search found, from start to grasp."""
     tree, is_other = model.hand.tree, ~model.tip_mask()
     approaching, closing = list(reversed(approach.outside)), list(reversed(fingers.postures))[1:]
     values = [posture.values for posture in (*approaching, *closing)]
@@ -239,7 +239,7 @@ def _path_record(
 def _failure_record(
     model: CollisionModel, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
 ) -> PalmPath:
-    """Return the record of a failed search."""
+    """Return the palm path of a failed search, with the reason."""
     names = tuple(model.hand.tree.joint_positions(np.zeros(len(model.hand.robot.free_joints))))
     no_joints = np.zeros((0, len(names)))
     return PalmPath(

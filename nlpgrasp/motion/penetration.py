@@ -1,4 +1,4 @@
-"""Penetration depth of a hand's links in the body, its surroundings and each other, by the links' collision shapes.
+"""Penetration depth of a hand's links in body, surroundings and each other, by collision shapes.
 
 The depth is the larger of two measures:
 
@@ -60,7 +60,7 @@ IntArray = NDArray[np.integer]
 
 
 class PenetrationModel:
-    """Penetration depths of one hand in any posture: in one problem's body, tables and obstacles, and in itself.
+    """Penetration depths of a hand's links, in any posture, in body, tables, obstacles and each other.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class PenetrationModel:
             for link, shapes in hand.robot.shapes.items()
             if shapes
         }
-        self._own = SelfPenetration(hand, self._links, tolerance) if hand.self_collision else None
+        self._self_penetration = SelfPenetration(hand, self._links, tolerance) if hand.self_collision else None
 
     @property
     def has_shapes(self) -> bool:
@@ -89,7 +89,7 @@ class PenetrationModel:
         return bool(self._links)
 
     def in_posture(self, values: Values) -> LinkPenetration:
-        """Return the deepest penetration in a posture, given by values of the hand's variables."""
+        """Return the deepest penetration in one posture, given values of the hand's variables."""
         worst = LinkPenetration(tolerance=self.tolerance)
         poses, centres = self._link_centres(values)
         if not poses:
@@ -101,11 +101,11 @@ class PenetrationModel:
                 depth = self._links[name].depth_in(obstacle.in_frame(poses[name]))
                 if depth > worst.depth:
                     worst = LinkPenetration(depth, name, obstacle.name, self.tolerance)
-        own = None if self._own is None else self._own.at_joints(values["joints"])
-        return own if own is not None and own.depth > worst.depth else worst
+        internal = None if self._self_penetration is None else self._self_penetration.at_joints(values["joints"])
+        return internal if internal is not None and internal.depth > worst.depth else worst
 
     def over_postures(self, postures: Iterable[Values]) -> LinkPenetration:
-        """Return the deepest penetration over several postures."""
+        """Return the deepest penetration in any of several postures."""
         penetrations = [self.in_posture(values) for values in postures]
         deepest = max(
             penetrations, key=lambda penetration: penetration.depth, default=LinkPenetration(tolerance=self.tolerance)
@@ -113,7 +113,7 @@ class PenetrationModel:
         return replace(deepest, postures=len(penetrations))
 
     def on_approach(self, waypoints: Sequence[Values], grasp: Values) -> LinkPenetration:
-        """Return the deepest penetration along a path of postures to a grasp.
+        """Return the deepest penetration along a path to a grasp, given by waypoints.
 
         Postures every two millimetres are checked, or a fiftieth of a leg; nothing is certified between them. The grasp
         itself is left out.
@@ -130,8 +130,8 @@ class PenetrationModel:
         for start, end in pairwise(corners):
             distances = np.linalg.norm(self._link_centres(end)[1] - self._link_centres(start)[1], axis=1)
             count = min(max(int(np.ceil(float(np.max(distances, initial=0.0)) / POSTURE_SPACING)), 1), MAX_POSTURES)
-            shares = np.arange(count) / count
-            samples += [{n: start[n] + s * (end[n] - start[n]) for n in start} for s in shares.tolist()]
+            fractions = np.arange(count) / count
+            samples += [{n: start[n] + s * (end[n] - start[n]) for n in start} for s in fractions.tolist()]
         return self.over_postures(samples)
 
     def _link_centres(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -142,9 +142,10 @@ class PenetrationModel:
         return link_poses, np.array(centres).reshape(-1, 3)
 
     def tip_gaps(self, values: Values, points: FloatArray) -> list[float | None]:
-        """Return the distance of each contact from the shapes of its fingertip's link and of links fixed to it.
+        """Return the distance of each contact from the shapes of its fingertip's link, metres.
 
-        Metres, 0 where the shapes reach the contact; None where none of these links has a shape.
+        Links fixed to this link count, too. It is 0 where the shapes reach the contact, and None where none of these
+        links has a shape.
 
         Parameters
         ----------
@@ -164,7 +165,7 @@ class PenetrationModel:
 
 
 class SelfPenetration:
-    """Penetration depths of a hand's links in each other.
+    """Penetration depths of a hand's links in one another.
 
     Left out are links that are rigidly connected or neighbours in the chain, and those that overlap by construction: in
     nine tenths of random postures.
@@ -181,7 +182,7 @@ class SelfPenetration:
         self._tree, self._tolerance = hand.tree, tolerance
         parts = [(link, part) for link, shape in links.items() for part in shape.parts]
         self._links = [link for link, _ in parts]
-        self._numbers = [self._tree.used_links.index(link) for link in self._links]
+        self._link_indices = [self._tree.used_links.index(link) for link in self._links]
         self._shapes = [_LinkShape.of([part]) for _, part in parts]
         self._centres, self._radii = (
             np.array([getattr(shape, name) for shape in self._shapes]) for name in ("centre", "radius")
@@ -193,7 +194,7 @@ class SelfPenetration:
         self._last: tuple[bytes, LinkPenetration] | None = None  # an approach does not change the joints
 
     def at_joints(self, joints: FloatArray) -> LinkPenetration:
-        """Return the deepest penetration of a link in another, by the free joints' positions."""
+        """Return the deepest penetration of one link in another, given positions of the free joints."""
         key = np.asarray(joints, dtype=float).tobytes()
         if self._last is None or self._last[0] != key:
             self._last = key, self._deepest(joints)
@@ -207,12 +208,12 @@ class SelfPenetration:
         return worst
 
     def _depths(self, joints: FloatArray, only: tuple[str, str] | None = None) -> dict[tuple[str, str], float]:
-        """Return the penetration depths of pairs of links, without those that overlap by construction, or of one pair.
+        """Return the penetration depths of pairs of links, metres; pairs that are apart are left out.
 
-        Metres; pairs that are apart are left out.
+        Either of one pair, or of all but those that overlap by construction.
         """
         result = dict[tuple[str, str], float]()
-        frames = self._tree.palm_poses(np.asarray(joints, dtype=float)[None])[0][self._numbers]
+        frames = self._tree.palm_poses(np.asarray(joints, dtype=float)[None])[0][self._link_indices]
         centres = np.einsum("mij,mj->mi", frames[:, :3, :3], self._centres) + frames[:, :3, 3]
         distances = np.linalg.norm(centres[:, None] - centres, axis=2)
         for i, j in np.argwhere(self._can_meet & (distances < self._radii[:, None] + self._radii)).tolist():
@@ -225,7 +226,10 @@ class SelfPenetration:
         return result
 
     def _part_depth(self, i: int, j: int, pose: FloatArray) -> float:
-        """Return the penetration depth of two collision shapes, metres; ``pose`` is that of the first in the second."""
+        """Return the penetration depth of two collision shapes, metres.
+
+        ``pose`` is that of the first shape in the frame of the second.
+        """
         first, second, part = self._shapes[i], self._shapes[j], self._shapes[j].parts[0]
         hull = second.hull.in_frame(pose)
         if _are_separated(first.hull, hull):
@@ -236,22 +240,22 @@ class SelfPenetration:
         return first.depth_in(obstacle.in_frame(pose))
 
     def _is_permanent(self, pair: tuple[str, str]) -> bool:
-        """Return whether two links overlap in nearly all postures."""
+        """Return whether two links overlap in nearly all random postures."""
         if pair not in self._permanent:
             lower, upper = self._tree.joint_limits
             postures = np.random.default_rng(0).uniform(lower, upper, (RANDOM_POSTURES, len(lower)))
-            free, most = 0, (1.0 - PERMANENT) * RANDOM_POSTURES
+            free, most_free = 0, (1.0 - PERMANENT) * RANDOM_POSTURES
             for joints in postures:
                 free += self._depths(joints, pair).get(pair, 0.0) <= LEAST_DEPTH
-                if free > most:
+                if free > most_free:
                     break
-            self._permanent[pair] = free <= most
+            self._permanent[pair] = free <= most_free
         return self._permanent[pair]
 
 
 @dataclass(frozen=True)
 class LinkObstacle:
-    """Solid that the links can penetrate: the body, a table, an obstacle or a shape of another link.
+    """Solid that links may penetrate: the body, a table, an obstacle or a shape of another link.
 
     Parameters
     ----------
@@ -273,7 +277,7 @@ class LinkObstacle:
     convex: _Convex | None = None
 
     def in_frame(self, pose: FloatArray) -> LinkObstacle:
-        """Return the obstacle in the coordinates of a frame with this pose (4, 4)."""
+        """Return the obstacle in the coordinates of a frame, given the frame's pose (4, 4)."""
         fast, exact, rotation, shift = self.fast_distance, self.exact_distance, pose[:3, :3].T, pose[:3, 3]
         points = (self.points - shift) @ pose[:3, :3]
         convex = None if self.convex is None else self.convex.in_frame(pose)
@@ -303,7 +307,7 @@ class _LinkShape:
 
     @classmethod
     def of(cls, solids: Sequence[_Solid]) -> _LinkShape:
-        """Return the union of some solids."""
+        """Return the union of given solids."""
         corners = np.concatenate([solid.corners for solid in solids])
         points = corners.reshape(-1, 3)
         centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
@@ -312,7 +316,7 @@ class _LinkShape:
 
     @cached_property
     def hull(self) -> _Convex:
-        """Convex hull of a single shape."""
+        """Convex hull of the link's shape, which must be a single one."""
         solid = self.parts[0].convex
         if solid is not None:
             return solid
@@ -321,7 +325,10 @@ class _LinkShape:
         return _Convex(points if hull is None else points[hull.vertices], DIRECTIONS)
 
     def depth_in(self, obstacle: LinkObstacle) -> float:
-        """Return the link's penetration depth in an obstacle given in the link's frame, metres, at least zero."""
+        """Return the link's penetration depth in an obstacle, metres, 0 if apart.
+
+        The obstacle is in the link's frame.
+        """
         points = _deepest_points(obstacle.fast_distance, self._reaching_triangles(obstacle))[:SEARCH_STARTS]
         inside_candidates = obstacle.points[np.linalg.norm(obstacle.points - self.centre, axis=1) < self.radius]
         if len(inside_candidates):
@@ -334,7 +341,7 @@ class _LinkShape:
         return max(depth, *self._penetration_depths(obstacle)) if depth > 0.0 else 0.0
 
     def _penetration_depths(self, obstacle: LinkObstacle) -> list[float]:
-        """Return the penetration depth of each convex part in a convex obstacle, metres."""
+        """Return the penetration depth of each convex part of the link in a convex obstacle, metres."""
         if obstacle.convex is None:
             return [0.0]
         return [
@@ -343,7 +350,7 @@ class _LinkShape:
         ]
 
     def _reaching_triangles(self, obstacle: LinkObstacle) -> FloatArray:
-        """Return the corners (m, 3, 3) of the triangles that may reach a bounding sphere of an obstacle."""
+        """Return the triangles (m, 3, 3) that may reach some bounding sphere of an obstacle."""
         if not len(obstacle.points):
             return self.corners
         middle = (obstacle.points.min(axis=0) + obstacle.points.max(axis=0)) / 2.0
@@ -353,13 +360,13 @@ class _LinkShape:
         return np.asarray(self.corners[np.linalg.norm(centres - middle, axis=1) - radii < reach])
 
     def _distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance from the link, negative inside, of points (m, 3) in its frame."""
+        """Return the signed distance of points (m, 3), link frame, from the link, negative inside."""
         return np.asarray(np.min([part.distance(points) for part in self.parts], axis=0))
 
 
 @dataclass(frozen=True)
 class _Solid:
-    """Closed surface with its signed distance.
+    """Closed surface with a signed distance.
 
     Parameters
     ----------
@@ -377,11 +384,12 @@ class _Solid:
 
     @classmethod
     def of(cls, vertices: FloatArray, faces: IntArray) -> _Solid:
-        """Return the solid of a triangulated surface; of a sheet, which encloses no volume, its convex hull, as MuJoCo.
+        """Return the solid of a triangulated surface.
 
-        Inside a convex polyhedron the nearest point of its surface is on the nearest of its faces' planes. One with
-        many faces is approximated by the hull of its outermost vertices in ``MAX_PLANES`` directions, within the planes
-        that support it: the error is below a hundredth of the radius of a ball. Any other surface is searched.
+        For a sheet, which encloses no volume, this is the convex hull, as in MuJoCo. Inside a convex polyhedron the
+        nearest point of its surface is on the nearest of its faces' planes. One with many faces is approximated by the
+        hull of its outermost vertices in ``MAX_PLANES`` directions, within the planes that support it: the error is
+        below a hundredth of the radius of a ball. Any other surface is searched.
         """
         corners = vertices[faces]
         volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
@@ -409,7 +417,7 @@ class _Convex:
     normals: FloatArray
 
     def in_frame(self, pose: FloatArray) -> _Convex:
-        """Return the solid in the coordinates of a frame with this pose (4, 4)."""
+        """Return the solid in the coordinates of a frame, given the frame's pose (4, 4)."""
         return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
 
 
@@ -419,7 +427,7 @@ def _solid_of_shape(shape: CollisionShape) -> _Solid:
 
 
 def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObstacle]:
-    """Yield the tables and obstacles among some constraints, without the required clearance."""
+    """Yield the tables and obstacles among given constraints, without the required clearances."""
     for constraint in constraints:
         if isinstance(constraint, Table):
             distance = partial(_height_above, constraint.height)
@@ -433,12 +441,12 @@ def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObsta
 
 
 def _height_above(height: float, points: FloatArray) -> FloatArray:
-    """Return the heights of points (m, 3) above a table."""
+    """Return the height of points (m, 3) above a table."""
     return np.asarray(points[:, 2] - height)
 
 
 def _solid_body(name: str, body: Body) -> LinkObstacle:
-    """Return a body as an obstacle, with a fast and an exact signed distance.
+    """Return a body as an obstacle for links.
 
     The first-order distance ``h / |grad h|`` of a curved body is exact near its surface and too deep inside; that from
     its triangles is too small by their distance from the surface, anywhere. Both are lower bounds, so the larger holds.
@@ -464,14 +472,14 @@ def _solid_body(name: str, body: Body) -> LinkObstacle:
 
 
 def _thin_out(points: FloatArray) -> FloatArray:
-    """Return about ``BATCH`` of some points (n, 3), evenly chosen, including the outermost ones."""
+    """Return about ``BATCH`` of the points (n, 3), evenly chosen, the outermost ones included."""
     directions = directions_around(np.eye(3)[2], ALL_DIRECTIONS)
     outermost = points[np.unique(np.argmax(points @ directions.T, axis=0))]
     return np.concatenate([points[:: max(1, len(points) // BATCH)], outermost])
 
 
 def _convex_hull(vertices: FloatArray) -> ConvexHull | None:
-    """Return the convex hull of points (n, 3); None where they are in one plane."""
+    """Return the convex hull of points (n, 3); None if they are coplanar."""
     try:
         return ConvexHull(vertices)
     except QhullError:
@@ -479,9 +487,10 @@ def _convex_hull(vertices: FloatArray) -> ConvexHull | None:
 
 
 def _penetration_depth(solid: _Convex, other: _Convex) -> float:
-    """Return the penetration depth of two convex solids (shortest separating translation), metres; 0 if apart.
+    """Return the penetration depth of two convex solids, metres, 0 if apart.
 
-    That is the least overlap of their extents over directions: among the normals of both, then near the best of them.
+    It is the shortest separating translation. That is the least overlap of their extents over directions: among the
+    normals of both, then near the best of them.
     """
 
     def overlap(directions: FloatArray) -> FloatArray:
@@ -501,7 +510,7 @@ def _penetration_depth(solid: _Convex, other: _Convex) -> float:
 
 
 def _are_separated(solid: _Convex, other: _Convex) -> bool:
-    """Return whether some normals of two convex solids, or the line between their middles, separate them."""
+    """Return whether a plane among a few candidates separates two convex solids."""
     between = other.corners.mean(axis=0) - solid.corners.mean(axis=0)
     normals = [s.normals if len(s.normals) <= MOST_AXES else DIRECTIONS for s in (solid, other)]
     directions = np.concatenate([between[None], normals[0], -normals[1]])
@@ -509,7 +518,7 @@ def _are_separated(solid: _Convex, other: _Convex) -> bool:
 
 
 def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:
-    """Return points (m, 3) of a surface inside an obstacle, the deepest first; empty where the surface is outside.
+    """Return the points (m, 3) of a surface inside an obstacle, deepest first.
 
     Triangles (m, 3, 3) are divided as long as they can hold a point that is deeper than the deepest known one: a
     signed distance changes by no more than a point moves.
@@ -531,14 +540,14 @@ def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:
 
 
 def _subdivide(corners: FloatArray) -> FloatArray:
-    """Return triangles (m, 3, 3), each subdivided into four."""
+    """Return triangles (m, 3, 3) subdivided into four each."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
 def _deepest_inside(first_distance: Distance, second_distance: Distance, points: FloatArray) -> float:
-    """Return the largest sum of depths in two solids, metres, by pattern search from some points (m, 3)."""
+    """Return the largest sum of depths in two solids, metres, by pattern search from given points (m, 3)."""
 
     def depth_sum(points: FloatArray) -> FloatArray:
         a, b = first_distance(points), second_distance(points)

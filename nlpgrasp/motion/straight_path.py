@@ -1,4 +1,4 @@
-"""Collision check and certified least clearance of a straight path of a hand's variables."""
+"""Straight paths of a hand's variables: collision check and certified least clearance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PathPosture:
 
 @dataclass(frozen=True)
 class StraightPath:
-    """Collision-free part of a straight path.
+    """Collision-free beginning of a straight path.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class StraightPath:
 
     @property
     def free_share(self) -> float:
-        """Share of the path that is collision-free."""
+        """Fraction of the path that is collision-free."""
         return self.postures[-1].share if self.postures else 0.0
 
 
@@ -65,7 +65,7 @@ def follow_straight_path(
     clearance_limits: Callable[[PathPosture], FloatArray],
     locate: bool = True,
 ) -> StraightPath:
-    """Return the collision-free part of a straight path, with postures close enough to certify it.
+    """Return the collision-free beginning of a straight path, with postures dense enough to certify it.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def follow_straight_path(
         Whether to locate the end of the free part to the tolerance; else the search ends once a collision is known.
     """
 
-    def at(share: float) -> PathPosture:
-        values = posture(share)
-        return PathPosture(share, values, model.clearances(values))
+    def at(fraction: float) -> PathPosture:
+        values = posture(fraction)
+        return PathPosture(fraction, values, model.clearances(values))
 
     first = at(0.0)
     limits = clearance_limits(first)
@@ -108,7 +108,7 @@ def follow_straight_path(
 
 
 def certified_clearance(model: CollisionModel, postures: Sequence[PathPosture]) -> float:
-    """Return a certified least clearance of links and fingertips, metres, from the body and obstacles along a path.
+    """Return a lower bound on the clearance of links and fingertips along a path, metres, from body and obstacles.
 
     A lower bound on the clearance of the spheres anywhere on the straight paths between the postures, by
     ``CollisionModel.clearance_bounds``: within a tenth of a millimetre of the true value, or less accurate after
@@ -146,5 +146,5 @@ def certified_clearance(model: CollisionModel, postures: Sequence[PathPosture]) 
 
 
 def _least_value(clearances: Sequence[FloatArray]) -> float:
-    """Return the least of several arrays of clearances."""
+    """Return the least element of several arrays."""
     return min(float(np.min(values)) for values in clearances)
