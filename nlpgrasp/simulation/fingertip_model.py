@@ -25,7 +25,7 @@ Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,)
 
 
 class FingertipModel:
-    """MuJoCo model of a grasp.
+    """MuJoCo model of a grasp by free fingertips.
 
     Each fingertip is a ball driven by a motor along each direction its contact can push in, and held in place by a
     spring; motors and springs together never exceed the hand's effort. MuJoCo's contacts transmit the forces, with
@@ -78,7 +78,7 @@ class FingertipModel:
     def run(
         self, course: Course, seconds: float, rise: float, count: int, is_lost: Callable[[Snapshot], bool]
     ) -> list[Snapshot]:
-        """Return ``count`` evenly spaced snapshots of a run from rest, which ends when the grasp is lost.
+        """Return ``count`` evenly spaced snapshots of a run from rest; a lost grasp ends the run.
 
         Gravity rises from zero over the first ``rise`` seconds, as the course's forces should.
         """
@@ -86,14 +86,14 @@ class FingertipModel:
         self.mujoco.mj_forward(self.model, self.data)
         self.normal[:], self.tangential[:] = 0.0, 0.0
         steps = max(count, round(seconds / self.model.opt.timestep))
-        rest = np.array(self.data.xpos[self.tips])
+        rest_positions = np.array(self.data.xpos[self.tips])
         snapshots: list[Snapshot] = []
         for step in range(1, steps + 1):
             time = step * seconds / steps
             self.model.opt.gravity[:] = min(time / rise, 1.0) * self.gravity
             used = self._step(*course(time))
             if step % (steps // count) == 0 or step == steps:
-                snapshots.append(self._snapshot(time, used, rest))
+                snapshots.append(self._snapshot(time, used, rest_positions))
                 if is_lost(snapshots[-1]):
                     break
         if any(warning.number for warning in self.data.warning):
@@ -101,7 +101,7 @@ class FingertipModel:
         return snapshots
 
     def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
-        """Step once with finger forces under the load ``-wrench``; return the used share of the effort, at most 1."""
+        """Step once with finger forces under the load ``-wrench``; return the used fraction of the effort."""
         data = self.data
         command = forces.copy()
         command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
@@ -135,10 +135,10 @@ class FingertipModel:
                 self.mujoco.mj_contactForce(self.model, self.data, c, force)
                 self.normal[i], self.tangential[i] = force[0], (force[1] ** 2 + force[2] ** 2) ** 0.5
 
-    def _snapshot(self, time: float, used: float, rest: FloatArray) -> Snapshot:
+    def _snapshot(self, time: float, used: float, rest_positions: FloatArray) -> Snapshot:
         attitude = np.array(self.data.xmat[self.body]).reshape(3, 3)
         position = np.array(self.data.xpos[self.body])
-        tips = np.array(self.data.xpos[self.tips]) - rest
+        tips = np.array(self.data.xpos[self.tips]) - rest_positions
         displacements = self.points @ attitude.T + position - self.points - tips
         slip = float(np.max(np.linalg.norm(displacements, axis=1)))
         return Snapshot(time, slip, float(np.linalg.norm(self._rotation())), used, attitude, position, tips)
@@ -157,7 +157,7 @@ class FingertipModel:
         return np.array([0.0, 0.0, self.data.qvel[2]]) if self.grasp.space == 2 else self.data.qvel[3:6]
 
     def _moment_gains(self) -> tuple[FloatArray, FloatArray]:
-        """Return stiffness and near-critical damping of the moments, with their limit at ``MOMENT_ROTATION``."""
+        """Return stiffness and near-critical damping of the moments, which reach their limit at ``MOMENT_ROTATION``."""
         matrix = np.zeros(9)
         self.mujoco.mju_quat2Mat(matrix, self.model.body_iquat[self.body])
         axes = matrix.reshape(3, 3)
@@ -198,17 +198,17 @@ class Snapshot:
 
     @property
     def lost(self) -> bool:
-        """Whether the body's slip or rotation exceeds its limit."""
+        """Whether the body's slip or rotation exceeds the limits."""
         return self.beyond(1.0)
 
-    def beyond(self, share: float) -> bool:
-        """Return whether slip or turn has reached a share of its limit."""
-        return self.slip >= share * MAX_SLIP or self.turn >= share * MAX_TURN
+    def beyond(self, fraction: float) -> bool:
+        """Return whether slip or rotation has reached a fraction of its limit."""
+        return self.slip >= fraction * MAX_SLIP or self.turn >= fraction * MAX_TURN
 
 
 @dataclass(frozen=True)
 class ContactMoment:
-    """Moment components of a contact with a common limit.
+    """Moment components of a contact that share one limit.
 
     Parameters
     ----------
@@ -229,17 +229,17 @@ class ContactMoment:
     directions: FloatArray
 
     def largest(self, normal: float, tangential: float) -> float:
-        """Return the largest moment transmitted at this normal and tangential force (newtons)."""
+        """Return the largest moment that a contact can transmit at given normal and tangential force (newtons)."""
         return self.share * self.model.left_for_moments(normal, tangential)
 
     def limit(self, moment: FloatArray, normal: float, tangential: float) -> FloatArray:
-        """Return a moment (b,) scaled down, if necessary, to the largest transmitted one."""
+        """Return a moment (b,) scaled down to the largest one that the contact can transmit."""
         magnitude, largest = float(np.linalg.norm(moment)), self.largest(normal, tangential)
         return moment if magnitude <= largest else moment * (largest / magnitude)
 
 
 def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
-    """Return the indices of the force components, and the moments of the contacts that transmit any."""
+    """Return the indices of the force components, and the moments of the contacts that can transmit moments."""
     forces = force_indices(grasp)
     moments: list[ContactMoment] = []
     for i, (model, part) in enumerate(zip(grasp.contacts, component_slices(grasp.contacts, grasp.space), strict=True)):
@@ -258,5 +258,5 @@ def _moment_axis(grasp: Grasp, i: int, axis: int) -> FloatArray:
 
 
 def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product of two vectors, faster than numpy's general one."""
+    """Return the cross product of two vectors, faster than numpy's general function."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

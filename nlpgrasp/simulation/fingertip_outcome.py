@@ -1,4 +1,4 @@
-"""Outcome of a simulation with free fingertips: trials, comparison with the certified bounds, text."""
+"""Outcome of a simulation with free fingertips: trials, comparison with the certified bounds, report text."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ class Trial:
 
     @property
     def slip(self) -> float:
-        """Largest distance of a contact point from its fingertip, metres."""
+        """Largest distance of a contact point from its fingertip over the run, metres."""
         return max(s.slip for s in self.snapshots)
 
     @property
     def turn(self) -> float:
-        """Rotation of the body, radians."""
+        """Largest rotation of the body over the run, radians."""
         return max(s.turn for s in self.snapshots)
 
     @property
     def held(self) -> bool:
-        """Whether slip and turn stayed within the limits."""
+        """Whether slip and rotation stayed within the limits."""
         return not any(s.lost for s in self.snapshots)
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Result of simulating a solution in MuJoCo.
+    """Result of simulating a solution in MuJoCo with free fingertips.
 
     Parameters
     ----------
@@ -91,19 +91,20 @@ class Simulation:
         return tuple(dict.fromkeys(t.condition for t in self.trials))
 
     def of(self, condition: str) -> tuple[Trial, ...]:
-        """Return the trials under a condition."""
+        """Return the trials under a given condition."""
         return tuple(t for t in self.trials if t.condition == condition)
 
     @property
     def held(self) -> bool:
-        """Whether the grasp as solved held every wrench, with and without gravity."""
+        """Whether the grasp as solved held every wrench, with gravity and without."""
         return all(t.held for t in self.trials if t.condition in self.conditions[:2])
 
     @property
     def confirmed(self) -> bool:
-        """Whether wrenches at the share were held, and the growing one lost within or near the certified bounds.
+        """Whether the simulation confirms the certified bounds.
 
-        Near means between 0.92 of the lower bound and 1.05 of the upper one; ``verdict`` says where.
+        The task wrenches were held, and the growing wrench was lost within or near the bounds. Near means between 0.92
+        of the lower bound and 1.05 of the upper one; ``verdict`` says where.
         """
         return (
             self.held
@@ -120,11 +121,11 @@ class Simulation:
             return "NOT confirmed: held more than the certificate says is possible"
         if self.lost_at >= 1.0:
             return "confirmed: the grasp as solved holds what is certified, and loses what is more"
-        share = f"{np.floor(1e3 * self.lost_at) / 1e3:.3f} of the certified share"
+        scale = f"{np.floor(1e3 * self.lost_at) / 1e3:.3f} of the certified share"
         creep = f"simulated friction creeps: {1.0 - LOWER_TOLERANCE:g} is enough"
         if self.confirmed:
-            return f"confirmed to {share}: there the grasp as solved loses the hardest wrench ({creep})"
-        return f"NOT confirmed: loses the hardest wrench at {share} ({creep})"
+            return f"confirmed to {scale}: there the grasp as solved loses the hardest wrench ({creep})"
+        return f"NOT confirmed: loses the hardest wrench at {scale} ({creep})"
 
     def __str__(self) -> str:
         summary = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
@@ -137,7 +138,7 @@ class Simulation:
 
 
 def describe_trials(condition: str, trials: Sequence[Trial]) -> str:
-    """Return the outcome of a condition's trials in a line."""
+    """Return the outcome of a condition's trials as one line of text."""
     count = sum(t.held for t in trials)
     worst = max(trials, key=lambda t: max(t.slip / MAX_SLIP, t.turn / MAX_TURN))
     verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"

@@ -51,7 +51,7 @@ SOLVER = {
 
 
 def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
-    """Return the scene as MJCF text; metres, newtons, world frame = body frame, no gravity.
+    """Return the scene of a grasp as MJCF text; metres, newtons, world frame = body frame, no gravity.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Options that replace a solution's data in a scene.
+    """Options of a scene that override a solution's data.
 
     Parameters
     ----------
@@ -111,21 +111,21 @@ class SceneOptions:
 
 
 def _check_grasp_presses(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
-    """Return the grasp of the options or the solution; raise for bilateral contacts."""
+    """Return the grasp of the options or the solution; raise if contacts are bilateral."""
     checked = solution.require_grasp() if grasp is None else grasp
     require_pressing(checked)
     return checked
 
 
 def require_pressing(grasp: Grasp) -> None:
-    """Raise for bilateral contacts."""
+    """Raise if contacts are bilateral."""
     for model in grasp.contacts:
         if not model.unilateral:
             raise InputError("contacts", model, "contacts that press: a simulator's fingertips cannot pull")
 
 
 def _empty_scene(solution: GraspSolution, grasp: Grasp, unit: DynamicScales) -> tuple[Element, Element, Element]:
-    """Return an empty scene with a light and time step, its assets, and its world."""
+    """Return an empty scene with light and time step, its assets element, and its world element."""
     step, size = STEP * unit.time, drawing_size(solution.drawn(), grasp.points)
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -137,7 +137,7 @@ def _empty_scene(solution: GraspSolution, grasp: Grasp, unit: DynamicScales) -> 
 
 
 def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
-    """Add the free object (in the plane, if planar) with its mesh, and return its body."""
+    """Add the free object with its mesh to a scene, and return the object's body."""
     body = add_free_body(world, mass, grasp.space)
     _add_mesh(asset, "object", drawing.body)
     SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
@@ -145,7 +145,7 @@ def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, m
 
 
 def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
-    """Add the free object's body (in the plane, if planar) without a shape, and return it."""
+    """Add the free object's body without a shape to a scene, and return it."""
     body = SubElement(world, "body", name="object")
     if space == 3:
         SubElement(body, "freejoint", name="object")
@@ -159,7 +159,7 @@ def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
 
 
 def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
-    """Add a mesh to the assets, as a surface without volume."""
+    """Add a mesh to the assets, as a shell without volume."""
     faces = " ".join(map(str, shape.faces.ravel().tolist()))
     SubElement(asset, "mesh", name=name, inertia="shell", vertex=format_numbers(shape.vertices.ravel()), face=faces)
 
@@ -175,7 +175,7 @@ def add_patches(body: Element, grasp: Grasp, unit: DynamicScales) -> None:
 
 
 def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
-    """Add the hand's links in the grasp's posture, for display without collision."""
+    """Add the hand's links in the grasp's posture, for display only."""
     if not drawing.links:
         return
     hand = SubElement(world, "body", name="hand")
@@ -188,7 +188,7 @@ def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
 
 
 def add_gripper_frame(world: Element, solution: GraspSolution) -> None:
-    """Add a site at the frame of a gripper's pose, with a comment that states its axes and tool centre point."""
+    """Add a site at the frame of a gripper's pose, with a comment on its axes and tool centre point."""
     pose, text = (solution.hand or {}).get("palm_pose"), solution.gripper_frame_line()
     if pose is not None and text:
         world.append(Comment(f" {text} "))
@@ -197,7 +197,7 @@ def add_gripper_frame(world: Element, solution: GraspSolution) -> None:
 
 
 def add_fingertip(world: Element, grasp: Grasp, i: int, unit: DynamicScales, stiffness: bool) -> None:
-    """Add a fingertip: a small ball with sliding joints along its contact's force components."""
+    """Add a fingertip: a small ball with a sliding joint along each force component of its contact."""
     p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
     radius = TIP * unit.length
     pose = {"pos": format_numbers(p - radius * n), "xyaxes": _format_axes(grasp, i)}
@@ -213,7 +213,7 @@ def add_fingertip(world: Element, grasp: Grasp, i: int, unit: DynamicScales, sti
 
 
 def add_contact(contact: Element, i: int, model: ContactModel) -> None:
-    """Add the contact pair of a fingertip and its patch."""
+    """Add the contact pair of a fingertip and its patch on the object."""
     friction = model.coefficients.get("friction", 0.0)
     torsion = model.coefficients.get("torsional_friction", 0.0)
     dimension, coefficients = 1, [1.0] * 5
@@ -225,13 +225,13 @@ def add_contact(contact: Element, i: int, model: ContactModel) -> None:
 
 
 def _format_axes(grasp: Grasp, i: int) -> str:
-    """Return normal and first tangent of a contact's frame, formatted for MJCF."""
+    """Return normal and first tangent of a contact's frame as MJCF text."""
     return format_numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))
 
 
 @dataclass(frozen=True)
 class DynamicScales:
-    """Characteristic units of a grasp's dynamics, from which time step and stiffness follow at any size.
+    """Characteristic units of a grasp's dynamics, which set time step and stiffness for any size.
 
     Parameters
     ----------
@@ -249,22 +249,22 @@ class DynamicScales:
 
     @property
     def time(self) -> float:
-        """Characteristic time, seconds, in which the force moves the object by the length."""
+        """Characteristic time, seconds, in which the characteristic force moves the object by the length."""
         return float(np.sqrt(self.mass * self.length / self.force))
 
     @property
     def stiffness(self) -> float:
-        """Stiffness of a fingertip that is held in place, N / m."""
+        """Stiffness of the spring that holds a fingertip in place, N / m."""
         return STIFFNESS * self.force / self.length
 
     @property
     def damping(self) -> float:
-        """Near-critical damping of a fingertip, N s / m."""
+        """Near-critical damping of the spring that holds a fingertip in place, N s / m."""
         return DAMPING * float(np.sqrt(STIFFNESS)) * self.mass / self.time
 
 
 def dynamic_scales(grasp: Grasp, force: float, mass: float) -> DynamicScales:
-    """Return the characteristic units of a grasp."""
+    """Return the characteristic units of a grasp's dynamics."""
     length = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.points.mean(axis=0)) ** 2, axis=1))))
     return DynamicScales(length or grasp.mean_arm, force, mass)
 
@@ -288,12 +288,14 @@ class Mass:
     inertia: FloatArray
 
     def scaled(self, mass: float) -> Mass:
-        """Return the properties scaled to another mass."""
+        """Return the same mass distribution with another total mass."""
         return Mass(mass, self.center, self.inertia * (mass / self.mass))
 
 
 def solid_mass(shape: Triangles, density: float) -> Mass:
-    """Return mass and inertia of a homogeneous triangulated body, or of its convex hull if it is not closed.
+    """Return mass and inertia of a homogeneous triangulated body.
+
+    A surface that is not closed is replaced by its convex hull.
 
     Raises
     ------
@@ -322,20 +324,20 @@ def solid_mass(shape: Triangles, density: float) -> Mass:
 
 
 def unit_normal_forces(grasp: Grasp) -> FloatArray:
-    """Return finger forces (n,) with a normal force of one newton at each contact."""
+    """Return finger forces (n,) with a normal force of one newton at each contact and nothing else."""
     x = np.zeros(grasp.G.shape[1])
     x[[part.start for part in component_slices(grasp.contacts, grasp.space)]] = 1.0
     return x
 
 
 def force_indices(grasp: Grasp) -> list[int]:
-    """Return the indices of force components, without moments."""
+    """Return the indices of the force components, moments excluded."""
     axes = [axis for model in grasp.contacts for axis in model.axes(grasp.space)]
     return [index for index, axis in enumerate(axes) if axis < grasp.space]
 
 
 def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
-    """Return the joint names of a fingertip, one per force component."""
+    """Return the names of a fingertip's joints, one per force component."""
     return [f"tip_{i}_{FORCE_NAMES[axis]}" for axis in model.axes(space) if axis < space]
 
 

@@ -1,4 +1,4 @@
-"""Outcome of a simulation with the hand's joints: trials, verdict and table."""
+"""Outcome of a simulation with the hand's joints: trials, verdict, report text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted 20 cm"
 
 @dataclass(frozen=True)
 class HandTrial:
-    """One trial to take the object out of the hand: a push or a lift.
+    """One trial that tries to take the object out of the hand: a push or a lift.
 
     Parameters
     ----------
@@ -42,32 +42,37 @@ class HandTrial:
 
     @property
     def is_lift(self) -> bool:
-        """Whether the object was lifted under gravity, not pushed without gravity."""
+        """Whether the trial is a lift under gravity; otherwise it is a push without gravity."""
         return self.label == LIFTED
 
     @property
     def whole(self) -> Motion:
-        """Largest motion of the object over the trial, metres; of a displaced one, after the squeeze."""
+        """Largest motion of the object since the grasp, the squeeze included.
+
+        For an object placed off its position, the squeeze is excluded.
+        """
         return self.motion if self.placed_off else self.squeezed + self.motion
 
     @property
     def strict(self) -> bool:
-        """Whether the object moved at most 1 cm and 10 degrees."""
+        """Whether the object moved by at most 1 cm and 10 degrees."""
         return self.whole.within(STRICT)
 
     @property
     def loose(self) -> bool:
-        """Whether the object moved at most 5 cm and 15 degrees."""
+        """Whether the object moved by at most 5 cm and 15 degrees."""
         return self.whole.within(LOOSE)
 
 
 def condition_name(condition: str) -> str:
-    """Return a condition's printed name, without a colon."""
+    """Return the printed name of a condition."""
     return condition.replace(": ", ", ")
 
 
 def format_outcome(trials: Sequence[HandTrial]) -> str:
-    """Return the number of held trials of a condition, or of lost ones of the control, as text.
+    """Return how many trials of a condition were held, as text.
+
+    For the control, how many were lost.
 
     Parameters
     ----------
@@ -90,7 +95,7 @@ def format_outcome(trials: Sequence[HandTrial]) -> str:
 
 
 def format_row(trials: Sequence[HandTrial]) -> str:
-    """Return the table row of a condition: number of held trials, and largest motion of the object."""
+    """Return a condition's row of the table: number of held trials, largest motion of the object."""
     condition = trials[0].condition
     squeezed, motion = Motion.largest(t.squeezed for t in trials), Motion.largest(t.motion for t in trials)
     text = f"  {condition_name(condition):28} {format_outcome(trials)}"
@@ -102,7 +107,7 @@ def format_row(trials: Sequence[HandTrial]) -> str:
 
 
 def trial_legend(trials: Sequence[HandTrial], push: float) -> list[str]:
-    """Return the lines that explain the trials and the motion limits of a held object.
+    """Return lines of text that explain the trials and the motion limits.
 
     Parameters
     ----------
@@ -120,7 +125,7 @@ def trial_legend(trials: Sequence[HandTrial], push: float) -> list[str]:
 
 
 def format_normal_forces(normal_force: float, forces: Sequence[float]) -> str:
-    """Return the fingers' normal forces as text: the requested least, and the range where they differ.
+    """Return the normal forces of the fingers as text: the requested least, and the range if they differ.
 
     Parameters
     ----------
@@ -141,7 +146,7 @@ def _format_motion_limits(limits: tuple[float, float]) -> str:
 
 @dataclass(frozen=True)
 class HandSimulation:
-    """Result of simulating a grasp by its own hand's joints.
+    """Result of simulating a grasp with the joints of its hand.
 
     Parameters
     ----------
@@ -181,37 +186,37 @@ class HandSimulation:
         return tuple(dict.fromkeys(t.condition for t in self.trials))
 
     def of(self, condition: str) -> tuple[HandTrial, ...]:
-        """Return the trials under a condition."""
+        """Return the trials under a given condition."""
         return tuple(t for t in self.trials if t.condition == condition)
 
     def share(self, condition: str) -> float:
-        """Return the share of a condition's trials that were held strictly."""
+        """Return the fraction of a condition's trials that were held strictly."""
         trials = self.of(condition)
         return sum(t.strict for t in trials) / len(trials)
 
     @property
     def squeezed(self) -> Motion:
-        """Motion of the object by the squeeze, as solved."""
+        """Motion of the object caused by the squeeze, for the grasp as solved."""
         return self.of(AS_SOLVED)[0].squeezed
 
     @property
     def held(self) -> bool:
-        """Whether the grasp as solved held everything strictly."""
+        """Whether the grasp as solved held strictly in all trials."""
         return all(t.strict for t in self.of(AS_SOLVED))
 
     @property
     def control_lost(self) -> bool:
-        """Whether the control without a squeeze lost the object, so that the squeeze holds it."""
+        """Whether the control, a hand that does not squeeze, lost the object in some trial."""
         return not all(t.strict for t in self.of(CONTROL))
 
     @property
     def confirmed(self) -> bool:
-        """Whether the grasp as solved held everything, and the control did not."""
+        """Whether the grasp as solved held in all trials, and the control did not."""
         return self.held and self.control_lost
 
     @property
     def verdict(self) -> str:
-        """Verdict on the grasp as solved and the control, as a sentence."""
+        """Verdict on the grasp as solved and on the control, as a sentence."""
         if not self.held:
             lost = next(t for t in self.of(AS_SOLVED) if not t.strict)
             motion = "" if lost.whole.gone else f" ({lost.whole})"

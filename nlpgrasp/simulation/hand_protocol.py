@@ -44,7 +44,7 @@ def simulate_hand(
     push: float = PUSH,
     progress: Progress | None = None,
 ) -> HandSimulation:
-    """Simulate a grasp in MuJoCo by its own hand's joints, and try to take the object out of it.
+    """Simulate a grasp in MuJoCo with the joints of its hand, in trials that try to take the object away.
 
     The hand goes through the grasp's phases under position control: it opens, closes, squeezes. Then the object is
     pushed along six directions for two seconds each, without gravity. It is strictly held if it moves by at most 1 cm
@@ -114,7 +114,7 @@ def simulate_hand(
 
 @dataclass(frozen=True)
 class HoldTest:
-    """Outcome of ``try_hold``: pushes and a lift with the squeeze and, where all of them hold, without it.
+    """Result of ``try_hold``: pushes and a lift, with the squeeze and without.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class HoldTest:
 
     @property
     def verdict(self) -> str:
-        """The verdict: ``"held by the squeeze"``, ``"caged"`` or ``"lost"``."""
+        """Verdict: ``"held by the squeeze"``, ``"caged"`` or ``"lost"``."""
         return "lost" if not self.held else "caged" if self.caged else "held by the squeeze"
 
 
@@ -143,7 +143,7 @@ def try_hold(
     push: float = PUSH,
     robot: Robot | None = None,
 ) -> HoldTest:
-    """Simulate pushes and lift of ``simulate_hand`` with the squeeze, then without it, up to the first loss.
+    """Test a grasp by pushes and a lift, with the squeeze and then without, each until the first loss.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def try_hold(
 
 
 def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) -> Iterator[list[HandTrial]]:
-    """Yield the trials of each condition; the scene with less friction is built when it is needed.
+    """Yield the trials of each condition.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def _push_trials(
     torques: bool = False,
     displacement: tuple[FloatArray, FloatArray] | None = None,
 ) -> list[HandTrial]:
-    """Return six trials with a push, each from the same closed state."""
+    """Close the hand and return six push trials, each from the same closed state."""
     squeezed = _close_hand(world, squeeze, displacement)
     if torques:
         world.soften(GAIN_SHARE)
@@ -224,7 +224,7 @@ def _push_trials(
 def _push_closed(
     condition: str, world: HandWorld, squeezed: Motion, size: float, placed_off: bool = False
 ) -> Iterator[HandTrial]:
-    """Yield six trials with a push, each from the state of a closed hand."""
+    """Yield six push trials, each from the current state of a closed hand."""
     closed = world.state()
     for name, axis in AXES.items():
         world.restore(closed)
@@ -233,12 +233,12 @@ def _push_closed(
 
 
 def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
-    """Return the trial with a lift by the palm under gravity."""
+    """Close the hand and return the trial of a lift with the palm under gravity."""
     return _lift_closed(condition, world, _close_hand(world, squeeze, None), squeeze)
 
 
 def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bool) -> HandTrial:
-    """Return the trial with a lift, from the state of a closed hand."""
+    """Return the trial of a lift, from the current state of a closed hand."""
     target = world.controls("lift")
     if not squeeze:
         target = target - world.controls("squeeze") + world.controls("grasp")
@@ -247,7 +247,7 @@ def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bo
 
 
 def _close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:
-    """Move the hand through its phases to the squeeze, if requested; return the object's motion after the grasp."""
+    """Move the hand through its keyframes, squeeze if requested, and return the object's motion after the grasp."""
     keys = [key for key in world.keys if key not in ("lift", "squeeze")]
     world.begin(keys[0], displacement)
     for key in keys[1:]:
@@ -260,14 +260,14 @@ def _close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray,
 
 
 def _initial_snapshot(scene: str) -> HandSnapshot:
-    """Return the state of object and links in the grasp."""
+    """Return the state of object and links in the keyframe of the grasp."""
     world = HandWorld(scene)
     world.begin("grasp")
     return world.snapshot()
 
 
 def _random_displacement(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return a translation and a rotation vector of the stated magnitudes, in random directions."""
+    """Return a translation and a rotation vector of fixed magnitudes in random directions."""
     vectors = rng.standard_normal((2, 3))
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     return OFFSET * vectors[0], TILT * vectors[1]

@@ -1,4 +1,4 @@
-"""MuJoCo simulation of a scene with a hand, driven through keyframes, with the object's motion in the hand."""
+"""MuJoCo simulation of a scene with a hand that moves through keyframes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SNAPSHOT_RATE = 25  # recorded states per second
 
 @dataclass(frozen=True)
 class Motion:
-    """Displacement and rotation of an object.
+    """Motion of an object: displacement and rotation angle.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ class Motion:
     turn: float = 0.0
 
     def within(self, limits: tuple[float, float]) -> bool:
-        """Return whether both are at most the limits, metres and radians; False for NaN."""
+        """Return whether displacement and rotation are within limits, metres and radians; False for NaN."""
         return self.slip <= limits[0] and self.turn <= limits[1]
 
     @property
     def gone(self) -> bool:
-        """Whether the object is so far away that its motion is not reported."""
+        """Whether the object is too far away for its motion to be reported."""
         return not self.slip < LOST_DISTANCE
 
     def __add__(self, other: Motion) -> Motion:
@@ -50,7 +50,7 @@ class Motion:
 
     @classmethod
     def largest(cls, motions: Iterable[Motion]) -> Motion:
-        """Return the largest slip and the largest turn; zero for no motions."""
+        """Return the largest displacement and the largest rotation of several motions; zero for none."""
         return reduce(lambda a, b: cls(max(a.slip, b.slip), max(a.turn, b.turn)), motions, cls())
 
     def __str__(self) -> str:
@@ -60,13 +60,13 @@ class Motion:
 
 
 def _format_significant(number: float) -> str:
-    """Return a number as text with two significant figures, or all digits before the point."""
+    """Return a number as text with two significant figures, or as an integer if it has more digits."""
     return "0" if number < REPORTED_MOTION else f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of an object in a hand.
+    """Pose of an object in the palm frame of a hand.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ STILL = Motion()  # no motion
 
 @dataclass(frozen=True)
 class HandSnapshot:
-    """State of object and links at one time.
+    """State of object and links in a simulation at one time.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class HandSnapshot:
 
 
 class HandWorld:
-    """MuJoCo simulation of a scene of ``mjcf_with_hand``.
+    """MuJoCo simulation of a scene made by ``mjcf_with_hand``.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class HandWorld:
     def run(
         self, seconds: float, target: FloatArray | None = None, callback: Callable[[float], None] | None = None
     ) -> None:
-        """Run while the controls move linearly to a target, with a callback on the elapsed share of the time."""
+        """Run while the controls move linearly to a target; ``callback`` gets the elapsed fraction of the time."""
         steps = max(round(seconds / self.model.opt.timestep), 1)
         start = np.array(self.data.ctrl)
         interval = max(round(1.0 / (SNAPSHOT_RATE * self.model.opt.timestep)), 1)
@@ -163,16 +163,16 @@ class HandWorld:
         if any(warning.number for warning in self.data.warning):
             raise NlpgraspError("simulation: MuJoCo became unstable; try another --gain or --damping")
 
-    def soften(self, share: float) -> None:
-        """Scale the gain of the squeezing joints by a share, and add their squeeze torques as feedforward."""
+    def soften(self, fraction: float) -> None:
+        """Reduce the gain of the squeezing joints to a fraction, and add the squeeze torques as feedforward."""
         offsets = self.controls("squeeze") - self.controls("grasp")
         for motor in np.flatnonzero(offsets):
-            self.model.actuator_gainprm[motor, 0] *= share
-            self.model.actuator_biasprm[motor, 1] *= share
-            self.data.ctrl[motor] += (1.0 / share - 1.0) * offsets[motor]
+            self.model.actuator_gainprm[motor, 0] *= fraction
+            self.model.actuator_biasprm[motor, 1] *= fraction
+            self.data.ctrl[motor] += (1.0 / fraction - 1.0) * offsets[motor]
 
     def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Push the object's centre of mass with a force (3,), newtons; return its largest motion, and the run."""
+        """Push the object's centre of mass with a force (3,), newtons; return the largest motion and the snapshots."""
         self.data.xfrc_applied[self._object, :3] = force
         outcome = self.run_recorded(seconds, None)
         self.data.xfrc_applied[:] = 0.0
@@ -181,16 +181,16 @@ class HandWorld:
     def run_recorded(
         self, seconds: float, target: FloatArray | None, gravity: float = 0.0
     ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Raise gravity (m / s^2, along -z), then run as ``run``; return the largest motion, and the run."""
+        """Raise gravity (m / s^2, along -z), then run as ``run``; return the largest motion and the snapshots."""
         before, motions, snapshots = self.pose(), [STILL], [self.snapshot()]
 
         def record(_: float) -> None:
             motions.append(self.pose().motion_from(before))
             snapshots.append(self.snapshot(motions[-1]))
 
-        def raise_gravity(share: float) -> None:
-            self.model.opt.gravity[2] = -share * gravity
-            record(share)
+        def raise_gravity(fraction: float) -> None:
+            self.model.opt.gravity[2] = -fraction * gravity
+            record(fraction)
 
         if gravity:
             self.run(TRAVEL, None, raise_gravity)
@@ -199,27 +199,27 @@ class HandWorld:
         return Motion.largest(motions), tuple(snapshots)
 
     def state(self) -> tuple[FloatArray, FloatArray]:
-        """Return MuJoCo's integration state, and the controls."""
+        """Return MuJoCo's integration state and the controls."""
         kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.zeros(self._mujoco.mj_stateSize(self.model, kind))
         self._mujoco.mj_getState(self.model, self.data, state, kind)
         return state, np.array(self.data.ctrl)
 
     def restore(self, state: tuple[FloatArray, FloatArray]) -> None:
-        """Restore a state."""
+        """Restore a state returned by ``state``."""
         self._mujoco.mj_setState(self.model, self.data, state[0], self._mujoco.mjtState.mjSTATE_INTEGRATION)
         self.data.ctrl[:] = state[1]
         self._mujoco.mj_forward(self.model, self.data)
 
     def pose(self) -> Pose:
-        """Return the object's pose in the hand."""
+        """Return the object's pose in the palm frame."""
         palm = self.data.xmat[self._palm].reshape(3, 3)
         rotation = self.data.xmat[self._object].reshape(3, 3)
         offset = self.data.xipos[self._object] - self.data.xpos[self._palm]
         return Pose(palm.T @ offset, palm.T @ rotation)
 
     def snapshot(self, motion: Motion = STILL) -> HandSnapshot:
-        """Return the current state of object and links."""
+        """Return the current poses of object and links."""
         links = {name: self._frame(body) for name, body in self._links.items()}
         return HandSnapshot(float(self.data.time), self._frame(self._object), links, motion)
 

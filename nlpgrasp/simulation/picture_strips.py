@@ -1,4 +1,4 @@
-"""Picture strips of simulations: rows of snapshots of a held and a lost object."""
+"""Picture strips of simulations: rows of snapshots of a held object and of a lost one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LAST_MOTION = 3.0  # motion at which the pictures end, in motions that count as 
 
 
 def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Path) -> Path:
-    """Write a row of pictures of the hardest wrench held, and one of it growing until the grasp is lost.
+    """Write two rows of pictures: the hardest wrench held, and the same wrench growing until the grasp is lost.
 
     Displacements are magnified by the same stated factor in both rows.
 
@@ -46,9 +46,9 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
     held, growing = simulation.trials[0], simulation.growing
     factor = max(LEAST_DRAWN_SLIP * drawing_size(solution.drawn(), None) / max(growing.slip, 1e-12), 1.0)
     figure = plt.figure(figsize=(3.0 * FRAMES, 6.4), layout="constrained")
-    share = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
+    loss = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
     figure.suptitle(
-        f"{simulation.name}: held at {simulation.share:g} of certified mu (above); growing, lost {share} (below)\n"
+        f"{simulation.name}: held at {simulation.share:g} of certified mu (above); growing, lost {loss} (below)\n"
         f"hardest wrench: {held.label}; displacements x {factor:.3g}",
         fontsize=9,
     )
@@ -82,7 +82,7 @@ def _draw_fingertips(ax: Axes3D, solution: GraspSolution, snapshot: Snapshot, fa
 
 
 def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: str | Path) -> Path:
-    """Write a row of pictures of the hardest trial as solved, and below it the worst of the control.
+    """Write two rows of pictures: the hardest trial of the grasp as solved, and the worst trial of the control.
 
     The view follows the palm: a held object looks alike in all pictures of a row, as its caption says.
 
@@ -109,7 +109,7 @@ def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: 
 
 
 def _caption(trial: HandTrial) -> str:
-    """Return the caption of a row of pictures, with the trial's outcome."""
+    """Return the caption of a row of pictures: the trial and its outcome."""
     held = "held" if trial.strict else "lost"
     motion = "" if trial.motion.gone else f", the object moves in the hand by at most {trial.motion}"
     note = " (the pictures rise with the palm)" if trial.is_lift else ""
@@ -117,7 +117,7 @@ def _caption(trial: HandTrial) -> str:
 
 
 def _worst_trial(simulation: HandSimulation, condition: str) -> HandTrial:
-    """Return the trial of a condition with the largest motion, in motions that count as lost."""
+    """Return the trial of a condition with the largest motion, relative to the motion that counts as lost."""
     return max(simulation.of(condition), key=lambda t: max(t.motion.slip / LOOSE[0], t.motion.turn / LOOSE[1]))
 
 
@@ -142,5 +142,5 @@ def _draw_hand(ax: Axes3D, drawing: Drawing, grasp: HandSnapshot, snapshot: Hand
 
 
 def _transform_triangles(shape: Triangles, pose: FloatArray) -> Triangles:
-    """Return triangles moved by a pose (4, 4)."""
+    """Return triangles transformed by a pose (4, 4)."""
     return Triangles(shape.vertices @ pose[:3, :3].T + pose[:3, 3], shape.faces)

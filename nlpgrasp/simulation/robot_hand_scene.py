@@ -1,4 +1,4 @@
-"""MJCF scene of a grasp by a robot hand: links, servos, fingertip geoms, keyframes of all phases."""
+"""MJCF scene of a grasp by a robot hand: links, servos, fingertip geoms, keyframes."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def mjcf_with_hand(
     progress: Progress | None = None,
     robot: Robot | None = None,
 ) -> str:
-    """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
+    """Return the scene of a grasp with the articulated hand as MJCF text; world frame = body frame.
 
     The hand is built from its file: collision shapes (meshes as convex hulls), stated masses, mimic joints as
     equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
@@ -131,7 +131,7 @@ def mjcf_with_hand(
 
 
 def _require_posture(solution: GraspSolution) -> Json:
-    """Return the hand's data; raise where they lack a palm pose or joint positions."""
+    """Return a solution's hand data; raise if palm pose or joint positions are missing."""
     hand = solution.hand or {}
     if "palm_pose" not in hand or "joint_positions" not in hand:
         raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
@@ -139,7 +139,7 @@ def _require_posture(solution: GraspSolution) -> Json:
 
 
 def _empty_scene(name: str) -> tuple[Element, Element, Element]:
-    """Return an empty scene with a light and defaults, its assets, and its world."""
+    """Return an empty scene with light and defaults, its assets element, and its world element."""
     root = Element("mujoco", model="".join(c for c in name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
     SubElement(root, "option", SOLVER)
@@ -152,7 +152,7 @@ def _empty_scene(name: str) -> tuple[Element, Element, Element]:
 
 
 def _check_compiles(scene: str, urdf: str | Path) -> None:
-    """Raise where MuJoCo rejects a scene."""
+    """Raise if MuJoCo rejects a scene."""
     mujoco = import_mujoco("a scene with the hand")
     try:
         mujoco.MjModel.from_xml_string(scene)
@@ -162,7 +162,7 @@ def _check_compiles(scene: str, urdf: str | Path) -> None:
 
 @dataclass(frozen=True)
 class HandSceneOptions:
-    """Simulation parameters of a hand's joints and its object that a grasp's file does not contain.
+    """Simulation parameters of the hand's joints and the object, which a grasp's file does not contain.
 
     A URDF's damping and friction are ignored: many are placeholders that let no joint move.
 
@@ -200,7 +200,7 @@ class HandSceneOptions:
 
 
 def read_hand(urdf: str | Path, palm: str, units: UrdfUnits) -> Robot:
-    """Return the robot of a hand's file, below its palm.
+    """Return the robot below the palm of a solution's hand, read from the hand's file.
 
     Raises
     ------
@@ -213,16 +213,16 @@ def read_hand(urdf: str | Path, palm: str, units: UrdfUnits) -> Robot:
 
 
 def _require_joints(robot: Robot, joints: Mapping[str, float], urdf: str | Path) -> None:
-    """Raise where a robot lacks one of a solution's joints."""
+    """Raise if a robot lacks a joint of a solution."""
     missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
     if missing:
         raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
 
 
-def _contact_attributes(model: ContactModel, share: float) -> dict[str, str]:
-    """Return the geom attributes of a contact model, with its friction scaled by ``share``."""
-    friction = share * model.coefficients.get("friction", 0.0)
-    torsion = share * model.coefficients.get("torsional_friction", 0.0)
+def _contact_attributes(model: ContactModel, factor: float) -> dict[str, str]:
+    """Return the geom attributes of a contact model, with the friction multiplied by ``factor``."""
+    friction = factor * model.coefficients.get("friction", 0.0)
+    torsion = factor * model.coefficients.get("torsional_friction", 0.0)
     dimension = 1 if friction == 0.0 else 4 if torsion else 3
     return {"condim": str(dimension), "priority": "1", "friction": format_numbers([friction, torsion, 0.0])}
 
@@ -234,7 +234,10 @@ def _effort_limits(solution: GraspSolution) -> dict[str, float]:
 
 
 def _squeeze_scale(squeeze: Squeeze, normal_force: float | None) -> float:
-    """Return the factor on the file's squeeze; balanced forces stay balanced when scaled."""
+    """Return the factor by which the file's squeeze forces are multiplied.
+
+    Balanced forces stay balanced when scaled.
+    """
     if normal_force is None:
         return 1.0
     if np.any(squeeze.wrench):
@@ -243,14 +246,14 @@ def _squeeze_scale(squeeze: Squeeze, normal_force: float | None) -> float:
 
 
 def _require_effort(squeeze: Squeeze, scale: float) -> None:
-    """Raise for torques above the hand's limits, with which the forces would not be balanced."""
+    """Raise if squeeze torques exceed the hand's limits."""
     joints = squeeze.joints
     if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT_TOLERANCE:
         return
-    name, share = joints.worst
-    force, excess = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
+    name, usage = joints.worst
+    force, excess = scale * squeeze.normal_force, (scale * usage - 1.0) * joints.limits[name]
     given = f"{force:.3g} N, {excess:.3g} N m more than the effort of joint {name}"
-    raise InputError("normal_force", given, f"at most {squeeze.normal_force / share:.3g} N")
+    raise InputError("normal_force", given, f"at most {squeeze.normal_force / usage:.3g} N")
 
 
 @dataclass(frozen=True)
@@ -284,7 +287,7 @@ class PosedRobot:
 
 
 def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
-    """Add the hand to a scene: three sliding joints that carry the palm, links, actuators, mimic joints.
+    """Add the hand to a scene: sliding joints that carry the palm, links, actuators, mimic joints.
 
     Parameters
     ----------
@@ -336,7 +339,10 @@ def _add_palm(world: Element, posed: PosedRobot) -> Element:
 
 
 def _surfaces_by_link(posed: PosedRobot, surfaces: list[dict[str, str]]) -> dict[str, dict[str, str]]:
-    """Return contact attributes by link: of fingertips' links, and of links fixed to one whose tip is off it."""
+    """Return the contact attributes of each link that touches the object.
+
+    These are the fingertips' links, and links fixed to one whose tip lies off that link.
+    """
     groups = posed.robot.rigid_groups
     result = {str(tip["link"]): surface for tip, surface in zip(posed.tips, surfaces, strict=True)}
     for i in posed.floating:
@@ -347,7 +353,7 @@ def _surfaces_by_link(posed: PosedRobot, surfaces: list[dict[str, str]]) -> dict
 
 
 def _joint_pose(joint: Joint) -> dict[str, str]:
-    """Return the attributes of a joint's frame in its parent's."""
+    """Return the MJCF attributes of a joint's pose in the parent link."""
     rotation = Rotation.from_euler("xyz", joint.rpy).as_matrix()
     return {"pos": format_numbers(joint.xyz), "quat": quaternion(rotation)}
 
@@ -370,7 +376,7 @@ def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
 
 
 def _add_inertial(body: Element, inertial: Inertial | None) -> None:
-    """Add mass and inertia of a link, at least the smallest that MuJoCo accepts."""
+    """Add mass and inertia of a link to its body, at least the smallest that MuJoCo accepts."""
     mass = LEAST_MASS if inertial is None else max(inertial.mass, LEAST_MASS)
     center = np.zeros(3) if inertial is None else inertial.center
     moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertial is None else inertial.inertia)
@@ -380,7 +386,7 @@ def _add_inertial(body: Element, inertial: Inertial | None) -> None:
 
 
 def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, surface: dict[str, str]) -> None:
-    """Add a collision shape: a MuJoCo primitive if possible, else the convex hull of its mesh."""
+    """Add a collision shape to a link's body, as a MuJoCo primitive or the convex hull of its mesh."""
     geom = {"name": name, **APPEARANCE, **OBJECT_CONTACT, **surface}
     if shape.centre is not None:
         geom |= {"type": "sphere", "size": format_numbers([shape.radius]), "pos": format_numbers(shape.centre)}
@@ -396,7 +402,7 @@ def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, 
 
 
 def _add_actuators(root: Element, posed: PosedRobot) -> None:
-    """Add position servos for free joints and the arm, and equality constraints for mimic joints."""
+    """Add position servos for free joints and arm, and equality constraints for mimic joints."""
     actuator, equality = SubElement(root, "actuator"), SubElement(root, "equality")
     for name in ARM:
         _add_servo(actuator, name, ARM_STIFFNESS, None)
@@ -410,14 +416,16 @@ def _add_actuators(root: Element, posed: PosedRobot) -> None:
 
 
 def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) -> None:
-    """Add the position servo of a joint, with its force limit if there is one."""
+    """Add the position servo of a joint, with a force limit if there is one."""
     attributes = {"name": joint, "joint": joint, "kp": f"{gain:.9g}"}
     force_range = {} if limit is None else {"forcerange": format_numbers([-limit, limit])}
     SubElement(actuator, "position", {**attributes, **force_range})
 
 
 def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
-    """Return the position gain of each free joint: the squeeze's, or a given one for revolute joints.
+    """Return the position gain of each free joint.
+
+    It is the squeeze's, or a given one for revolute joints.
 
     Raises
     ------
@@ -438,7 +446,7 @@ def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[s
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A keyframe: palm displacement, joint positions and servo set-points of a phase.
+    """A keyframe of a scene: palm displacement, joint positions and servo set-points.
 
     Parameters
     ----------
@@ -486,7 +494,10 @@ def scene_keyframes(
 
 
 def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
-    """Add keyframes with states and controls to a scene, with the object lifted with the palm in the lift."""
+    """Add keyframes with states and controls to a scene.
+
+    In the lift, the object is raised with the palm.
+    """
     order = [joint.get("name", "") for joint in root.iter("joint") if joint.get("name")]
     motors = [motor.get("name", "") for motor in root.iter("position")]
     keyframe = SubElement(root, "keyframe")
@@ -501,7 +512,7 @@ def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
 
 
 def _phases(hand: Json) -> list[Json]:
-    """Return the phases of a file; for earlier versions, phases derived from its data."""
+    """Return the phases of a solution's hand; for older files, phases derived from other data."""
     if hand.get("phases"):
         return list(hand["phases"])
     grasp = {"palm_pose": hand["palm_pose"], "joint_positions": hand["joint_positions"]}
@@ -513,7 +524,7 @@ def _phases(hand: Json) -> list[Json]:
 
 
 def tip_geom(tip: Json) -> dict[str, str] | None:
-    """Return the attributes of a fingertip's geom in its link's frame; None for unsupported kinds.
+    """Return the attributes of a fingertip's geom in the link frame; None for unsupported kinds.
 
     Parameters
     ----------
@@ -525,7 +536,7 @@ def tip_geom(tip: Json) -> dict[str, str] | None:
 
 
 def quaternion(rotation: FloatArray) -> str:
-    """Return a rotation matrix (3, 3) as a quaternion in MJCF format."""
+    """Return a rotation matrix (3, 3) as a quaternion in MJCF text."""
     return format_numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
 
 
@@ -535,7 +546,7 @@ def _sphere_geom(tip: Json) -> dict[str, str]:
 
 
 def _capsule_geom(tip: Json) -> dict[str, str]:
-    """Return the capsule of a cylindrical or capsule fingertip, with rounded ends for both."""
+    """Return the MuJoCo capsule of a cylindrical or capsule tip."""
     return {
         "type": "capsule",
         "size": format_numbers([tip["radius"]]),

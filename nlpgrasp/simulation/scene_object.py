@@ -1,4 +1,4 @@
-"""Object of a simulated scene: collision geoms by convex decomposition, mass from the task."""
+"""Object of a simulated scene: collision geoms by convex decomposition, mass."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def add_object_geoms(
     surface: dict[str, str],
     progress: Progress | None = None,
 ) -> int:
-    """Add the collision geoms to the object's MJCF body, and return their number.
+    """Add the collision geoms to the object's MJCF body, and return how many there are.
 
     Boxes, spheres, ellipsoids and cylinders are MuJoCo primitives; a convex body is its hull; any other is decomposed
     into convex pieces (Wei et al. 2022, doi:10.1145/3528223.3530103).
@@ -92,7 +92,7 @@ def add_object_geoms(
 
 
 def convex_pieces(shape: Triangles, progress: Progress | None = None) -> list[FloatArray]:
-    """Return the vertices (m, 3), metres, of the pieces of a convex decomposition of a triangulated body.
+    """Return the vertices (m, 3), metres, of each piece of a convex decomposition of a triangulated body.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def convex_pieces(shape: Triangles, progress: Progress | None = None) -> list[Fl
 
 @dataclass(frozen=True)
 class ObjectMass:
-    """Mass of an object with its source.
+    """Mass of an object, and where the value comes from.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class ObjectMass:
 
 
 def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
-    """Return the mass of a solution's object: as stated, else from the weight in its task, else a default.
+    """Return the mass of a solution's object: as given, else from the weight in the task, else a default.
 
     A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, as in
     ``ng.lift``. A part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in
@@ -179,18 +179,21 @@ def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMa
 
 
 def _carried_weight(part: Task) -> float:
-    """Return the upward force at the centre of a task's part, newtons; 0 for pushes from zero, or without one."""
+    """Return the weight that a part of a task carries, newtons: the upward force at its centre.
+
+    0 for a part that pushes from zero, or without an upward force.
+    """
     axes = np.eye(3, 6)
-    largest, least = part.support(axes)[0], -part.support(-axes)[0]
-    centre = 0.5 * (largest + least)
+    largest, smallest = part.support(axes)[0], -part.support(-axes)[0]
+    centre = 0.5 * (largest + smallest)
     weight = float(centre[2])
-    if weight <= 0.0 or np.hypot(*centre[:2]) > MAX_LATERAL * weight or abs(least[2]) <= PUSH_START * weight:
+    if weight <= 0.0 or np.hypot(*centre[:2]) > MAX_LATERAL * weight or abs(smallest[2]) <= PUSH_START * weight:
         return 0.0
     return weight
 
 
 def _isotropic_force(part: Task, solution: GraspSolution) -> float:
-    """Return the isotropic force of a task's part near the centre of mass, newtons; 0 for others."""
+    """Return the force of a part of a task that acts equally in all directions near the centre of mass; else 0."""
     if not isinstance(part, TaskEllipsoid) or not part.is_centred:
         return 0.0
     forces, moments = part.axes[:, :3], part.axes[:, 3:]
@@ -206,6 +209,6 @@ def _isotropic_force(part: Task, solution: GraspSolution) -> float:
 
 
 def _skew_vector(turning: FloatArray) -> FloatArray:
-    """Return the point (3,) whose cross-product matrix is nearest to a given matrix (3, 3)."""
+    """Return the vector (3,) whose cross-product matrix is nearest to a given matrix (3, 3)."""
     skew = 0.5 * (turning - turning.T)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])

@@ -1,4 +1,4 @@
-"""Simulation of a solution with free fingertips: task wrenches, and the hardest one up to the certified limit."""
+"""Simulation of a solution with free fingertips: task wrenches, and the hardest one beyond the certified bound."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def simulate(
     wrenches: int = 12,
     progress: Callable[[str], None] | None = None,
 ) -> Simulation:
-    """Simulate a solution: task wrenches one after another, then the hardest one until it is lost.
+    """Simulate a solution in MuJoCo: first the task wrenches, then the hardest one, growing until it is lost.
 
     The hand's effort is that of the task at full size, ``1 / mu`` units of the force budget (one for torque budgets).
     Its fingertips press with forces that produce each wrench within that effort; springs hold them in place, and motors
@@ -119,7 +119,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Condition:
-    """Condition of a simulation: actual contacts, wrenches with the forces that produce them, gravity (m / s^2)."""
+    """Condition of a simulation: actual contacts, wrenches with finger forces, gravity (m / s^2)."""
 
     name: str
     contacts: Grasp
@@ -128,7 +128,10 @@ class _Condition:
 
 
 def _conditions(data: SimulationInput, share: float) -> list[_Condition]:
-    """Return the conditions of a simulation; without displaced contacts where the file has none."""
+    """Return the conditions of a simulation.
+
+    The one with displaced contacts is left out if the solution states no displacement.
+    """
     grasp, pulls = data.grasp, share * data.wrenches
     with_weight = forces_for_wrenches(grasp, data.labels, pulls + data.weight, data.budget, data.effort)
     without_weight = forces_for_wrenches(grasp, data.labels, pulls, data.budget, data.effort)
@@ -144,7 +147,7 @@ def _conditions(data: SimulationInput, share: float) -> list[_Condition]:
 
 
 def _run_trials(data: SimulationInput, condition: _Condition) -> list[Trial]:
-    """Return the trials of all wrenches under a condition."""
+    """Return one trial per wrench under a condition."""
     model, loads = data.fingertip_model(condition.contacts, condition.gravity), condition.loads
     unit, weight = model.unit.time, data.weight if condition.gravity else 0.0 * data.weight
     forces = forces_in_actual_frames(data.grasp, condition.contacts, loads.forces)
@@ -166,12 +169,12 @@ def _run_trials(data: SimulationInput, condition: _Condition) -> list[Trial]:
 
 
 def _is_lost(snapshot: Snapshot) -> bool:
-    """Return whether the body's motion exceeds its limits."""
+    """Return whether the grasp is lost in a snapshot."""
     return snapshot.lost
 
 
 def grow_wrench(data: SimulationInput) -> tuple[float | None, Trial]:
-    """Return the share of the certified lower bound at which the growing hardest wrench was lost, and the trial.
+    """Return the scale at which the growing hardest wrench was lost, relative to the certified bound, and the trial.
 
     The hand uses up to its full effort; any excess of the wrench is not balanced. The share is that at which the body
     began to move, by a tenth of what counts as lost, as the wrench grows on during the rest. None where it was held to
@@ -181,23 +184,23 @@ def grow_wrench(data: SimulationInput) -> tuple[float | None, Trial]:
     unit, end = model.unit.time, LARGEST_WRENCH * data.solution.mu.upper / data.solution.mu.lower
     hardest = data.wrenches[0]
     limit = data.effort / float(data.least.used[0])
-    shares = np.append(np.linspace(0.0, min(end, (1.0 - 1e-9) * limit), STEPS), max(end, limit))
-    labels = ("",) * len(shares)
-    forces = forces_for_wrenches(data.grasp, labels, shares[:, None] * hardest, data.budget, data.effort).forces
+    scales = np.append(np.linspace(0.0, min(end, (1.0 - 1e-9) * limit), STEPS), max(end, limit))
+    labels = ("",) * len(scales)
+    forces = forces_for_wrenches(data.grasp, labels, scales[:, None] * hardest, data.budget, data.effort).forces
     forces[-1] = forces[-2]
 
     quick = QUICK * min(limit, 1.0)
 
-    def share_at(time: float) -> float:
+    def scale_at(time: float) -> float:
         elapsed = max(time / unit - GRIP_RISE, 0.0)
         return quick * min(elapsed / QUICK_TIME, 1.0) + SLOW_RATE * max(elapsed - QUICK_TIME, 0.0)
 
     def course(time: float) -> tuple[FloatArray, FloatArray]:
-        share = share_at(time)
-        index = min(int(np.searchsorted(shares, share, side="right")), STEPS)
-        share_between = (share - shares[index - 1]) / max(shares[index] - shares[index - 1], 1e-300)
-        finger_force_values = forces[index - 1] + min(share_between, 1.0) * (forces[index] - forces[index - 1])
-        return share * hardest, min(2.0 * time / (GRIP_RISE * unit), 1.0) * finger_force_values
+        scale = scale_at(time)
+        index = min(int(np.searchsorted(scales, scale, side="right")), STEPS)
+        fraction = (scale - scales[index - 1]) / max(scales[index] - scales[index - 1], 1e-300)
+        finger_force_values = forces[index - 1] + min(fraction, 1.0) * (forces[index] - forces[index - 1])
+        return scale * hardest, min(2.0 * time / (GRIP_RISE * unit), 1.0) * finger_force_values
 
     seconds = (GRIP_RISE + QUICK_TIME + (end - quick) / SLOW_RATE) * unit
     snapshots = model.run(
@@ -206,12 +209,12 @@ def grow_wrench(data: SimulationInput) -> tuple[float | None, Trial]:
     trial = Trial("growing", data.labels[0], tuple(snapshots))
     if not snapshots[-1].lost:
         return None, trial
-    return next(share_at(s.time) for s in snapshots if s.beyond(FAILURE_SHARE)), trial
+    return next(scale_at(s.time) for s in snapshots if s.beyond(FAILURE_SHARE)), trial
 
 
 @dataclass(frozen=True)
 class WrenchForces:
-    """Wrenches with finger forces that produce them.
+    """Wrenches and finger forces that produce them.
 
     Parameters
     ----------
@@ -233,7 +236,7 @@ class WrenchForces:
 def forces_for_wrenches(
     grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget: ForceBudget, effort: float
 ) -> WrenchForces:
-    """Return the wrenches with finger forces of the largest friction margin within an effort.
+    """Return finger forces that produce wrenches with the largest friction margin within an effort.
 
     The least forces lie on the boundary of the friction cones, where any disturbance makes fingers slip. For all but
     the hardest wrenches the hand has spare effort, and uses it for forces that need less friction, and for gripping.
@@ -249,11 +252,11 @@ def forces_for_wrenches(
     """
     forces = np.zeros((len(wrenches), grasp.G.shape[1]))
     margins = np.full(len(wrenches), -1.0)
-    for share in MARGINS:
-        result = finger_forces(reduce_friction(grasp, float(share)), wrenches, force_budget=budget)
-        available = (1.0 if share == 0.0 else FRICTION_EFFORT) * effort
+    for margin in MARGINS:
+        result = finger_forces(reduce_friction(grasp, float(margin)), wrenches, force_budget=budget)
+        available = (1.0 if margin == 0.0 else FRICTION_EFFORT) * effort
         is_feasible = result.feasible & (result.used <= available)
-        forces[is_feasible], margins[is_feasible] = result.forces[is_feasible], share
+        forces[is_feasible], margins[is_feasible] = result.forces[is_feasible], margin
     grip = grip_forces(grasp, budget)
     for i in np.flatnonzero(margins >= 0.0):
         forces[i] += _largest_grip(grasp, forces[i], grip, budget, GRIP_EFFORT * effort) * grip
@@ -261,7 +264,7 @@ def forces_for_wrenches(
 
 
 def grip_forces(grasp: Grasp, budget: ForceBudget) -> FloatArray:
-    """Return internal finger forces (n,) that press: the sum of the forces for opposite wrenches."""
+    """Return internal finger forces (n,) that press on the object: sums of the forces for opposite wrenches."""
     d, space = grasp.dimension, grasp.space
     ends = np.diag([1.0] * space + [grasp.mean_arm] * (d - space))
     result = finger_forces(grasp, np.concatenate([ends, -ends]), force_budget=budget)
@@ -270,26 +273,26 @@ def grip_forces(grasp: Grasp, budget: ForceBudget) -> FloatArray:
     return np.asarray((total[:d] + total[d:])[is_pair].sum(axis=0))
 
 
-def _largest_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, most: float) -> float:
-    """Return the largest factor of internal forces that fits within an effort, by bisection."""
+def _largest_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, limit: float) -> float:
+    """Return the largest factor of internal forces that keeps all forces within an effort, by bisection."""
     allowed = budget.at(grasp.frames, grasp.contacts)
     grip_effort = float(allowed.gauge(grip[None])[0])
-    low, high = 0.0, most / grip_effort if grip_effort > 0.0 else 0.0
+    low, high = 0.0, limit / grip_effort if grip_effort > 0.0 else 0.0
     for _ in range(20):
         middle = 0.5 * (low + high)
         used = float(allowed.gauge((x + middle * grip)[None])[0])
-        low, high = (middle, high) if used <= most else (low, middle)
+        low, high = (middle, high) if used <= limit else (low, middle)
     return low
 
 
-def reduce_friction(grasp: Grasp, share: float) -> Grasp:
-    """Return the grasp with friction reduced by a share."""
-    models = [model.with_friction(1.0 - share) for model in grasp.contacts]
+def reduce_friction(grasp: Grasp, fraction: float) -> Grasp:
+    """Return the grasp with friction reduced by a fraction."""
+    models = [model.with_friction(1.0 - fraction) for model in grasp.contacts]
     return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
 
 
 def displace_contacts(solution: GraspSolution, offset: float) -> Grasp | None:
-    """Return the contacts displaced by an offset, metres, towards the file's worst displacement.
+    """Return the grasp with contacts displaced by an offset, metres, towards the solution's worst displacement.
 
     The file states the worst displacement found at another offset; positions and normals are extrapolated linearly.
     None where the file has none, or one too small to extrapolate.
@@ -308,7 +311,7 @@ def displace_contacts(solution: GraspSolution, offset: float) -> Grasp | None:
 
 
 def forces_in_actual_frames(solved: Grasp, actual: Grasp, forces: FloatArray) -> FloatArray:
-    """Return finger forces (m, n) in the frames of the actual contacts: the hand exerts the same spatial forces."""
+    """Return finger forces (m, n) in the frames of the displaced contacts, unchanged as vectors in space."""
     result = forces.copy()
     for i, (model, part) in enumerate(
         zip(solved.contacts, component_slices(solved.contacts, solved.space), strict=True)

@@ -1,4 +1,4 @@
-"""Input of a simulation: grasp, effort of the hand, mass of the object, and wrenches."""
+"""Input data of a simulation: grasp, effort of the hand, mass of the object, wrenches."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WEIGHT_EFFORT = 0.25  # share of the remaining effort that the default weight ta
 
 @dataclass(frozen=True)
 class SimulationInput:
-    """Input of a simulation: grasp, budget, effort, mass and wrenches.
+    """Input data of a simulation: grasp, budget, effort, mass and wrenches.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ class SimulationInput:
 
     @cached_property
     def least(self) -> FingerForces:
-        """The least finger forces for the hardest wrench."""
+        """The least finger forces that produce the hardest wrench."""
         return finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget)
 
     def fingertip_model(self, actual: Grasp, gravity: float) -> FingertipModel:
-        """Return the MuJoCo model of the grasp, with the actual contacts."""
+        """Return the MuJoCo model of the grasp at given contacts."""
         unit = dynamic_scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
         scene = mjcf(self.solution, SceneOptions(actual, self.mass, unit=unit, stiffness=False))
         allowed = self.budget.at(actual.frames, actual.contacts)
@@ -97,7 +97,7 @@ def build_simulation_input(solution: GraspSolution, share: float, mass: float | 
 
 
 def _weight_wrench(grasp: Grasp, mass: Mass) -> FloatArray:
-    """Return the wrench (d,) that carries one newton of weight."""
+    """Return the wrench (d,) that balances one newton of weight."""
     up = np.eye(3)[2 if grasp.space == 3 else 1]
     moment = np.cross(mass.center - in_space(grasp.torque_origin[None])[0], up)
     return np.concatenate([up, moment]) if grasp.space == 3 else np.array([*up[:2], moment[2]])
