@@ -1,4 +1,4 @@
-"""Analyses of a solution, on request: shadow prices, robustness, delta, nu, phases of the hand, a drawing."""
+"""Optional analyses of a solution: shadow prices, robustness, delta, nu, phases of the hand, a drawing."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ OF_SQUEEZE = ("squeeze", "no_squeeze")  # the same; the commands of a squeeze ar
 
 
 def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | None = None) -> GraspSolution:
-    """Return a solution with analyses of its grasp added.
+    """Return a solution with requested analyses of its grasp added.
 
     Analyses that the solution states already stay as they are.
 
@@ -87,7 +87,7 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
 def analyse_one_by_one(
     solution: GraspSolution, names: Iterable[str], problem: GraspProblem | None
 ) -> Iterator[tuple[str, GraspSolution]]:
-    """Yield the name of each analysis, in order, with the solution that it extends.
+    """Yield the name of each analysis, in order, with the solution extended by it.
 
     The problem's programs are built once.
     """
@@ -111,7 +111,7 @@ def analyse_one_by_one(
 def analyses_of(
     compiled: CompiledProblem, start: StartGrasp, names: Iterable[str], deadline: Deadline
 ) -> tuple[dict[str, Any], Mapping[str, float], list[str]]:
-    """Return the results of analyses of a start's grasp by name, the seconds of each, and messages of failures.
+    """Return the results of analyses of a grasp by name, their times in seconds, and messages of failures.
 
     A numerical failure, or a stop, leaves one out.
     """
@@ -130,7 +130,7 @@ def analyses_of(
 
 
 def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
-    """Return a solution with results of analyses added, and with squeezes where its hand can squeeze."""
+    """Return a solution with results of analyses added, and with squeezes if the hand can squeeze."""
     fields = {FIELDS.get(name, name): value for name, value in results.items() if value is not None}
     if "robust" in fields:
         fields["robust"] = fields["robust"].beside(solution.mu)
@@ -144,38 +144,38 @@ def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: H
 
 
 def requested_analyses(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
-    """Return the analyses that the options request and the solution does not yet contain."""
+    """Return the requested analyses that the solution does not yet contain."""
     names = all_analyses(hand) if options.extras else options.analyses
     return tuple(name for name in names if not is_stated(solution, name))
 
 
 def all_analyses(hand: Hand | None) -> tuple[str, ...]:
-    """Return the names of all analyses possible with a hand, or without one."""
+    """Return the names of all analyses that are possible with a given hand, or without one."""
     return tuple(name for name in ANALYSES if name != "phases" or isinstance(hand, URDFHand))
 
 
 def is_stated(solution: GraspSolution, name: str) -> bool:
-    """Return whether a solution states an analysis."""
+    """Return whether a solution contains an analysis."""
     if name == "phases":
         return "approach" in (solution.hand or {})
     return bool(getattr(solution, FIELDS.get(name, name)))
 
 
 def format_added(before: GraspSolution, after: GraspSolution) -> str:
-    """Return the analyses that a solution states and an earlier one does not, as text."""
+    """Return the analyses that one solution contains and an earlier one does not, as text."""
     added = [name for name in ANALYSES if is_stated(after, name) and not is_stated(before, name)]
     return ", ".join(ANALYSES[name] for name in added)
 
 
 def check_phases_possible(field: str, names: Iterable[str], hand: Hand | None, is_known: bool = True) -> None:
-    """Raise if phases are requested without a hand that has links."""
+    """Raise if phases are requested for a hand without links, or without a hand."""
     if "phases" in names and is_known and not isinstance(hand, URDFHand):
         value = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
         raise InputError(field, value, "no phases without a hand that has links, such as an ng.URDFHand")
 
 
 def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[str, ...]:
-    """Return the requested analyses; all possible ones without a request."""
+    """Return the requested analyses, or all possible ones if none is requested."""
     if names:
         return names
     if problem is None:
@@ -184,7 +184,7 @@ def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[s
 
 
 def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
-    """Refuse a problem that differs from what a solution states."""
+    """Raise for a problem that differs from the one that a solution states."""
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "the GraspProblem that was solved")
     data, stated = problem.to_dict(), solution.problem
@@ -196,7 +196,7 @@ def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
 
 
 def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
-    """Return a solution's grasp as the result of a start."""
+    """Return a solution's grasp in the form of a start's result."""
     hand, posture = compiled.problem.hand, solution.hand
     candidate = GraspCandidate(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
@@ -209,18 +209,18 @@ def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp
 
 
 def _analyse_problem(name: str, compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> tuple[Any, str]:
-    """Return the result of an analysis of the problem, and an empty message; None and the reason on failure."""
+    """Return the result of one analysis and an empty message; on failure, None and a message."""
     value, message = attempt(partial(OF_PROBLEM[name], compiled, start, deadline))
     return value, message and FAILED.format(name, message)
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
-    """Return delta with the mean arm as torque scale."""
+    """Return the quality delta with the mean arm as torque scale."""
     return delta(grasp, grasp.mean_arm, RTOL, force_budget=budget)
 
 
 def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
-    """Return nu; None where it is too costly or fails."""
+    """Return the quality nu; None if it is too costly or fails."""
     if budget.at(grasp.frames, grasp.contacts).costly:
         return None
     try:

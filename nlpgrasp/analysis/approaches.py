@@ -1,4 +1,4 @@
-"""Poses of a parallel gripper at the contacts of a grasp: turns about the closing line, slides along the pad, flips."""
+"""Poses of a parallel gripper at the contacts of a grasp: turns, slides along the pad, flips."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def approaches(
     *,
     problem: GraspProblem | None = None,
 ) -> tuple[JawPose, ...]:
-    """Return poses of a parallel gripper that hold the grasp's contacts, those with a free way in first.
+    """Return poses of a parallel gripper at the contacts of a grasp, those with a free approach first.
 
     Contacts determine the closing line alone. About it the gripper turns; its pads slide along the approach over
     contacts that are smaller than they are; and it flips by half a turn about its approach, which exchanges the jaws.
@@ -82,10 +82,10 @@ def approaches(
 
 
 def _check_slides(gripper: ParallelJaw, slides: Sequence[float] | None, are_pads: bool) -> tuple[float, ...]:
-    """Return the validated slides, metres; the default ones where none are given."""
+    """Return the validated slides, metres, or the default ones if none are given."""
     length = 0.0 if gripper.pad is None or are_pads else gripper.pad[0]
     if slides is None:
-        return tuple(dict.fromkeys(share * length for share in SLIDES))
+        return tuple(dict.fromkeys(fraction * length for fraction in SLIDES))
     offsets = array("slides", slides, (None,))
     if not len(offsets) or np.max(np.abs(offsets)) > 0.5 * length:
         raise InputError("slides", list(slides), f"distances of at most half a pad's length, {0.5 * length:g} m")
@@ -95,7 +95,7 @@ def _check_slides(gripper: ParallelJaw, slides: Sequence[float] | None, are_pads
 def _surroundings(
     solution: GraspSolution, problem: GraspProblem | None
 ) -> tuple[Body, tuple[PlacementConstraint, ...]]:
-    """Return body and constraints of a solution's problem."""
+    """Return the body and the constraints of a solution's problem."""
     problem = problem or solution.source
     if problem is not None:
         return problem.body, tuple(problem.constraints)
@@ -107,14 +107,14 @@ def _surroundings(
 
 
 def _has_equal_contacts(problem: Json) -> bool:
-    """Return whether both contacts have the same model, so that the jaws may be exchanged."""
+    """Return whether both contacts have the same model."""
     first, second = problem["contacts"]
     return bool(first == second)
 
 
 @dataclass(frozen=True)
 class _PosedGrasp:
-    """A kept grasp in one of its poses.
+    """A kept grasp together with one pose of the gripper.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class _PosedGrasp:
 
 
 def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int) -> GraspSolution:
-    """Return a solution whose kept grasps by parallel jaws have free approaches where their contacts allow one.
+    """Return a solution whose kept grasps by parallel jaws have free approaches, where possible.
 
     A grasp whose approach is blocked takes the approach of another turn that is free. Where fewer than ``count`` grasps
     have a free approach, further turns of their contacts are added, at least 30 degrees apart, then flips. Free grasps
@@ -176,12 +176,12 @@ class _PoseArranger:
         self._free_poses = dict[int, list[JawPose]]()
 
     def free_pose(self, grasp: FoundGrasp, index: int) -> _PosedGrasp:
-        """Return a kept grasp in its own pose if that is free, else in a free one, else in its own."""
+        """Return a kept grasp in a free pose of the gripper, or in its given pose if none is free."""
         direction = ((grasp.hand or {}).get("approach") or {}).get("direction")
         if direction is None:
             return _PosedGrasp(grasp, False, CONTACTS, index)
-        own = self._clearance.pose(grasp.grasp.points, np.asarray(direction, dtype=float))
-        if _is_free(own, grasp.hand):
+        given_pose = self._clearance.pose(grasp.grasp.points, np.asarray(direction, dtype=float))
+        if _is_free(given_pose, grasp.hand):
             return _PosedGrasp(grasp, True, CONTACTS, index)
         for pose in self._poses_at(grasp, index):
             turned = self._in_pose(grasp, pose)
@@ -190,7 +190,7 @@ class _PoseArranger:
         return _PosedGrasp(grasp, False, CONTACTS, index)
 
     def further_poses(self, posed: Sequence[_PosedGrasp], count: int) -> list[_PosedGrasp]:
-        """Return turns, then flips, of free grasps, until ``count`` are free."""
+        """Return additional poses of free grasps, first turns, then flips, until there are ``count`` free ones."""
         free = [p for p in posed if p.is_free]
         if len(free) >= count:
             return []
@@ -200,7 +200,10 @@ class _PoseArranger:
         return [*turned, *flipped]
 
     def _further_turns(self, free: Sequence[_PosedGrasp], missing: int) -> list[_PosedGrasp]:
-        """Return up to a number of distinct turns of free grasps, of each one in turn, the best grasps first."""
+        """Return up to a number of distinct turned poses of free grasps.
+
+        The grasps take turns, the best first.
+        """
         added = list[_PosedGrasp]()
         chosen = {p.index: [p.grasp] for p in free}
         remaining = {p.index: list(self._poses_at(p.grasp, p.index)) for p in free}
@@ -213,7 +216,10 @@ class _PoseArranger:
         return added
 
     def _pop_distinct(self, chosen: Sequence[FoundGrasp], poses: list[JawPose]) -> FoundGrasp | None:
-        """Return the first turn that is free and differs from those chosen, and remove the poses up to it."""
+        """Return a grasp in the first pose that is free and differs from the chosen ones.
+
+        Poses up to this one are removed from the list.
+        """
         while poses:
             turned = self._in_pose(chosen[0], poses.pop(0))
             if turned is not None and all(_are_distinct(turned, other) for other in chosen):
@@ -221,7 +227,7 @@ class _PoseArranger:
         return None
 
     def _poses_at(self, grasp: FoundGrasp, index: int) -> list[JawPose]:
-        """Return the free poses at the contacts of a kept grasp, the best first."""
+        """Return the free poses at the contacts of a kept grasp, best first."""
         if index not in self._free_poses:
             points = grasp.grasp.points
             directions = self._clearance.directions(points, grasp.grasp.contacts)
@@ -230,14 +236,14 @@ class _PoseArranger:
         return self._free_poses[index]
 
     def _in_pose(self, grasp: FoundGrasp, pose: JawPose) -> FoundGrasp | None:
-        """Return a grasp in another pose; None where that is not free."""
+        """Return a grasp in another pose of the gripper; None if that pose is not free."""
         record = self._functions.along_approach(grasp.grasp.points, pose.direction)
         if not _is_free(pose, record):
             return None
         return replace(grasp, hand={**(grasp.hand or {}), **record}, start=None)
 
     def _flip(self, posed: _PosedGrasp) -> _PosedGrasp:
-        """Return a grasp with the jaws exchanged."""
+        """Return a posed grasp with the jaws exchanged."""
         grasp, hand = posed.grasp, posed.grasp.hand or {}
         direction = np.asarray(hand["approach"]["direction"], dtype=float)
         record = self._functions.along_approach(grasp.grasp.points, direction, flip=True)
@@ -245,7 +251,7 @@ class _PoseArranger:
 
 
 def _is_free(pose: JawPose, record: Json | None) -> bool:
-    """Return whether a pose is free by exact geometry, and by the obstructions that its record states."""
+    """Return whether a pose is free, both by exact geometry and by the obstructions in its record."""
     return pose.is_free and not approach_obstructions(record)
 
 
@@ -255,7 +261,7 @@ def _are_distinct(a: FoundGrasp, b: FoundGrasp) -> bool:
 
 
 def _with_kept(solution: GraspSolution, kept: Sequence[FoundGrasp]) -> GraspSolution:
-    """Return a solution with kept grasps, the first as its answer."""
+    """Return a solution with given kept grasps, of which the first is the answer."""
     answer, *others = kept
     if np.array_equal(answer.grasp.points, solution.require_grasp().points):
         return replace(solution, hand=answer.hand, others=tuple(others), stated_first=None)

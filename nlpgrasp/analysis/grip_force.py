@@ -22,7 +22,7 @@ MOST_LOSS = 0.99  # largest friction loss
 def grip_force(
     solution: GraspSolution, safety_factor: float = SAFETY_FACTOR, friction_loss: float = FRICTION_LOSS
 ) -> GripForce:
-    """Return the grip force that the task needs: the normal force of each of two jaws, certified.
+    """Return the certified grip force that a task needs: the normal force of each of two jaws.
 
     Both jaws press with the same force; a load along the closing line adds to one what it takes off the other, as the
     drive of a gripper couples them (docs/gripper_and_part.md).
@@ -57,7 +57,7 @@ def grip_force(
 
 
 def add_grip(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose ``hand`` states the grip force of parallel jaws; unchanged for other hands."""
+    """Return a solution with the grip force of parallel jaws in ``hand``; unchanged for other hands."""
     if not isinstance(hand, ParallelJaw) or solution.grasp is None or not solution.is_certified:
         return solution
     grip = grip_force(solution, hand.safety_factor)
@@ -65,7 +65,7 @@ def add_grip(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
 
 
 def add_grips(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose alternative grasps state their grip forces too."""
+    """Return a solution with the grip forces of its alternative grasps added."""
     others = [replace(grasp, hand=add_grip(solution.with_answer(grasp), hand).hand) for grasp in solution.others]
     return replace(solution, others=tuple(others))
 

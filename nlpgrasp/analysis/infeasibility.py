@@ -1,4 +1,4 @@
-"""Infeasibility diagnosis: contradicting constraints, or a wrench that the fingers cannot exert.
+"""Infeasibility diagnosis: contradicting constraints, or a task wrench that the fingers cannot exert.
 
 Elastic relaxation: every group of constraints (one of the user's, the fingertips, the links' clearance) may be broken
 at a price, and the sum of the groups' largest violations is minimised from several starts, by quadratic programs in a
@@ -54,7 +54,7 @@ FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp i
 def diagnose_on_one_thread(
     compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline
 ) -> WhyNot | None:
-    """Diagnose on one thread a problem whose starts found no grasp; return None where it fails numerically."""
+    """Return the infeasibility diagnosis, computed on one thread; None if it fails numerically."""
     with single_thread():
         return attempt(lambda: diagnose(compiled, results, seed, deadline))[0]
 
@@ -86,7 +86,7 @@ def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: in
 def surroundings_in_the_way(
     compiled: CompiledProblem, named: Collection[str], seed: int, deadline: Deadline
 ) -> Iterator[str]:
-    """Yield the tables and obstacles without which a start finds a grasp, and the room that it takes, as text.
+    """Yield the tables and obstacles whose removal makes a grasp possible, as text, with the missing room.
 
     Those that are ``named`` among the conflicts are left out.
     """
@@ -109,7 +109,7 @@ def surroundings_in_the_way(
 
 
 def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyNot:
-    """Return the diagnosis of contradicting constraints from a least violated placement."""
+    """Return the diagnosis of contradicting constraints, from a least violated candidate."""
     conflicts = [
         make_conflict(name, compiled.rows.named[index], value) for name, (_, index, value) in relaxed.worst.items()
     ]
@@ -129,7 +129,7 @@ def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyN
 
 
 def _explain_unreachable(compiled: CompiledProblem, results: Sequence[StartResult]) -> WhyNot:
-    """Explain why placements that keep all constraints do not exert the task."""
+    """Return the diagnosis of a problem whose constraints can be satisfied but whose task cannot be exerted."""
     grasps = [r.on_body.grasp for r in results if isinstance(r, StartGrasp)]
     if not grasps:
         return WhyNot(reasons=("The constraints can be kept, but every start ended with an error.",))
@@ -150,7 +150,7 @@ def _explain_unreachable(compiled: CompiledProblem, results: Sequence[StartResul
 
 
 def _friction_advice(compiled: CompiledProblem, grasp: Grasp) -> list[str]:
-    """Return advice on the friction with which the best grasp found would exert the task."""
+    """Return advice on how much friction would let the best grasp exert the task; an empty list without any."""
     for factor in FACTORS:
         if not all("friction" in model.coefficients for model in grasp.contacts):
             break
@@ -163,7 +163,7 @@ def _friction_advice(compiled: CompiledProblem, grasp: Grasp) -> list[str]:
 
 @dataclass(frozen=True)
 class RelaxationResult:
-    """Least violated placement of an elastic relaxation.
+    """Result of an elastic relaxation: the least constraint violations.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class RelaxationResult:
 
 
 def minimise_violation(compiled: CompiledProblem, candidate: GraspCandidate) -> RelaxationResult:
-    """Return the least violated placement near a candidate."""
+    """Return the least constraint violations near a candidate, by a trust-region method."""
     relaxation = _Relaxation(compiled, candidate)
     iterate = relaxation.at(pack_variables(compiled, relaxation.functions.program, candidate))
     radius = FIRST_RADIUS
@@ -196,7 +196,7 @@ def minimise_violation(compiled: CompiledProblem, candidate: GraspCandidate) -> 
 
 
 class _Relaxation:
-    """Elastic relaxation: groups of constraints with a penalty on the largest violation of each."""
+    """Elastic relaxation of the constraints, with a penalty on the largest violation in each group."""
 
     def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate) -> None:
         self.compiled, self.functions = compiled, compiled.cutting_planes.functions
@@ -211,25 +211,25 @@ class _Relaxation:
         self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
 
     def at(self, z: FloatArray) -> _RelaxationIterate:
-        """Return the iterate at some variables of the program."""
+        """Return the iterate at given variables of the program."""
         g, J = self.functions.linearise(z, self.theta)
         largest = np.zeros(len(self.names))
         np.maximum.at(largest, self.slack.member, self.violations(g[self.used]))
         return _RelaxationIterate(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
 
     def violations(self, values: FloatArray) -> FloatArray:
-        """Return the violation of each constraint."""
+        """Return the violation of each scalar constraint."""
         return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
 
     def step(self, iterate: _RelaxationIterate, radius: float) -> _RelaxationIterate | None:
-        """Return the iterate after the step of least weighted violation; None where the solver finds none."""
+        """Return the next iterate, by the step of least weighted violation; None if the solver finds none."""
         bounds = step_bounds(iterate.z, self.functions.program.bounds, radius)
         linearised = Linearised(iterate.values, iterate.jacobian, self.low, self.high, *bounds)
         solution = quadratic_step(linearised, damping=DAMPING, slack=self.slack)
         return None if solution is None else self.at(iterate.z + solution.d)
 
     def worst_violations(self, iterate: _RelaxationIterate) -> RelaxationResult:
-        """Return the remaining violations at an iterate, by the worst constraint of each group."""
+        """Return the worst remaining violation in each group of constraints."""
         violations, worst = self.violations(iterate.values), {}
         for i, name in enumerate(self.names):
             members = np.flatnonzero(self.slack.member == i)
@@ -243,7 +243,10 @@ class _Relaxation:
 
 @dataclass(frozen=True)
 class _RelaxationIterate:
-    """Iterate of the relaxation with its constraints: merit is the weighted sum of the groups' violations."""
+    """Iterate of the elastic relaxation, with constraint values, Jacobian and merit.
+
+    The merit is the weighted sum of the groups' largest violations.
+    """
 
     z: FloatArray
     values: FloatArray
@@ -253,7 +256,7 @@ class _RelaxationIterate:
 
 
 def group_names(compiled: CompiledProblem) -> list[str]:
-    """Return the group of each scalar constraint: the constraint it belongs to, or its kind for those of a hand.
+    """Return the group of each scalar constraint: the name of the user's constraint, or a kind for the hand's.
 
     Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
     """
@@ -266,19 +269,19 @@ def group_names(compiled: CompiledProblem) -> list[str]:
             if i >= count:
                 names[index] = HAND_GROUPS.get(constraints[index].kind, constraints[index].kind)
             else:
-                number = kinds[: i + 1].count(kinds[i])
-                names[index] = kinds[i] if kinds.count(kinds[i]) == 1 else f"{kinds[i]} ({number})"
+                ordinal = kinds[: i + 1].count(kinds[i])
+                names[index] = kinds[i] if kinds.count(kinds[i]) == 1 else f"{kinds[i]} ({ordinal})"
     return names
 
 
 def _constraint_groups(compiled: CompiledProblem, count: int, offset: int) -> list[str]:
-    """Return the group of each scalar constraint: those of faces and unit quaternions are hard."""
+    """Return the group of each scalar constraint of the program, with those of faces as hard ones."""
     names = group_names(compiled)
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
 def make_conflict(name: str, constraint: ScalarConstraint, value: float) -> Conflict:
-    """Return the conflict of a violated constraint: squared lengths as lengths, cosines as angles."""
+    """Return the conflict that describes a violated constraint, with squared lengths and cosines converted."""
     is_below = value < constraint.lower
     bound = constraint.lower if is_below else constraint.upper
     relation = "exactly" if constraint.lower == constraint.upper else "at least" if is_below else "at most"

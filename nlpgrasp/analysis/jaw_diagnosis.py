@@ -1,4 +1,4 @@
-"""Diagnosis of parallel jaws without a grasp: opening, pads and surroundings at sampled antipodal pairs."""
+"""Diagnosis of parallel jaws without a grasp, by sampled antipodal pairs: opening, pads, surroundings."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ OPPOSED = np.cos(np.radians(10.0))  # least cosine between a normal and that acr
 
 
 def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:
-    """Return why parallel jaws do not hold a part, one sentence; empty where no reason is found, and for other hands.
+    """Return a sentence why parallel jaws cannot hold a part.
 
-    Points are sampled, so that small faces can be missed: the reasons are no proofs.
+    Empty if no reason is found, and for other hands. Points are sampled, so that small faces can be missed: the reasons
+    are no proofs.
     """
     hand = problem.hand
     if not isinstance(hand, ParallelJaw) or problem.body.space != 3:
@@ -33,16 +34,16 @@ def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:
     if not len(pairs):
         return (f"No two of {SAMPLES} points of the part face each other squarely across it.",)
     openings = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1)
-    least = float(openings.min())
-    if least > hand.opening:
-        needed, stroke = _millimetres(least), _millimetres(hand.opening)
+    narrowest = float(openings.min())
+    if narrowest > hand.opening:
+        needed, stroke = _millimetres(narrowest), _millimetres(hand.opening)
         return (f"The part needs an opening of at least {needed} mm, and the jaws open to {stroke} mm.",)
     within = pairs[openings <= hand.opening]
     return _solid_reasons(problem, hand, within) if hand.is_solid else ()
 
 
 def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
-    """Return antipodal pairs of points (m, 2, 3) of a body's surface: straight across, with opposed normals.
+    """Return antipodal pairs of surface points (m, 2, 3): on a line along the normal, with opposed normals.
 
     The second is where a line inwards first leaves the body, or where it leaves it last: across a wall, or a bore.
     """
@@ -51,24 +52,24 @@ def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
     corners, _ = surface_triangles(problem.body)
     mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
     points, inward = inward_rays(mesh, SAMPLES)
-    far = 2.0 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    across, first = first_hits(mesh, points, inward)
-    back, last = first_hits(mesh, points + far * inward, -inward)
+    span = 2.0 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    lengths_inwards, first = first_hits(mesh, points, inward)
+    back, last = first_hits(mesh, points + span * inward, -inward)
     normals = np.asarray(mesh.face_normals)
 
     def pairs(lengths: FloatArray, struck: NDArray[np.intp]) -> FloatArray:
         opposed = (struck >= 0) & (np.sum(normals[struck] * inward, axis=1) >= OPPOSED)
         return np.asarray(np.stack([points, points + lengths[:, None] * inward], axis=1)[opposed])
 
-    return np.concatenate([pairs(across, first), pairs(far - back, np.where(last == first, -1, last))])
+    return np.concatenate([pairs(lengths_inwards, first), pairs(span - back, np.where(last == first, -1, last))])
 
 
 def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) -> tuple[str, ...]:
-    """Return why pads, fingers and palm do not fit at pairs within the opening."""
-    clearance, best_share, best = JawClearance(hand, problem.body, problem.constraints, problem.models), 0.0, None
-    for share, pose in _poses(clearance, pairs):
-        best_share = max(best_share, share)
-        if share < LEAST_PAD_SHARE:
+    """Return a sentence why pads, fingers and palm do not fit at given antipodal pairs."""
+    clearance, best_fraction, best = JawClearance(hand, problem.body, problem.constraints, problem.models), 0.0, None
+    for fraction, pose in _poses(clearance, pairs):
+        best_fraction = max(best_fraction, fraction)
+        if fraction < LEAST_PAD_SHARE:
             continue
         if pose.is_free:
             return ()
@@ -76,7 +77,7 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
             best = pose
     if best is None and hand.pad is not None:
         length, width = (_millimetres(side) for side in hand.pad)
-        most = format_percent(best_share)
+        most = format_percent(best_fraction)
         return (f"No face has room for a pad of {length} x {width} mm: at most {most} of it is on one.",)
     if best is None:
         return ()
@@ -87,17 +88,21 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
 
 
 def _poses(clearance: JawClearance, pairs: FloatArray) -> Iterator[tuple[float, JawPose]]:
-    """Yield poses at some of the pairs with the share of the pads that is on their faces, 1 without pads."""
+    """Yield gripper poses at some antipodal pairs, with the fraction of the pads that is on their faces.
+
+    The fraction is 1 without pads.
+    """
     for points in pairs[:: -(-len(pairs) // MOST_PAIRS)]:
         for direction in clearance.gripper.approaches(points, clearance.cones, TURNS):
-            share = min(clearance.pad_shares(points, direction), default=1.0)
-            yield share, clearance.pose(points, direction)
+            fraction = min(clearance.pad_shares(points, direction), default=1.0)
+            yield fraction, clearance.pose(points, direction)
 
 
 def _depth(pose: JawPose) -> float:
-    """Return the largest depth of a pose in what blocks it, metres."""
+    """Return the largest penetration depth of a pose in the solids that block it, metres."""
     return max(pose.blocked_by.values())
 
 
 def _millimetres(length: float) -> str:
+    """Return a length in metres as text, in millimetres."""
     return format_number(1e3 * length, 3)

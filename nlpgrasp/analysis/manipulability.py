@@ -1,4 +1,4 @@
-"""Manipulability of a grasp by its hand: velocity and force ellipsoids of the transmission to the body (Section 4).
+"""Manipulability of a grasp by its hand: velocity and force ellipsoids of the body (Section 4).
 
 With every contact kept, the contacts' components of the fingers' velocities are those of the body's:
 ``J_h q' = G^T nu`` (Li, Hsu and Sastry 1989, DOI 10.1177/027836498900800402; Bicchi and Prattichizzo 2000,
@@ -30,7 +30,7 @@ LOCKED = 1e-7  # joint rates per unit motion below which joints count as locked
 
 @dataclass(frozen=True)
 class Transmission:
-    """Linear map of joint rates to twists, ``twist = A rates``, and of wrenches to torques, ``A^T wrench``.
+    """Linear map from joint rates to twists, ``twist = A rates``, and from wrenches to torques, ``A^T wrench``.
 
     By virtual work the least torques that exert a wrench w have norm ``|A^T w|``: rates of norm 1 reach the ellipsoid
     ``A {|q'| <= 1}`` of twists, torques of norm 1 the set ``{|A^T w| <= 1}`` of wrenches. Both have the same axes, with
@@ -52,14 +52,14 @@ class Transmission:
 
     @property
     def scaled(self) -> FloatArray:
-        """The matrix with angular velocities times the torque scale, (d, p), m/s."""
+        """The matrix A with angular velocities multiplied by the torque scale, (d, p), m/s."""
         scale = np.ones(len(self.matrix))
         scale[self.space :] = self.torque_scale
         return np.asarray(scale[:, None] * self.matrix)
 
     @property
     def singular_values(self) -> FloatArray:
-        """Lengths of the scaled velocity ellipsoid's semi-axes, (d,), longest first, 0 for impossible motions."""
+        """Semi-axis lengths of the scaled velocity ellipsoid, (d,), longest first, 0 for impossible motions."""
         d, p = self.matrix.shape
         lengths = np.zeros(d)
         values = np.linalg.svd(self.scaled, compute_uv=False) if p else np.zeros(0)
@@ -69,12 +69,12 @@ class Transmission:
 
     @property
     def rank(self) -> int:
-        """Dimension of the possible motions."""
+        """Dimension of the space of possible motions."""
         return int(np.count_nonzero(self.singular_values))
 
     @property
     def measure(self) -> float:
-        """Yoshikawa's manipulability ``sqrt(det(A A^T))`` of the scaled matrix: 0 where some motion is impossible.
+        """Yoshikawa's manipulability ``sqrt(det(A A^T))`` of the scaled matrix: 0 if some motion is impossible.
 
         DOI 10.1177/027836498500400201, equation (5).
         """
@@ -82,7 +82,7 @@ class Transmission:
 
     @property
     def isotropy(self) -> float:
-        """Shortest over longest semi-axis, from 0 to 1: 1 where all motions are equally easy.
+        """Ratio of the shortest to the longest semi-axis, from 0 to 1: 1 if all motions are equally easy.
 
         The reciprocal of the condition number of Salisbury and Craig, DOI 10.1177/027836498200100102.
         """
@@ -91,7 +91,7 @@ class Transmission:
 
     @property
     def condition(self) -> float:
-        """Longest over shortest semi-axis; inf where some motion is impossible."""
+        """Ratio of the longest to the shortest semi-axis; inf if some motion is impossible."""
         return 1.0 / self.isotropy if self.isotropy > 0.0 else np.inf
 
     @property
@@ -116,7 +116,7 @@ class Transmission:
         return np.asarray(np.linalg.svd(self.scaled)[0].T) if p else np.eye(d)
 
     def velocity_ratio(self, twist: ArrayLike) -> float:
-        """Return the largest multiple of a twist that rates of norm 1 reach; 0 where it is impossible (Chiu 1988).
+        """Return the largest multiple of a twist that joint rates of norm 1 reach; 0 if it is impossible (Chiu 1988).
 
         Parameters
         ----------
@@ -131,7 +131,9 @@ class Transmission:
         return 1.0 / size if is_reached and size > 0.0 else 0.0
 
     def force_ratio(self, wrench: ArrayLike) -> float:
-        """Return the largest multiple of a wrench that torques of norm 1 exert; inf where no joint torque is needed.
+        """Return the largest multiple of a wrench that joint torques of norm 1 exert.
+
+        inf if no joint torque is needed.
 
         Parameters
         ----------
@@ -145,7 +147,7 @@ class Transmission:
         return 1.0 / torques if torques > RANK * float(self.singular_values[0]) * size else np.inf
 
     def _direction(self, name: str, value: ArrayLike) -> FloatArray:
-        """Return a twist or a wrench, (d,), refusing zero."""
+        """Return a twist or wrench as an array (d,); raise for zero."""
         direction = array(name, value, (len(self.matrix),))
         if not direction.any():
             raise InputError(name, value, "some direction other than zero")
@@ -172,18 +174,18 @@ class FingerManipulability:
 
     @property
     def measure(self) -> float:
-        """Yoshikawa's ``sqrt(det(J J^T))``, cubic metres for three turning joints."""
+        """Yoshikawa's measure ``sqrt(det(J J^T))``, cubic metres for three revolute joints."""
         return self.velocity.measure
 
     @property
     def isotropy(self) -> float:
-        """Shortest over longest semi-axis of the velocity ellipsoid, from 0 to 1."""
+        """Ratio of the shortest to the longest semi-axis of the velocity ellipsoid, from 0 to 1."""
         return self.velocity.isotropy
 
 
 @dataclass(frozen=True)
 class Manipulability:
-    """Manipulability of the body by the hand with all contacts kept.
+    """Manipulability of the body by the hand, with all contacts kept.
 
     Parameters
     ----------
@@ -205,28 +207,31 @@ class Manipulability:
 
     @property
     def mobility(self) -> int:
-        """Dimension of the body's motions by the joints with all contacts kept."""
+        """Dimension of the body's motions that the joints can cause with all contacts kept."""
         return self.body.rank
 
     @property
     def manipulable(self) -> bool:
-        """Whether the joints can give the body every twist: G has full rank, and ``range(G^T)`` lies in that of J_h."""
+        """Whether the joints can give the body every twist.
+
+        G has full rank, and ``range(G^T)`` lies in that of J_h.
+        """
         return self.mobility == len(self.body.matrix)
 
     @property
     def internal(self) -> int:
-        """Dimension of the joint motions that leave contacts and body fixed."""
+        """Dimension of the joint motions that move neither contacts nor body."""
         values = np.linalg.svd(self.hand_jacobian, compute_uv=False)
         return len(self.joints) - int(np.count_nonzero(values > RANK * np.max(values, initial=0.0)))
 
     @property
     def measure(self) -> float:
-        """Product of the semi-axes of the body's scaled velocity ellipsoid; 0 where some twist is impossible."""
+        """Product of the semi-axes of the body's scaled velocity ellipsoid; 0 if some twist is impossible."""
         return self.body.measure
 
     @property
     def isotropy(self) -> float:
-        """Shortest over longest semi-axis of the body's scaled velocity ellipsoid, from 0 to 1."""
+        """Ratio of the shortest to the longest semi-axis of the body's scaled velocity ellipsoid, from 0 to 1."""
         return self.body.isotropy
 
     def to_dict(self) -> Json:
@@ -261,7 +266,7 @@ class Manipulability:
 def manipulability(
     solution: GraspSolution, hand: HandWithJacobians, torque_scale: float | None = None
 ) -> Manipulability:
-    """Return the manipulability of the body by a hand in its grasp.
+    """Return the manipulability of the body in a grasp by a hand.
 
     Contacts stay fixed on their links and on the body, to first order; contact models determine the transmitted
     components: one for a frictionless point, three with friction, four for a soft finger.
@@ -299,7 +304,7 @@ def manipulability(
 
 
 def contact_jacobian(grasp: Grasp, jacobians: FloatArray) -> FloatArray:
-    """Return ``J_h = B^T R^T J``, (n, m), from the contact points' Jacobians (k, 6, m) in the body frame."""
+    """Return ``J_h = B^T R^T J``, (n, m), given the contact points' Jacobians (k, 6, m) in the body frame."""
     rows = []
     for frame, model, J in zip(grasp.frames, grasp.contacts, jacobians, strict=True):
         local = np.concatenate([frame.T @ J[:3], frame.T @ J[3:]])
@@ -308,7 +313,7 @@ def contact_jacobian(grasp: Grasp, jacobians: FloatArray) -> FloatArray:
 
 
 def body_transmission(grasp: Grasp, J_h: FloatArray, torque_scale: float) -> Transmission:
-    """Return the map of joint rates to body twists with all contacts kept: A of the module's docstring, (6, p)."""
+    """Return the map A, (6, p), from joint rates to body twists with all contacts kept."""
     space, m = grasp.space, J_h.shape[1]
     scale = np.ones(grasp.dimension)
     scale[space:] = 1.0 / torque_scale
@@ -325,6 +330,6 @@ def body_transmission(grasp: Grasp, J_h: FloatArray, torque_scale: float) -> Tra
 
 
 def _finger(i: int, J: FloatArray, names: tuple[str, ...], scale: float) -> FingerManipulability:
-    """Return the manipulability of a finger from its contact point's velocity Jacobian (3, m)."""
+    """Return the manipulability of a finger, given the velocity Jacobian (3, m) of its contact point."""
     moving = np.flatnonzero(np.linalg.norm(J, axis=0) > 1e-12)
     return FingerManipulability(i, tuple(names[j] for j in moving), Transmission(J[:, moving], scale, 3))

@@ -1,4 +1,4 @@
-"""Sensitivity of mu to contact positions, friction and joint positions (Section 4).
+"""Sensitivity of the quality mu to contact positions, friction and joint positions (Section 4).
 
 ``mu = min_y phi_G(y) / phi_A(y)`` is a minimum of functions of the placement, so it has one-sided derivatives only.
 The derivative along a change d is the least over the weakest directions y of ``d phi_G(y; d) / phi_A(y)`` (Danskin). At
@@ -36,7 +36,7 @@ NEARLY = 1e-2  # relative excess of the ratio up to which directions may become 
 def sensitivity(
     solution: GraspSolution, body: Body | None = None, hand: HandWithJacobians | None = None, almost: float = ALMOST
 ) -> Sensitivity:
-    """Return the rates of mu with contact positions, friction coefficients and joint positions.
+    """Return the derivatives of mu with respect to contact positions, friction coefficients and joint positions.
 
     The rates are one-sided derivatives over the directions found, at the grasp and at a small step along each change
     (2e-4 of the mean arm for contacts, of their values for coefficients). Directions with a ratio within ``almost`` of
@@ -85,11 +85,11 @@ def sensitivity(
     )
     y = _weakest_under_changes(solution, grasp, start.directions, [c for group in groups for c in group])
     ratios = _ratios_along(solution, grasp, y)
-    least = float(np.min(ratios))
-    are_weakest = ratios <= (1.0 + tolerance) * least
-    excess = np.where(are_weakest, 0.0, ratios - least)
+    value = float(np.min(ratios))
+    are_weakest = ratios <= (1.0 + tolerance) * value
+    excess = np.where(are_weakest, 0.0, ratios - value)
     contacts, coefficients, joints = (tuple(_rate(solution, c, y, ratios, excess) for c in group) for group in groups)
-    return Sensitivity(least, contacts, coefficients, joints, y[are_weakest])
+    return Sensitivity(value, contacts, coefficients, joints, y[are_weakest])
 
 
 @dataclass(frozen=True)
@@ -118,16 +118,16 @@ class Sensitivity:
 
     @property
     def rates(self) -> tuple[Rate, ...]:
-        """Rates of contacts, coefficients and joints, in this order."""
+        """All one-sided derivatives: contacts, then coefficients, then joints."""
         return (*self.contacts, *self.coefficients, *self.joints)
 
     @property
     def worst_contact(self) -> Rate:
-        """Rate of the contact and tangent along which mu falls fastest."""
+        """The derivatives for the contact and tangent along which mu falls fastest."""
         return max(self.contacts, key=lambda rate: rate.worst)
 
     def to_dict(self) -> Json:
-        """Return the rates as JSON data."""
+        """Return the derivatives as JSON data."""
         return {
             "mu": self.mu,
             "contacts": [rate.to_dict() for rate in self.contacts],
@@ -162,16 +162,16 @@ class Rate:
 
     @property
     def worst(self) -> float:
-        """Largest rate of decrease of mu, at least 0."""
+        """Largest rate at which mu decreases, at least 0."""
         return max(-self.more, -self.less, 0.0)
 
     @property
     def smooth(self) -> bool:
-        """Whether both one-sided rates agree to 1 %, so that mu appears differentiable."""
+        """Whether both one-sided derivatives agree to 1 %."""
         return abs(self.more + self.less) <= 0.01 * max(abs(self.more), abs(self.less))
 
     def to_dict(self) -> dict[str, str | float]:
-        """Return the rates as JSON data."""
+        """Return the derivatives as JSON data."""
         return {"name": self.name, "unit": self.unit, "more": self.more, "less": self.less}
 
     def __str__(self) -> str:
@@ -180,7 +180,7 @@ class Rate:
 
 
 class Perturbations:
-    """Scalar parameters of a grasp and their perturbations.
+    """Perturbations of the contacts, friction coefficients and joints of a grasp.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class Perturbations:
         self._grasp, self._faces, self._body = grasp, faces, body
 
     def of_contacts(self) -> list[Perturbation]:
-        """Return the perturbations of each contact along its tangents, metres."""
+        """Return a perturbation of each contact along each of its tangents, metres."""
         perturbations = []
         for i in range(len(self._grasp)):
             for j, tangent in enumerate(self._grasp.tangents[i]):
@@ -204,7 +204,7 @@ class Perturbations:
         return perturbations
 
     def of_coefficients(self) -> list[Perturbation]:
-        """Return the perturbations of each contact's friction coefficients."""
+        """Return a perturbation of each friction coefficient of each contact."""
         return [
             self._coefficient(i, name, value)
             for i, model in enumerate(self._grasp.contacts)
@@ -212,7 +212,7 @@ class Perturbations:
         ]
 
     def of_joints(self, hand: HandWithJacobians, posture: Json | None) -> list[Perturbation]:
-        """Return the perturbations of the joints that move a contact; contacts stay fixed to their links.
+        """Return a perturbation of each joint that moves a contact, with contact points fixed to their links.
 
         Raises
         ------
@@ -228,7 +228,7 @@ class Perturbations:
         return [self._slide(name, "rad or m", velocities[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
 
     def _slide(self, name: str, unit: str, displacement: FloatArray) -> Perturbation:
-        """Return the perturbation that slides contacts by (k, space) metres per unit, at most by the mean arm."""
+        """Return the perturbation that slides contacts over the surface by (k, space) metres per unit."""
         largest = float(np.max(np.linalg.norm(displacement, axis=1)))
         size = self._grasp.mean_arm / largest if largest > 0.0 else 1.0
         return Perturbation(
@@ -252,7 +252,7 @@ class Perturbations:
         return Grasp(points, normals, list(contacts), self._grasp.torque_origin, tangents)
 
     def _slide_contacts(self, change: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return slid contacts and inward normals; unmoved contacts keep theirs exactly."""
+        """Return contact points and inward normals after sliding; unmoved contacts stay exactly the same."""
         points, normals = np.array(self._grasp.points), np.array(self._grasp.normals)
         for i in np.flatnonzero(np.any(change != 0.0, axis=1)).tolist():
             points[i] += change[i]
@@ -264,7 +264,7 @@ class Perturbations:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """Perturbation of a scalar parameter of a grasp.
+    """Perturbation of one scalar parameter of a grasp.
 
     Parameters
     ----------
@@ -285,7 +285,10 @@ class Perturbation:
 def _weakest_under_changes(
     solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation]
 ) -> FloatArray:
-    """Return a grasp's nearly weakest directions, (m, d), among those found for it and for its small perturbations."""
+    """Return the nearly weakest directions of a grasp, (m, d).
+
+    They are chosen from the weakest directions of the grasp and of its small perturbations.
+    """
     rng, candidates = np.random.default_rng(0), [y]
     for change in changes:
         for sign in (1.0, -1.0):
@@ -307,7 +310,7 @@ def _weakest_under_changes(
 
 
 def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: FloatArray, excess: FloatArray) -> Rate:
-    """Return the least one-sided derivatives of the support ratios along directions (m, d), over the probe's step.
+    """Return the one-sided derivatives of mu along a perturbation, from supports along directions (m, d).
 
     ``excess`` (m,) over the least ratio is spread over that step.
     """
@@ -318,5 +321,5 @@ def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: 
 
 
 def _ratios_along(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
-    """Return a grasp's support along directions (m, d), (m,)."""
+    """Return the grasp's support along each direction (m, d), (m,)."""
     return WrenchSet.of(grasp, solution.budget).support(y)[0]

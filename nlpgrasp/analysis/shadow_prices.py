@@ -1,4 +1,4 @@
-"""Shadow prices: sensitivity of mu to the limits of constraints, hand and contacts.
+"""Shadow prices: change of mu per change of a limit of constraints, hand or contacts.
 
 At a local optimum with multipliers lambda of the constraints ``g <= limit`` of the program that maximises beta, the
 optimum moves with a parameter t by ``sum lambda d(limit - g) / dt`` (the envelope theorem). Constraints of
@@ -45,7 +45,7 @@ Item = TypeVar("Item")
 
 
 def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> tuple[ShadowPrice, ...]:
-    """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
+    """Return the shadow prices of all limits of constraints, hand and contacts, largest first.
 
     Empty for an answer that is not at a local optimum: without multipliers limits have no prices. An answer read from a
     file is solved once more from its grasp.
@@ -65,7 +65,7 @@ def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadlin
 
 
 def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
-    """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
+    """Return the shadow price of one limit, by central differences."""
     h = 1e-3 * limit.step
     increased, decreased = limit.increased(h), limit.increased(-h)
     gain, problem = 0.0, compiled.problem
@@ -86,7 +86,7 @@ def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit)
 def edge_price(
     compiled: CompiledProblem, candidate: GraspCandidate, lagrangian: Callable[[GraspCandidate], float]
 ) -> ShadowPrice | None:
-    """Return the shadow price of the margin from sharp edges; None unless a contact on a smooth face is at it.
+    """Return the shadow price of the margin from sharp edges; None unless some contact is at the margin.
 
     It is the change of mu per millimetre. A margin larger by h moves each contact that stands at it away from its edges
     by h. By the envelope theorem mu changes as the Lagrangian does with the contacts so moved, everything else left as
@@ -117,7 +117,7 @@ def edge_price(
 
 @dataclass(frozen=True)
 class Limit:
-    """Adjustable number of a problem, with its unit and step.
+    """A limit of a problem that can be changed, with its unit and step.
 
     Parameters
     ----------
@@ -146,18 +146,18 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
     """Return all limits of constraints, hand and contacts."""
     result: list[Limit] = []
     for i, constraint in enumerate(problem.constraints):
-        for number in _constraint_numbers(constraint):
-            changed = _constraint_change(problem, i, number.increased)
-            result.append(Limit(number.name, number.value, *number.step, changed))
+        for parameter in _constraint_numbers(constraint):
+            changed = _constraint_change(problem, i, parameter.increased)
+            result.append(Limit(parameter.name, parameter.value, *parameter.step, changed))
     if problem.hand is not None:
-        for hand_number in _hand_numbers(problem.hand):
-            changed = _hand_change(problem, hand_number.increased)
-            result.append(Limit(hand_number.name, hand_number.value, *hand_number.step, changed))
+        for parameter_of_hand in _hand_numbers(problem.hand):
+            changed = _hand_change(problem, parameter_of_hand.increased)
+            result.append(Limit(parameter_of_hand.name, parameter_of_hand.value, *parameter_of_hand.step, changed))
     return result + _contact_limits(problem)
 
 
 def _lagrangian(compiled: CompiledProblem, optimum: LocalOptimum, candidate: GraspCandidate) -> float:
-    """Return the Lagrangian of another placement: weighted ratios and priced constraint slack."""
+    """Return the Lagrangian at another candidate: weighted supports plus priced constraint slacks."""
     moved = replace(optimum, candidate=candidate)
     slack, active = _constraint_slack(compiled, moved, compiled.problem), np.abs(optimum.prices) > 0.0
     ratios = _support_ratios(compiled, moved, compiled.problem)
@@ -165,7 +165,7 @@ def _lagrangian(compiled: CompiledProblem, optimum: LocalOptimum, candidate: Gra
 
 
 def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
-    """Return each constraint's slack to its active limit, at the optimum, for a changed problem."""
+    """Return the slack of each constraint to its active limit, for a changed problem at the optimum."""
     normals = compiled.inward_normals(optimum.candidate)
     p, n = ([ca.DM(v) for v in values] for values in (optimum.candidate.points, normals))
     variables = {name: ca.DM(v) for name, v in optimum.candidate.hand.items()}
@@ -184,7 +184,7 @@ def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem:
 
 
 def _support_ratios(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
-    """Return the support along the optimum's cuts for a changed problem."""
+    """Return the supports along the optimum's cut directions, for a changed problem."""
     normals = compiled.inward_normals(optimum.candidate)
     grasp = Grasp(optimum.candidate.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
@@ -211,7 +211,7 @@ def _joint_prices(compiled: CompiledProblem, optimum: LocalOptimum) -> list[Shad
 
 
 def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> FloatArray:
-    """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin is active.
+    """Return the shortest step (space,) that moves a contact one metre off each edge whose margin is active.
 
     Zero for a contact that stands at none.
     """
@@ -250,7 +250,7 @@ class Number(Generic[Item]):
 
 
 def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConstraint]]:
-    """Return name, value and a setter for each number of a constraint."""
+    """Return the numeric parameters of a constraint."""
     if not isinstance(item, Constraint):
         return _field_numbers(item)
     pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
@@ -262,14 +262,14 @@ def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConst
 
 
 def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
-    """Return name, value and a setter for each number of a hand."""
+    """Return the numeric parameters of a hand."""
     if isinstance(hand, URDFHand):
         return [Number("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
     return _field_numbers(hand)
 
 
 def _contact_limits(problem: GraspProblem) -> list[Limit]:
-    """Return friction and torsional friction as limits, shared by contacts with equal coefficients."""
+    """Return the friction coefficients of the contacts as limits, one for contacts with equal coefficients."""
     result = []
     for name, (step, unit) in (("friction", TENTH), ("torsional_friction", MILLIMETRE)):
         groups: dict[float, list[int]] = {}
@@ -293,7 +293,7 @@ def _contact_limits(problem: GraspProblem) -> list[Limit]:
 
 
 def _field_numbers(item: Item) -> list[Number[Item]]:
-    """Return the numbers among a dataclass's fields, and in the regions and ranges it holds."""
+    """Return the numeric parameters of a dataclass, including those of its regions and ranges."""
     if not is_dataclass(item):
         return []
     class_name = type(item).__name__
@@ -310,9 +310,9 @@ def _field_numbers(item: Item) -> list[Number[Item]]:
             result.append(Number(f"{name}.offset", float(value.offset), change))
         elif isinstance(value, BoxRegion):
             for side in ("lower", "upper"):
-                for axis, number in enumerate(np.asarray(getattr(value, side), dtype=float)):
+                for axis, coordinate in enumerate(np.asarray(getattr(value, side), dtype=float)):
                     change = _part_change(item, field.name, value, side, axis)
-                    result.append(Number(f"{name}.{side}[{axis}]", float(number), change))
+                    result.append(Number(f"{name}.{side}[{axis}]", float(coordinate), change))
         elif field.name == "spread" and isinstance(value, tuple):
             for index, label in enumerate(("least", "greatest")):
                 if np.isfinite(value[index]) and value[index] > 0.0:
@@ -322,43 +322,43 @@ def _field_numbers(item: Item) -> list[Number[Item]]:
 
 
 def _hundredth(value: float) -> tuple[float, str]:
-    """Return the step of a number in user-defined units: a hundredth of it."""
+    """Return a hundredth of a value as the step of its price, and the step as text."""
     step = 0.01 * max(abs(value), 1e-3)
     return step, f"{step:g}"
 
 
 def _constraint_change(
-    problem: GraspProblem, i: int, new: Callable[[float], PlacementConstraint]
+    problem: GraspProblem, i: int, change: Callable[[float], PlacementConstraint]
 ) -> Callable[[float], GraspProblem]:
-    """Return the function that maps an increment of a constraint's number to the changed problem."""
+    """Return the function from an increment of a constraint's parameter to the changed problem."""
 
     def changed(h: float) -> GraspProblem:
         constraints = list(problem.constraints)
-        constraints[i] = new(h)
+        constraints[i] = change(h)
         return problem.unchecked(constraints=tuple(constraints))
 
     return changed
 
 
-def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callable[[float], GraspProblem]:
-    """Return a function of an increment to the problem with a changed hand."""
-    return lambda h: problem.unchecked(hand=new(h))
+def _hand_change(problem: GraspProblem, change: Callable[[float], Hand]) -> Callable[[float], GraspProblem]:
+    """Return the function from an increment of a hand's parameter to the changed problem."""
+    return lambda h: problem.unchecked(hand=change(h))
 
 
 def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item]:
-    """Return a function of an increment to the item with a changed field."""
+    """Return the function from an increment of a field to the changed item."""
     return lambda h: replace_unchecked(item, **{name: value + h})
 
 
 def _entry_change(item: Item, name: str, values: tuple[float, ...], index: int) -> Callable[[float], Item]:
-    """Return a function of an increment to the item with a changed entry of a tuple."""
+    """Return the function from an increment of one entry of a tuple to the changed item."""
     return lambda h: replace_unchecked(item, **{name: tuple(v + h * (i == index) for i, v in enumerate(values))})
 
 
 def _part_change(
     item: Item, name: str, region: HalfSpace | BoxRegion, side: str, axis: int | None
 ) -> Callable[[float], Item]:
-    """Return a setter for a number of a region that a constraint holds."""
+    """Return the function from an increment of a region's parameter to the changed item."""
 
     def changed(h: float) -> Item:
         value = np.array(getattr(region, side), dtype=float)

@@ -1,4 +1,4 @@
-"""Squeeze of a grasp: balanced finger forces of least friction, and the hand's joint torques."""
+"""Squeeze of a grasp: balanced finger forces that need the least friction, and the hand's joint torques."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def squeeze(
     up: ArrayLike | None = None,
     hand: Hand | None = None,
 ) -> Squeeze:
-    """Return balanced finger forces of least friction, and the joint torques that exert them.
+    """Return balanced finger forces that need the least friction, and the joint torques that exert them.
 
     Of all forces f in the contacts' cones with ``G f = w`` and normal forces of at least ``normal_force``, whose sum
     is at most twice the least there is, those in the narrowest cones: friction and torsional friction of all contacts
@@ -85,7 +85,7 @@ def squeeze(
 
 
 def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gain: Gain | None = None) -> Squeeze:
-    """Return the squeeze with the default normal force, or with the task's largest one if that is higher.
+    """Return the squeeze with the default normal force, or with the task's largest one if higher.
 
     It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
 
@@ -113,7 +113,7 @@ def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gai
 
 
 def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose ``hand`` states a squeeze, or the reason for having none.
+    """Return a solution with a squeeze added to ``hand``, or the reason for having none.
 
     A solution with a squeeze, or with a hand without joints, is returned unchanged; so is one with too weak joints.
     """
@@ -131,7 +131,7 @@ def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
 
 
 def add_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose alternative grasps state a squeeze where the hand can squeeze."""
+    """Return a solution with squeezes of its alternative grasps added, if the hand can squeeze."""
     others = [replace(grasp, hand=add_squeeze(solution.with_answer(grasp), hand).hand) for grasp in solution.others]
     return replace(solution, others=tuple(others))
 
@@ -154,7 +154,10 @@ def _exerted_wrench(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | Non
 def _joint_squeeze(
     solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, hand: Hand | None
 ) -> JointSqueeze | None:
-    """Return the joint torques for forces and moments (k, d); None without Jacobians of the contacts."""
+    """Return the joint torques that exert forces and moments (k, d).
+
+    None without Jacobians of the contacts.
+    """
     posture = solution.hand or {}
     if hand is not None:
         if not isinstance(hand, PosedHand) or not hand.loaded_joints:
