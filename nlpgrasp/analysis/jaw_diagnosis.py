@@ -73,7 +73,7 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
             continue
         if pose.is_free:
             return ()
-        if best is None or _depth(pose) < _depth(best):
+        if best is None or _largest_depth(pose) < _largest_depth(best):
             best = pose
     if best is None and hand.pad is not None:
         length, width = (_millimetres(side) for side in hand.pad)
@@ -81,7 +81,7 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
         return (f"No face has room for a pad of {length} x {width} mm: at most {most} of it is on one.",)
     if best is None:
         return ()
-    depth = f"{_millimetres(_depth(best))} mm"
+    depth = f"{_millimetres(_largest_depth(best))} mm"
     if set(best.blocked_by) == {TABLE}:
         return (f"The gripper fits only with the table {depth} lower, or with the part raised by as much.",)
     return (f"In every sampled pose the gripper runs into {' and '.join(best.blocked_by)}, by {depth} at least.",)
@@ -98,7 +98,7 @@ def _poses(clearance: JawClearance, pairs: FloatArray) -> Iterator[tuple[float, 
             yield fraction, clearance.pose(points, direction)
 
 
-def _depth(pose: JawPose) -> float:
+def _largest_depth(pose: JawPose) -> float:
     """Return the largest penetration depth of a pose in the solids that block it, metres."""
     return max(pose.blocked_by.values())
 

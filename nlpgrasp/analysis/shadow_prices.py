@@ -146,11 +146,11 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
     """Return all limits of constraints, hand and contacts."""
     result: list[Limit] = []
     for i, constraint in enumerate(problem.constraints):
-        for parameter in _constraint_numbers(constraint):
+        for parameter in _constraint_parameters(constraint):
             changed = _constraint_change(problem, i, parameter.increased)
             result.append(Limit(parameter.name, parameter.value, *parameter.step, changed))
     if problem.hand is not None:
-        for parameter_of_hand in _hand_numbers(problem.hand):
+        for parameter_of_hand in _hand_parameters(problem.hand):
             changed = _hand_change(problem, parameter_of_hand.increased)
             result.append(Limit(parameter_of_hand.name, parameter_of_hand.value, *parameter_of_hand.step, changed))
     return result + _contact_limits(problem)
@@ -229,7 +229,7 @@ def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> 
 
 
 @dataclass(frozen=True)
-class Number(Generic[Item]):
+class Parameter(Generic[Item]):
     """Numeric parameter of a constraint or a hand, with the function that changes it.
 
     Parameters
@@ -249,23 +249,23 @@ class Number(Generic[Item]):
     step: tuple[float, str] = MILLIMETRE
 
 
-def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConstraint]]:
+def _constraint_parameters(item: PlacementConstraint) -> list[Parameter[PlacementConstraint]]:
     """Return the numeric parameters of a constraint."""
     if not isinstance(item, Constraint):
-        return _field_numbers(item)
+        return _field_parameters(item)
     pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
     return [
-        Number(f"Constraint {item.name!r}.{name}", value, _field_change(item, name, value), _hundredth(value))
+        Parameter(f"Constraint {item.name!r}.{name}", value, _field_change(item, name, value), _hundredth(value))
         for name, value in ((name, float(value)) for name, value in pairs if value.size == 1)
         if np.isfinite(value)
     ]
 
 
-def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
+def _hand_parameters(hand: Hand) -> list[Parameter[Hand]]:
     """Return the numeric parameters of a hand."""
     if isinstance(hand, URDFHand):
-        return [Number("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
-    return _field_numbers(hand)
+        return [Parameter("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
+    return _field_parameters(hand)
 
 
 def _contact_limits(problem: GraspProblem) -> list[Limit]:
@@ -292,32 +292,32 @@ def _contact_limits(problem: GraspProblem) -> list[Limit]:
     return result
 
 
-def _field_numbers(item: Item) -> list[Number[Item]]:
+def _field_parameters(item: Item) -> list[Parameter[Item]]:
     """Return the numeric parameters of a dataclass, including those of its regions and ranges."""
     if not is_dataclass(item):
         return []
     class_name = type(item).__name__
-    result: list[Number[Item]] = []
+    result: list[Parameter[Item]] = []
     for field in fields(item):
         value, name = getattr(item, field.name), f"{class_name}.{field.name}"
         if field.name in NO_LIMITS or isinstance(value, bool | str):
             continue
         if isinstance(value, float):
             step = STEPS.get(field.name, MILLIMETRE)
-            result.append(Number(name, value, _field_change(item, field.name, value), step))
+            result.append(Parameter(name, value, _field_change(item, field.name, value), step))
         elif isinstance(value, HalfSpace):
-            change = _part_change(item, field.name, value, "offset", None)
-            result.append(Number(f"{name}.offset", float(value.offset), change))
+            change = _region_change(item, field.name, value, "offset", None)
+            result.append(Parameter(f"{name}.offset", float(value.offset), change))
         elif isinstance(value, BoxRegion):
             for side in ("lower", "upper"):
                 for axis, coordinate in enumerate(np.asarray(getattr(value, side), dtype=float)):
-                    change = _part_change(item, field.name, value, side, axis)
-                    result.append(Number(f"{name}.{side}[{axis}]", float(coordinate), change))
+                    change = _region_change(item, field.name, value, side, axis)
+                    result.append(Parameter(f"{name}.{side}[{axis}]", float(coordinate), change))
         elif field.name == "spread" and isinstance(value, tuple):
             for index, label in enumerate(("least", "greatest")):
                 if np.isfinite(value[index]) and value[index] > 0.0:
                     change = _entry_change(item, field.name, value, index)
-                    result.append(Number(f"{name} ({label})", float(value[index]), change))
+                    result.append(Parameter(f"{name} ({label})", float(value[index]), change))
     return result
 
 
@@ -355,7 +355,7 @@ def _entry_change(item: Item, name: str, values: tuple[float, ...], index: int) 
     return lambda h: replace_unchecked(item, **{name: tuple(v + h * (i == index) for i, v in enumerate(values))})
 
 
-def _part_change(
+def _region_change(
     item: Item, name: str, region: HalfSpace | BoxRegion, side: str, axis: int | None
 ) -> Callable[[float], Item]:
     """Return the function from an increment of a region's parameter to the changed item."""

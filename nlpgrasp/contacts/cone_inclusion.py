@@ -40,7 +40,7 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
     if wider == other:
         return True
     try:
-        wider_ranges, other_ranges = _ranges(wider, space), _ranges(other, space)
+        wider_ranges, other_ranges = _block_ranges(wider, space), _block_ranges(other, space)
     except InputError:
         return False
     if not set(other.axes(space)) <= set(wider.axes(space)):
@@ -108,7 +108,7 @@ def _is_elliptic(model: ContactModel) -> bool:
     return isinstance(model, SoftContact) and model.model == "elliptic"
 
 
-def _ranges(model: ContactModel, space: int) -> Ranges:
+def _block_ranges(model: ContactModel, space: int) -> Ranges:
     """Return the wrench components and the coefficient of each block of a contact."""
     axes = model.axes(space)
     return [(frozenset(axes[block]), float(c)) for block, c in model.blocks(len(axes))]
@@ -130,5 +130,5 @@ def _same_frames(first: ContactModel, second: ContactModel, space: int) -> bool:
 
 def _is_round(model: ContactModel) -> bool:
     """Return whether a contact's force domain is symmetric under rotation about the normal."""
-    pairs = [frozenset(pair) & axes for pair in ((1, 2), (4, 5)) for axes, _ in _ranges(model, 3)]
+    pairs = [frozenset(pair) & axes for pair in ((1, 2), (4, 5)) for axes, _ in _block_ranges(model, 3)]
     return all(len(pair) != 1 for pair in pairs)

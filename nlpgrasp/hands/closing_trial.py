@@ -80,8 +80,8 @@ def closing_widths(tree: LinkTree, fits: Mapping[str, SphereFit]) -> ClosingWidt
     rng = np.random.default_rng(0)
     lower, upper = tree.joint_limits
     joints = rng.uniform(lower, upper, (POSTURES, len(lower)))
-    tips, splits = tree.palm_tips(joints), _splits(tree, joints)
-    tree = LinkTree(tree.robot, [(link, _coarse(tip)) for link, tip in tree.tips], tree.approach)
+    tips, splits = tree.palm_tips(joints), _side_assignments(tree, joints)
+    tree = LinkTree(tree.robot, [(link, _coarsened(tip)) for link, tip in tree.tips], tree.approach)
     postures = _Postures(joints, tips, splits)
     cylinder, box = (_Trial(tree, fits, kind).closing_widths(postures) for kind in ("cylinder", "box"))
     return ClosingWidths(cylinder, box)
@@ -301,7 +301,7 @@ def _is_balanced(points: FloatArray, normals: FloatArray) -> bool:
     return bool(nnls(matrix, np.array([*np.zeros(6), 1.0]))[1] <= BALANCED)
 
 
-def _coarse(tip: Tip) -> Tip:
+def _coarsened(tip: Tip) -> Tip:
     """Return a fingertip with fewer corners if it is a convex hull."""
     if not isinstance(tip, HullTip):
         return tip
@@ -309,7 +309,7 @@ def _coarse(tip: Tip) -> Tip:
     return HullTip(supporting_points(np.asarray(tip.points), normals, CORNERS), tip.facing, tip.angle, ROUNDING)
 
 
-def _splits(tree: LinkTree, joints: FloatArray) -> FloatArray:
+def _side_assignments(tree: LinkTree, joints: FloatArray) -> FloatArray:
     """Return the best divisions of the fingertips into two sides, (s, k), 1 or -1.
 
     The two sides press most against each other, on average over postures.

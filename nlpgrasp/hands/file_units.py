@@ -36,7 +36,7 @@ def check_units(scale: object, degrees: object) -> UrdfUnits:
 
 def unit_questions(robot: Robot) -> list[str]:
     """Return doubts about the units of a robot file's meshes, offsets and joint limits, one sentence each."""
-    return [f"{question.observation}: {question.cure}" for question in _questions(robot)]
+    return [f"{question.observation}: {question.cure}" for question in _unit_doubts(robot)]
 
 
 def refuse_implausible_lengths(robot: Robot) -> None:
@@ -47,7 +47,7 @@ def refuse_implausible_lengths(robot: Robot) -> None:
     InputError
         With the likely unit and its cure.
     """
-    for question in _questions(robot):
+    for question in _unit_doubts(robot):
         if question.longest > LONGEST_BODY:
             raise InputError(f"URDFHand.path: {robot.source}", question.observation, f"metres: {question.cure}")
 
@@ -68,18 +68,18 @@ class UnitQuestion(NamedTuple):
     longest: float = 0.0
 
 
-def _questions(robot: Robot) -> Iterator[UnitQuestion]:
+def _unit_doubts(robot: Robot) -> Iterator[UnitQuestion]:
     """Yield all doubts about a robot file's units."""
     reach = joint_reach(robot)
     if reach > LONGEST_BODY:
         cure = f"if these are millimetres, divide all lengths of {robot.source} by 1000"
         yield UnitQuestion(f"joints up to {reach:.3g} m from {robot.root}", cure, reach)
     else:
-        yield from _mesh_questions(robot, reach)
-    yield from _limit_questions(robot)
+        yield from _mesh_doubts(robot, reach)
+    yield from _limit_doubts(robot)
 
 
-def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
+def _mesh_doubts(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
     """Yield a doubt if the meshes are much longer or much shorter than the reach of the joints, metres."""
     lengths = {
         link: max(lengths)
@@ -93,24 +93,26 @@ def _mesh_questions(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
         factor = min(UNIT_FACTORS, key=lambda f: abs(np.log(f * longest / max(reach, SHORT_REACH))))
         stated = f'scale="{factor:g} {factor:g} {factor:g}" in their <mesh>'
         cure = f"scale={factor:g}" if len(large) == len(lengths) else stated
-        observation = f"meshes up to {longest:.3g} m long ({_some('link', large)}) {context}"
+        observation = f"meshes up to {longest:.3g} m long ({_format_first_names('link', large)}) {context}"
         yield UnitQuestion(observation, f"if they are {UNIT_FACTORS[factor]}, {cure} says so", longest)
     elif 0.0 < longest < SHORT_SHARE * reach:
         observation = f"meshes at most {1e3 * longest:.2g} mm long {context}"
         yield UnitQuestion(observation, "if their scale in the file is too small, scale=1000 makes up for it")
 
 
-def _limit_questions(robot: Robot) -> Iterator[UnitQuestion]:
+def _limit_doubts(robot: Robot) -> Iterator[UnitQuestion]:
     """Yield a doubt if most joint limits of a URDF look like degrees."""
     limits = {j.name: max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.kind == "revolute"}
     doubtful = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
     if len(doubtful) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):
         widest = max(limits[name] for name in doubtful)
-        observation = f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_some('joint', doubtful)})"
+        observation = (
+            f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_format_first_names('joint', doubtful)})"
+        )
         yield UnitQuestion(observation, "if they are degrees, degrees=True says so")
 
 
-def _some(noun: str, names: Sequence[str]) -> str:
+def _format_first_names(noun: str, names: Sequence[str]) -> str:
     """Return a noun with the first few names and the count of the others, as text."""
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return f"{noun}{'' if len(names) == 1 else 's'} {', '.join(names[:MOST_NAMES])}{more}"

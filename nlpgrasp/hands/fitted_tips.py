@@ -133,7 +133,7 @@ class _LinkEnd:
     def _cut_end(self, vertices: FloatArray, length: float = LENGTH) -> FloatArray:
         """Return the corners of the end piece of a convex hull, of a given length, metres."""
         sphere = dome(self.cut, np.pi, SIDES).vertices
-        return _cut(supporting_points(vertices, sphere, len(sphere)), self.cut, length)
+        return _end_piece(supporting_points(vertices, sphere, len(sphere)), self.cut, length)
 
     def _nearby_parts(self, vertices: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the corners of the part of each shape's convex hull that is near the link's farthest point."""
@@ -232,7 +232,7 @@ def _widest_cone(
     return normals[best], float(clear[best])
 
 
-def _cut(corners: FloatArray, direction: FloatArray, length: float) -> FloatArray:
+def _end_piece(corners: FloatArray, direction: FloatArray, length: float) -> FloatArray:
     """Return the corners of the part of a convex hull within a length of its extreme point along a direction."""
     hull = ConvexHull(corners)
     height = corners @ direction - np.max(corners @ direction) + length

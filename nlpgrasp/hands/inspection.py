@@ -91,7 +91,7 @@ class Inspection:
         if not self.hand.tree.tips:
             return "no fingertips stated"
         count = len(self.findings)
-        return f"{_counted(count, 'thing')} to know" if count else "no problems found"
+        return f"{_format_count(count, 'thing')} to know" if count else "no problems found"
 
     @property
     def kind(self) -> str:
@@ -128,10 +128,11 @@ class Inspection:
         """Summary of the hand's parts, verdict and warnings, as lines of text."""
         robot = self.hand.tree.robot
         followers = sum(joint.moves for joint in robot.joints) - len(robot.free_joints)
-        joints = _counted(len(robot.free_joints), "joint")
+        joints = _format_count(len(robot.free_joints), "joint")
         if followers > 0:
             joints += f" and {followers} more that follow{'s' * (followers == 1)}"
-        parts = f"{_counted(len(robot.links), 'link')}, {joints}, {_counted(len(self.hand.tree.tips), 'fingertip')}"
+        links, tips = _format_count(len(robot.links), "link"), _format_count(len(self.hand.tree.tips), "fingertip")
+        parts = f"{links}, {joints}, {tips}"
         summary = f"{robot.name}: {parts}"
         notices = [f"  {'! ' if f.grave else '- '}{f.command or f.text}" for f in self.notices]
         if not self.hand.tree.tips:  # the first sentence says what to do
@@ -139,7 +140,7 @@ class Inspection:
         return (summary, f"{self.verdict}:{'' if notices else f' {GOOD}'}", *notices)
 
 
-def _counted(count: int, noun: str) -> str:
+def _format_count(count: int, noun: str) -> str:
     """Return a count with a noun in singular or plural, as text."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -276,9 +277,9 @@ def _palm_warning(hand: InspectedHand) -> list[FileWarning]:
 def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
     """Return warnings about implausible units, missing collision shapes, and links thicker than their fingertips."""
     robot = hand.tree.robot
-    result = [FileWarning(f"{_sentence(text)}.", grave=True) for text in unit_questions(robot)]
+    result = [FileWarning(f"{_capitalised(text)}.", grave=True) for text in unit_questions(robot)]
     if robot.missing:
-        result.append(FileWarning(f"{_sentence(missing_mesh_warning(robot))}.", grave=True))
+        result.append(FileWarning(f"{_capitalised(missing_mesh_warning(robot))}.", grave=True))
     if robot.shapeless:
         names = ", ".join(robot.shapeless)
         text = f"Links {names} are visible but have no collision shape: they may pass through the body."
@@ -296,7 +297,7 @@ def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
     return result
 
 
-def _sentence(text: str) -> str:
+def _capitalised(text: str) -> str:
     """Return text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
@@ -321,7 +322,7 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
     robot = hand.tree.robot
     if not robot.free_joints:
         return [FileWarning(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
-    result = [FileWarning(f"{_sentence(text)}.") for text in modelling_warnings(robot)]
+    result = [FileWarning(f"{_capitalised(text)}.") for text in modelling_warnings(robot)]
     unlimited = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
     if unlimited:
         subject = f"No effort limit at {_format_some(unlimited, 'joint')}"

@@ -437,7 +437,7 @@ class Jaws:
 
     def sampled_depths(self, directions: FloatArray, size: float, distance: Distance) -> FloatArray:
         """Return the largest penetration depth along each approach (m, space), (m,), metres, from sampled positions."""
-        (starts, firsts, _), path_length = self._lines(), self.length + PATH_SIZES * size
+        (starts, firsts, _), path_length = self._clearance_lines(), self.length + PATH_SIZES * size
         fractions = np.linspace(0.0, 1.0, 1 + int(np.ceil(path_length / SAMPLE_SPACING)))
         travelled = firsts + fractions[:, None] * (path_length - firsts)  # (s, n)
         samples = starts - travelled[None, :, :, None] * directions[:, None, None]
@@ -474,7 +474,7 @@ class Jaws:
             Whether a line enters something, however thin: the distance falls to zero steeply. Lines along the pads of
             thick fingers are left out, as they slide along the body.
         """
-        starts, firsts, on_pads = self._lines()
+        starts, firsts, on_pads = self._clearance_lines()
         line_count, path_length = len(starts), self.length + PATH_SIZES * size
         start, outward = np.tile(starts, (len(directions), 1)), np.repeat(-directions, line_count, axis=0)
         travelled = np.tile(firsts, len(directions))
@@ -498,7 +498,7 @@ class Jaws:
         mean = (area.reshape(lines) / (path_length - firsts)).mean(axis=1)
         return 0.0 - least_gap, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
-    def _lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    def _clearance_lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return points (n, space) of lines parallel to the approach, their initial setback, and which are on pads.
 
         The lines stand for the fingers and the palm. Finger lines begin at the pads, palm lines between them, a

@@ -48,7 +48,7 @@ def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple
         for link, fit in fits.items()
     }
     link_pairs = list(_separated_pairs(tree, fits))
-    overlaps = _overlaps(tree, fits, poses, centres, link_pairs)
+    overlaps = _allowed_overlaps(tree, fits, poses, centres, link_pairs)
     result = []
     for (a, b), overlap in zip(link_pairs, overlaps, strict=True):
         if not np.isfinite(overlap):
@@ -103,7 +103,7 @@ def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: s
     return np.asarray(distances - fits[a].radii[:, None] - fits[b].radii)
 
 
-def _overlaps(
+def _allowed_overlaps(
     tree: LinkTree,
     fits: Mapping[str, SphereFit],
     poses: Mapping[str, FloatArray],
@@ -114,7 +114,9 @@ def _overlaps(
 
     def make() -> dict[str, FloatArray]:
         hulls = {link: [ShapeHull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
-        values = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in link_pairs]
+        values = [
+            _allowed_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in link_pairs
+        ]
         return {"overlaps": np.array(values)}
 
     arrays = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
@@ -122,7 +124,7 @@ def _overlaps(
     return cached_arrays("overlaps", ["\n".join(fits).encode(), *shapes, *arrays], make)["overlaps"]
 
 
-def _overlap(
+def _allowed_overlap(
     hulls: Sequence[ShapeHull],
     other_hulls: Sequence[ShapeHull],
     frames: FloatArray,

@@ -59,7 +59,7 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
     if abs(lost - _areas(vertices, fill[restored]).sum()) > SAME_AREA * area:
         raise InputError(
             "Mesh.mesh",
-            f"{len(removed) // 2} faces with a reversed copy, around {_format_place(vertices[removed], origin)}",
+            f"{len(removed) // 2} faces with a reversed copy, around {_format_mean(vertices[removed], origin)}",
             "each triangle of the surface once, facing outwards",
         )
     _check_holes(vertices, fill[~restored], area, origin)
@@ -74,7 +74,7 @@ def _check_holes(vertices: FloatArray, fill: IntArray, area: float, origin: Floa
         raise InputError(
             "Mesh.mesh",
             f"holes of {format_number(1e6 * areas.sum(), 3)} mm^2, {format_percent(areas.sum() / area)} of the "
-            f"surface, the largest around {_format_place(vertices[largest], origin)}",
+            f"surface, the largest around {_format_mean(vertices[largest], origin)}",
             f"a closed mesh, or one with holes of at most {format_percent(LARGEST_FILL)} of its surface",
         )
 
@@ -99,7 +99,7 @@ def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
     warnings = []
     if len(crossings := self_intersections(local, faces)):
         warnings.append(
-            f"the mesh crosses itself, for example at {_format_place(crossings[0], origin)}: what is inside is unclear "
+            f"the mesh crosses itself, for example at {_format_mean(crossings[0], origin)}: what is inside is unclear "
             "there, so mend it in the program that it comes from"
         )
     if len(pieces := separate_pieces(local, faces)) > 1:
@@ -241,6 +241,6 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
 
 
-def _format_place(points: FloatArray, origin: FloatArray) -> str:
+def _format_mean(points: FloatArray, origin: FloatArray) -> str:
     """Return the mean of points (..., 3), given relative to an origin (3,), metres, as text."""
     return f"[{vector(points.reshape(-1, 3).mean(axis=0) + origin, 3)}] m"
