@@ -228,7 +228,10 @@ class Perturbations:
         return [self._slide(name, "rad or m", velocities[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
 
     def _slide(self, name: str, unit: str, displacement: FloatArray) -> Perturbation:
-        """Return the perturbation that slides contacts over the surface by (k, space) metres per unit."""
+        """Return the perturbation that slides contacts over the surface by (k, space) metres per unit.
+
+        Its size moves them by at most the mean arm.
+        """
         largest = float(np.max(np.linalg.norm(displacement, axis=1)))
         size = self._grasp.mean_arm / largest if largest > 0.0 else 1.0
         return Perturbation(

@@ -82,7 +82,10 @@ class ContactModel(ABC):
         return replace(self, **changes)
 
     def with_friction(self, factor: float) -> Self:
-        """Return a copy with all friction coefficients multiplied by a factor."""
+        """Return a copy with all friction coefficients multiplied by a factor.
+
+        A contact without coefficients is returned itself.
+        """
         scaled = {name: factor * value for name, value in self.coefficients.items()}
         return self.with_coefficients(**scaled) if scaled else self
 

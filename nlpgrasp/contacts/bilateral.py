@@ -17,6 +17,8 @@ from nlpgrasp.errors import InputError
 class BilateralContact(ContactModel):
     """Bilateral contact, which can push and pull: ``K_i = R^n``.
 
+    See Proposition 2-7, (3.1-1a) and (3.2-2).
+
     Parameters
     ----------
     model : ContactModel

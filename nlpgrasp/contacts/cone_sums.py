@@ -400,10 +400,11 @@ class ConeSumMembership:
 class SlipNewton:
     """Newton's method for the projection onto the polar cone where all loaded points slip.
 
-    The N points are at ``arms`` (N, 2) along both tangents and have equal friction. With the velocities ``v_i = A_i^T
-    q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth where ``v_t`` is not zero. The
-    nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``, ``a_i = grad g_i``, ``l_i >= 0`` and
-    ``l_i g_i = 0``. One step of Newton's method solves
+    The N points are at ``arms`` (N, 2) along both tangents and have equal friction.
+
+    With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth
+    where ``v_t`` is not zero. The nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``,
+    ``a_i = grad g_i``, ``l_i >= 0`` and ``l_i g_i = 0``. One step of Newton's method solves
 
         H q = z - a l,   l = argmin over l >= 0 of |z - a l| in the metric of H^-1,   H = 1 + sum_i l_i Hess g_i
 
@@ -624,9 +625,10 @@ def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.boo
 class AugmentedLagrangian:
     """Method of multipliers for the projection onto the polar cone.
 
-    For N points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction. Each stage minimises ``|q - z|^2 / 2
-    + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with the closed form of ``P_F``, then sets
-    ``u_i = P_F(u_i + r A_i^T q)`` and increases r.
+    The N points have generators A (n, 3 N), positions ``arms`` (N, 2) and equal friction.
+
+    Each stage minimises ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with
+    the closed form of ``P_F``, then sets ``u_i = P_F(u_i + r A_i^T q)`` and increases r.
     """
 
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:

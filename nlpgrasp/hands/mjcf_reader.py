@@ -405,7 +405,10 @@ class Tendon:
 
 
 def read_tendons(model: MjModel, robot: Robot) -> dict[int, Tendon]:
-    """Return the tendons that act on the robot's joints, by index."""
+    """Return the tendons that act on the robot's joints, by index.
+
+    These are the fixed tendons of its joints, and all spatial ones.
+    """
     driven = {
         int(i)
         for i, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)

@@ -202,7 +202,10 @@ class Robot:
         return result
 
     def driving_joint(self, joint: Joint) -> tuple[str, float, float]:
-        """Return the free joint that drives a moving joint, with multiplier and offset."""
+        """Return the free joint that drives a moving joint, with multiplier and offset.
+
+        Chains of mimic joints are resolved.
+        """
         by_name = {j.name: j for j in self.joints}
         name, multiplier, offset = joint.name, 1.0, 0.0
         while (mimic := by_name[name].mimic) is not None:

@@ -252,7 +252,7 @@ def _obstructing_part(joints: FingerJoints, values: Values, target: TargetContac
 def _limiting_joint(joints: FingerJoints, values: Values, unlimited: Values) -> str:
     """Return the joint that stops at its limit, as text.
 
-    Of the joints that would exceed their limits it is the nearest to its limit.
+    Of the joints whose goals exceed their limits, it is the one nearest to its limit.
     """
     lower, upper = joints.hand.tree.joint_limits[:, joints.joint_indices]
     positions, goals = values["joints"][joints.joint_indices], unlimited["joints"][joints.joint_indices]

@@ -420,7 +420,7 @@ def _violation_text(constraint: ScalarConstraint, value: float) -> str:
 def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
     """Return centre (space,) and radius of the smallest ball that contains points (k, space), metres.
 
-    Welzl's algorithm.
+    It is found by Welzl's algorithm.
     """
     return _ball_around(list(points), [], points.shape[1])
 

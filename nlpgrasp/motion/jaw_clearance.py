@@ -243,7 +243,10 @@ class JawClearance:
     def pose(
         self, points: FloatArray, direction: FloatArray, slide: float = 0.0, steepest: FloatArray | None = None
     ) -> JawPose:
-        """Return the pose for an approach direction, with the jaws opened as wide as collisions allow."""
+        """Return the pose for an approach direction, with the jaws opened as wide as collisions allow.
+
+        ``steepest`` is the steepest approach, where it is known.
+        """
         steepest = self.gripper.approaches(points)[0] if steepest is None else steepest
         opening, closing = _opening_and_closing(points)
         rotation, position = self.gripper.pose(points + slide * direction, direction)

@@ -109,7 +109,10 @@ class CollisionModel:
         )
 
     def clearance_bounds(self, before: Values, after: Values, ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return a lower bound on each clearance along the path between two postures, (n,), metres."""
+        """Return a lower bound on each clearance along the path between two postures, (n,), metres.
+
+        ``ends`` are the clearances in these postures.
+        """
         a, b = ends
         return np.asarray((a + b - self.clearance_change_bounds(before, after)) / 2.0)
 

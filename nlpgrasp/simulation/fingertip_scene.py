@@ -137,7 +137,10 @@ def _empty_scene(solution: GraspSolution, grasp: Grasp, unit: DynamicScales) -> 
 
 
 def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
-    """Add the free object with its mesh to a scene, and return the object's body."""
+    """Add the free object with its mesh to a scene, and return the object's body.
+
+    A planar body moves in the plane.
+    """
     body = add_free_body(world, mass, grasp.space)
     _add_mesh(asset, "object", drawing.body)
     SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
@@ -145,7 +148,10 @@ def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, m
 
 
 def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
-    """Add the free object's body without a shape to a scene, and return it."""
+    """Add the free object's body without a shape to a scene, and return it.
+
+    A planar body moves in the plane.
+    """
     body = SubElement(world, "body", name="object")
     if space == 3:
         SubElement(body, "freejoint", name="object")

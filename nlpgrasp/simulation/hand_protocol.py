@@ -186,6 +186,8 @@ def try_hold(
 def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) -> Iterator[list[HandTrial]]:
     """Yield the trials of each condition.
 
+    The scene with less friction is built when it is needed.
+
     Parameters
     ----------
     scene : str

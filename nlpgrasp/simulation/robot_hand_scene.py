@@ -72,9 +72,10 @@ def mjcf_with_hand(
 ) -> str:
     """Return the scene of a grasp with the articulated hand as MJCF text; world frame = body frame.
 
-    The hand is built from its file: collision shapes (meshes as convex hulls), stated masses, mimic joints as
-    equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
-    addition to its link's shapes. Three sliding joints carry the palm. The text is self-contained, without mesh files.
+    Units are metres and newtons. The hand is built from its file: collision shapes (meshes as convex hulls), stated
+    masses, mimic joints as equalities. Each fingertip has the friction of its contact model, and collides as the
+    problem's fingertip shape in addition to its link's shapes. Three sliding joints carry the palm. The text is
+    self-contained, without mesh files.
 
     Parameters
     ----------
@@ -546,7 +547,10 @@ def _sphere_geom(tip: Json) -> dict[str, str]:
 
 
 def _capsule_geom(tip: Json) -> dict[str, str]:
-    """Return the MuJoCo capsule of a cylindrical or capsule tip."""
+    """Return the MuJoCo capsule of a cylindrical or capsule tip.
+
+    Its ends are round for both.
+    """
     return {
         "type": "capsule",
         "size": format_numbers([tip["radius"]]),

@@ -176,7 +176,7 @@ def _is_lost(snapshot: Snapshot) -> bool:
 def grow_wrench(data: SimulationInput) -> tuple[float | None, Trial]:
     """Return the scale at which the growing hardest wrench was lost, relative to the certified bound, and the trial.
 
-    The hand uses up to its full effort; any excess of the wrench is not balanced. The share is that at which the body
+    The hand uses up to its full effort; any excess of the wrench is not balanced. The scale is that at which the body
     began to move, by a tenth of what counts as lost, as the wrench grows on during the rest. None where it was held to
     the end.
     """
