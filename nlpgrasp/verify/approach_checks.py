@@ -184,8 +184,8 @@ class _StraightPaths:
     def approach(self, start: Phase, pregrasp: Phase) -> Iterator[str]:
         """Yield errors of the approach: a link in a solid, or a stored clearance above the recomputed one."""
         centres, radii, links = _link_spheres(self.hand.with_posture(pregrasp.to_dict()))
-        if not len(radii):  # flat fingertips of links without shapes: no spheres
-            return
+        if not len(radii):
+            raise NotCheckedError("the hand's links have no shapes and its fingertips are flat")
         displacement = start.palm_position - pregrasp.palm_position
         count = max(int(np.ceil(np.linalg.norm(displacement) / SAMPLE_STEP)), 1)
         positions = centres[None] + np.linspace(0.0, 1.0, count + 1)[:, None, None] * displacement

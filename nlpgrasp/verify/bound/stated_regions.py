@@ -80,6 +80,10 @@ class StatedRegion:
             return False
         if self.inside and not np.array_equal(self.half_spaces(), other.half_spaces()):
             return False
+        for (A, b), (other_A, other_b) in zip(self.outside, other.outside, strict=True):
+            if not (np.array_equal(A, other_A) and np.array_equal(b, other_b)):
+                return False
+        # an obstacle applies to all contacts, so that equal limits are those of one obstacle
         return [a[1:] for a in self.away] == [a[1:] for a in other.away]
 
 
