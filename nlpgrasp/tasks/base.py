@@ -45,7 +45,7 @@ class Task(ABC):
     @property
     @abstractmethod
     def is_centred(self) -> bool:
-        """Whether the set is symmetric about the origin, so that mu (3.3-4a) applies, and not mu-tilde (3.3-4b)."""
+        """Whether the set is symmetric about the origin: then mu (3.3-4a) applies, else mu-tilde (3.3-4b)."""
 
     @property
     def measure(self) -> str:
@@ -54,7 +54,10 @@ class Task(ABC):
 
     @property
     def paper_beta(self) -> float | None:
-        """Scale beta of a centred ellipsoid (3.3-3), of which mu is a multiple; ``None`` for other tasks."""
+        """Scale beta of a centred ellipsoid (3.3-3); ``None`` for other tasks.
+
+        mu is a multiple of beta.
+        """
         return None
 
     @abstractmethod
@@ -78,11 +81,17 @@ class Task(ABC):
 
     @abstractmethod
     def second_moment(self) -> FloatArray:
-        """Return a (d, d) second-moment matrix of the set's shape, used for whitening only, never in a bound."""
+        """Return a second-moment matrix of the set, (d, d), for whitening only.
+
+        No bound depends on this matrix.
+        """
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the task as JSON data: ``type``, which is its ``kind``, and numbers, without ``about``."""
+        """Return the task as JSON data, without ``about``.
+
+        The entry ``type`` is the task's ``kind``.
+        """
 
     @classmethod
     def from_dict(cls, data: Json) -> Task:
@@ -111,7 +120,9 @@ class Task(ABC):
         return result._about(new)
 
     def in_frame(self, pose: Pose) -> Task:
-        """Return the task in another body frame, (2.5-5), with ``about`` transformed too.
+        """Return the task in another body frame, (2.5-5).
+
+        The reference point ``about`` is transformed too.
 
         Parameters
         ----------
@@ -122,7 +133,7 @@ class Task(ABC):
         return self.transformed(matrix)._about(about)
 
     def given_about(self, origin: ArrayLike) -> Self:
-        """Return a copy that states the reference point of its moments, with unchanged wrenches."""
+        """Return a copy with unchanged wrenches and the given reference point of moments."""
         space = space_dimension(self.dimension)
         return copy(self)._about(array("origin", origin, (space,)))
 
@@ -143,12 +154,15 @@ class Task(ABC):
         return single._about(self.about)
 
     def _plus(self, other: Task) -> Task | None:
-        """Return the Minkowski sum with a task about the same point as a single task, or ``None``."""
+        """Return the Minkowski sum with another task as one task, or ``None`` if only a ``TaskSum`` can state it.
+
+        Both tasks are about the same point.
+        """
         del other
         return None
 
     def _moved(self, wrench: FloatArray) -> Task | None:
-        """Return the set translated by a wrench (d,) as a task of the same type, or ``None`` if impossible."""
+        """Return the set translated by a wrench (d,), or ``None`` if no task of the same type can state it."""
         del wrench
         return None
 
@@ -161,7 +175,7 @@ class Task(ABC):
 
 
 class TaskSum(Task):
-    """Minkowski sum of tasks, ``{w_1 + ... + w_m : w_i in A_i}``, such as gravity and a tool's wrench.
+    """Minkowski sum of tasks, ``{w_1 + ... + w_m : w_i in A_i}``, such as gravity plus a tool's wrench.
 
     Parameters
     ----------
@@ -193,24 +207,27 @@ class TaskSum(Task):
 
     @property
     def is_centred(self) -> bool:
-        """Whether all parts are symmetric about the origin."""
+        """Whether all summands are symmetric about the origin."""
         return all(task.is_centred for task in self.tasks)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sums of the parts' support functions (m,) and maximisers (m, d) along ``y`` (m, d)."""
+        """Return the support function (m,) along ``y`` (m, d), and the maximisers (m, d).
+
+        Both are sums over the summands.
+        """
         parts = [task.support(y) for task in self.tasks]
         return np.sum([p[0] for p in parts], axis=0), np.sum([p[1] for p in parts], axis=0)
 
     def transformed(self, matrix: FloatArray) -> TaskSum:
-        """Return the sum of the parts' linear images under ``matrix`` (d', d)."""
+        """Return the sum of the summands' linear images under ``matrix`` (d', d)."""
         return TaskSum([task.transformed(matrix) for task in self.tasks])
 
     def second_moment(self) -> FloatArray:
-        """Return the sum of the parts' second moments, (d, d)."""
+        """Return the sum of the summands' second moments, (d, d)."""
         return np.asarray(np.sum([task.second_moment() for task in self.tasks], axis=0))
 
     def to_dict(self) -> Json:
-        """Return the parts as JSON data."""
+        """Return the summands as JSON data."""
         return {"type": self.kind, "tasks": [task.to_dict() for task in self.tasks]}
 
     @classmethod
@@ -277,7 +294,7 @@ def check_alike(first: Framed, second: Framed) -> None:
 
 
 def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
-    """Return the wrench map ``blockdiag(A, A)`` (d, d) of a change of body frame (2.5-6), and the mapped point.
+    """Return the wrench map (d, d) of a change of body frame (2.5-6), and the reference point in the new frame.
 
     Raises
     ------

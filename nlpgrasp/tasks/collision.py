@@ -42,7 +42,7 @@ class CollisionEvent:
 
 
 def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> TaskEllipsoid:
-    """Return the minimum-volume ellipsoid around zero and the wrenches that the fingers exert against the events.
+    """Return the minimum-volume ellipsoid around zero and the wrenches that the fingers exert against the pushes.
 
     Events of likelihoods r_i in both directions of the six axes give the ellipsoid of (3.3-1) with semi-axes in these
     ratios; an event without its opposite shifts the centre, as c_1 does there.

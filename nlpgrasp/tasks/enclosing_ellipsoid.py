@@ -66,11 +66,11 @@ def enclose(
             warn(text)
     else:
         offset, axes = _covariance(local.points, probability, fixed_center is not None)
-    level = levels(local.points, offset, axes)
+    norms = ellipsoid_norms(local.points, offset, axes)
     return EnclosingEllipsoid(
         local.denormalise(offset),
         local.denormalise_axes(axes),
-        level <= 1.0 + INSIDE,
+        norms <= 1.0 + INSIDE,
         excess,
         local.flat,
     )
@@ -101,14 +101,14 @@ class EnclosingEllipsoid:
 
 
 def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[FloatArray, FloatArray]:
-    """Return centre and axes of the covariance ellipsoid that contains a given share of a normal distribution."""
+    """Return centre and semi-axes of the covariance ellipsoid with the given probability of a normal distribution."""
     values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (not centred), 1))
     quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
     return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
 
 
 def enclose_without_outliers(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolumeEllipsoid:
-    """Return the minimum-volume ellipsoid around all points but a share of outliers."""
+    """Return the minimum-volume ellipsoid around all points but a fraction ``outliers`` of them."""
     count = len(local) - int(outliers * len(local))
     center = np.zeros(local.shape[1]) if centred else None
     inliers = np.arange(len(local))
@@ -130,7 +130,7 @@ def enclose_without_outliers(local: FloatArray, outliers: float, gap: float, cen
             if volume > (1.0 - SHRINKS) * least_volume:
                 break
             least_volume = volume
-            distances = levels(local, ellipsoid.center, ellipsoid.axes)
+            distances = ellipsoid_norms(local, ellipsoid.center, ellipsoid.axes)
             nearest = np.sort(np.argsort(distances, kind="stable")[:count])
             if np.array_equal(nearest, inliers):
                 break
@@ -139,7 +139,7 @@ def enclose_without_outliers(local: FloatArray, outliers: float, gap: float, cen
 
 
 def _check_span(points: FloatArray, centred: bool) -> FloatArray:
-    """Return the kept points; raise if they no longer span their space."""
+    """Return the points left after trimming; raise if they no longer span their space."""
     deviations = points if centred else points - points.mean(axis=0)
     sizes = np.linalg.svd(np.linalg.qr(deviations, mode="r"))[1]
     if len(sizes) < points.shape[1] or sizes[-1] <= FLAT * sizes[0]:
@@ -220,7 +220,7 @@ def min_volume_ellipsoid(points: FloatArray, gap: float, center: FloatArray | No
     d = points.shape[1]
     lifted = np.c_[points, np.ones(len(points))] if center is None else points - center
     n = lifted.shape[1]
-    weights = _weights(lifted, 2.0 * gap / n * 0.9)
+    weights = _dual_weights(lifted, 2.0 * gap / n * 0.9)
     if center is None:
         center = weights @ points
     deviations = points - center
@@ -251,19 +251,22 @@ class MinVolumeEllipsoid:
     gap: float
 
 
-def levels(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the levels (m,) of points (m, d) in an ellipsoid with d semi-axes: below 1 inside."""
+def ellipsoid_norms(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return the norms (m,) of points (m, d) for which the ellipsoid with d semi-axes is the unit ball."""
     return np.asarray(np.linalg.norm(np.linalg.solve(axes.T, (points - center).T), axis=0))
 
 
-def _weights(q: FloatArray, tolerance: float) -> FloatArray:
-    """Return dual weights for points (m, n) with all ``q_i^T M^-1 q_i`` at most ``n (1 + tolerance)``."""
+def _dual_weights(q: FloatArray, tolerance: float) -> FloatArray:
+    """Return the dual weights (m,) of points (m, n), optimal within a relative tolerance.
+
+    All ``q_i^T M^-1 q_i`` are at most ``n (1 + tolerance)`` for ``M = sum_i u_i q_i q_i^T``.
+    """
     n = q.shape[1]
     independent = _independent_points(q)
     outermost = np.argsort(-_quadratic_forms(q, np.asarray(np.linalg.pinv(q.T @ q / len(q)))))[:CORE]
     core = np.concatenate([independent, np.setdiff1d(outermost, independent)])
     for iteration in range(ROUNDS):
-        u = _best_weights(q[core], 0.3 * tolerance)
+        u = _interior_point_weights(q[core], 0.3 * tolerance)
         forms = _quadratic_forms(q, _inverse(q[core], u))
         if forms.max() <= n * (1.0 + tolerance):
             break
@@ -276,12 +279,15 @@ def _weights(q: FloatArray, tolerance: float) -> FloatArray:
 
 
 def _quadratic_forms(q: FloatArray, inner: FloatArray) -> FloatArray:
-    """Return ``q_i^T inner q_i`` of points (m, n)."""
+    """Return the quadratic form ``q_i^T inner q_i`` of each point, (m,), for points (m, n)."""
     return np.asarray(np.einsum("ij,ij->i", q @ inner, q))
 
 
 def _independent_points(q: FloatArray) -> NDArray[np.intp]:
-    """Return the indices of n linearly independent points out of (m, n), each the farthest from the previous' span."""
+    """Return the indices of n linearly independent points among points (m, n).
+
+    Each is the point farthest from the span of those before.
+    """
     residuals = q.copy()
     indices = []
     for _ in range(q.shape[1]):
@@ -291,8 +297,8 @@ def _independent_points(q: FloatArray) -> NDArray[np.intp]:
     return np.array(indices)
 
 
-def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
-    """Return the optimal dual weights of few points by a primal-dual interior-point method.
+def _interior_point_weights(q: FloatArray, tolerance: float) -> FloatArray:
+    """Return the optimal dual weights of a few points by a primal-dual interior-point method.
 
     ``min -ln det M + n sum u_i`` with ``M = sum u_i q_i q_i^T`` over u >= 0 has the optimality conditions
     ``w_i(u) + s_i = n`` and ``u_i s_i = 0`` with ``w_i = q_i^T M^-1 q_i``, whose derivative by u_j is
@@ -305,10 +311,10 @@ def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
         w = np.diag(cross)
         if np.max(w) * u.sum() <= n * (1.0 + tolerance):  # the largest w_i of weights with sum one
             break
-        level = SHRINK * float(u @ slack) / m  # the barrier's: u_i s_i = level
+        barrier = SHRINK * float(u @ slack) / m  # barrier parameter: u_i s_i = barrier
         system = cross**2 + np.diag(slack / u)
-        step = np.linalg.solve(system, w - n + level / u)
-        slack_step = (level - slack * step) / u - slack
+        step = np.linalg.solve(system, w - n + barrier / u)
+        slack_step = (barrier - slack * step) / u - slack
         step_size = min(1.0, BACK_OFF / max(1e-300, float(np.max(-step / u)), float(np.max(-slack_step / slack))))
         u, slack = u + step_size * step, slack + step_size * slack_step
     u = np.where(u > NEGLIGIBLE * u.max(), u, 0.0)
@@ -355,15 +361,15 @@ def _read_frame(frame: object) -> FloatArray:
 
 def format_invalid_rows(rows: NDArray[np.intp]) -> str:
     """Return the text of a message about rows that are not finite."""
-    numbers = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
-    return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({numbers})"
+    indices = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
+    return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({indices})"
 
 
 def format_flat_directions(flat: FloatArray) -> str:
     """Return a warning about directions along which the wrenches are constant."""
     names = COMPONENTS[flat.shape[1]]
-    words = []
+    directions = []
     for row in flat:
         parts = [f"{v:+.2g} {n}" for v, n in zip(row, names, strict=True) if abs(v) > 1e-3]
-        words.append(parts[0].split(" ")[1] if len(parts) == 1 else " ".join(parts))
-    return f"the wrenches do not differ along {'; '.join(words)} (over their extents): the ellipsoid is flat there"
+        directions.append(parts[0].split(" ")[1] if len(parts) == 1 else " ".join(parts))
+    return f"the wrenches do not differ along {'; '.join(directions)} (over their extents): the ellipsoid is flat there"

@@ -1,4 +1,4 @@
-"""Rigid motions, and wrenches of gravity and inertia along them (Newton-Euler equations)."""
+"""Rigid motions of a body, and the wrenches that produce them under gravity (Newton-Euler equations)."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class RigidMotion:
         return cls(times, matrices[:, :3, 3], matrices[:, :3, :3])
 
     def poses(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); by default those of the motion.
+        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,), by default at the given ones.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class RigidMotion:
         return np.stack([yaw_rate, w[:, 1] * c - w[:, 2] * s, w[:, 0] + yaw_rate * np.sin(angles[:, 1])], axis=1)
 
     def accelerations(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return linear acceleration of the origin in inertial axes and angular one in body axes, (j, 6)."""
+        """Return the body origin's acceleration in inertial axes and the angular acceleration in body axes, (j, 6)."""
         t = self._times(at)
         return np.concatenate([self._position_spline(t, 2), self._rotation_spline(t, 2)], axis=1)
 

@@ -54,7 +54,7 @@ class WrenchRecording:
 
     @property
     def conversion(self) -> str:
-        """The units that were converted to newtons and newton-metres, as text; empty where there were none."""
+        """Text that names the units converted to newtons and newton-metres; empty if none were."""
         converted = [unit for unit in dict.fromkeys(self.units) if unit not in SI]
         return f"{' and '.join(converted)} converted to N and Nm" if converted else ""
 
@@ -149,7 +149,7 @@ class WrenchRecording:
         exerts: object,
         skip_invalid: object,
     ) -> WrenchRecording:
-        """Return the recording of a table."""
+        """Return the recording of a parsed table, in newtons, newton-metres and the body frame."""
         if not isinstance(skip_invalid, bool):
             raise InputError("skip_invalid", skip_invalid, "True or False")
         indices = columns_of(table.header, columns, table.width, table.name)

@@ -1,4 +1,4 @@
-"""Task ellipsoids (Section 3.3.1), also fitted to wrenches."""
+"""Task ellipsoids (Section 3.3.1), given or fitted to wrenches."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class TaskEllipsoid(Task):
 
     @classmethod
     def from_axes(cls, axes: ArrayLike, center: ArrayLike | None = None) -> TaskEllipsoid:
-        """Return the ellipsoid ``{c + sum_j u_j axes_j, |u| <= 1}``; rows need not be orthogonal.
+        """Return the ellipsoid ``{c + sum_j u_j axes_j, |u| <= 1}``; semi-axes need not be orthogonal.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class TaskEllipsoid(Task):
 
 @dataclass(frozen=True)
 class EllipsoidFit:
-    """A task ellipsoid fitted to wrenches, with its certified gap.
+    """Task ellipsoid fitted to wrenches, with a certified bound on its excess volume.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ class EllipsoidFit:
 
     @property
     def share(self) -> float:
-        """Share of the wrenches inside the ellipsoid."""
+        """Fraction of the wrenches inside the ellipsoid."""
         return float(np.mean(self.inside))
 
     def __str__(self) -> str:

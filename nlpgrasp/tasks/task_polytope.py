@@ -73,11 +73,11 @@ class TaskPolytope(Task):
         return self.dimension * self.wrenches.T @ self.wrenches / len(self.wrenches)
 
     def ends(self) -> FloatArray:
-        """Return the wrenches, or boundary representatives of many, (m, d)."""
+        """Return the wrenches if they are few, else representative wrenches of the boundary, (m, d)."""
         return self.wrenches if len(self.wrenches) <= MOST_ENDS else super().ends()
 
     def _plus(self, other: Task) -> Task | None:
-        """Return the Minkowski sum with a polytope, or another task translated by a single wrench; else None."""
+        """Return the Minkowski sum with another task as one task, or ``None`` if only a ``TaskSum`` can state it."""
         if isinstance(other, TaskPolytope):
             sums = (self.wrenches[:, None] + other.wrenches[None]).reshape(-1, self.dimension)
             return TaskPolytope(sums) if len(sums) <= MOST_VERTICES else None

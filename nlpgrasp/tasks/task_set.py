@@ -1,4 +1,4 @@
-"""Convex task given by a support function."""
+"""Convex tasks given by their support functions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MISSING = (
 
 
 class SupportFunction:
-    """A validated support function with its samples for files.
+    """Validated support function of a convex set, with samples that files store.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class SupportFunction:
         self._set_samples(directions, *self(directions))
 
     def _check(self, probes: FloatArray, values: FloatArray, maximisers: FloatArray) -> None:
-        """Raise if the function is not positively homogeneous, convex, and the support of more than the origin."""
+        """Raise if the function is not positively homogeneous and convex, or if its set is the origin alone."""
         tolerance = TOLERANCE * max(float(np.max(np.abs(values))), 1e-300)
         error = float(np.max(np.abs(self(2.0 * probes)[0] - 2.0 * values)))
         if error > tolerance:
@@ -88,11 +88,11 @@ class SupportFunction:
             raise InputError(FIELD, "phi(y) + phi(-y) below 0", "the support function of a set")
 
     def _set_samples(self, directions: FloatArray, values: FloatArray, wrenches: FloatArray) -> None:
-        """Set the samples in directions (2 m, d), the second half opposite to the first."""
+        """Set the samples along directions (2 m, d), whose second half is opposite to the first."""
         self.directions, self.values, self.wrenches = directions, values, wrenches
         first, second = np.split(values, 2)
         self.is_centred = bool(np.max(np.abs(first - second)) <= SAME * np.max(np.abs(values)))
-        _known.add(self)
+        _functions.add(self)
 
     def __call__(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return values and maximisers along ``y`` (m, d), (m,) and (m, d)."""
@@ -109,7 +109,7 @@ class SupportFunction:
         return values, maximisers
 
     def _evaluate(self, y: FloatArray) -> tuple[FloatArray, FloatArray] | FloatArray:
-        """Return the function's result; its errors are raised as ``InputError``."""
+        """Return the result of the user's function; raise its errors as ``InputError``."""
         try:
             return self._function(y)
         except InputError:
@@ -133,14 +133,14 @@ class SupportFunction:
         is_kink = np.max(bends, axis=0) > KINK * np.max(np.abs(maximisers), initial=1e-300)
         if aside > 0.0 and np.any(is_kink):
             offset = np.random.default_rng(1).standard_normal(self.dimension)
-            beside = y[is_kink] + aside * size[is_kink, None] * offset
-            maximisers[is_kink] = self._differences(beside, _check_numbers(self._evaluate(beside)), 0.0)
+            nearby = y[is_kink] + aside * size[is_kink, None] * offset
+            maximisers[is_kink] = self._differences(nearby, _check_numbers(self._evaluate(nearby)), 0.0)
         return maximisers
 
     def __setstate__(self, state: dict[str, object]) -> None:
         """Restore a pickled function, which files of this process then refer to."""
         self.__dict__.update(state)
-        _known.add(self)
+        _functions.add(self)
 
     def to_dict(self) -> Json:
         """Return the samples as JSON data."""
@@ -148,7 +148,7 @@ class SupportFunction:
 
     @classmethod
     def from_dict(cls, data: Json) -> SupportFunction:
-        """Return the function of this process with these samples; without one, that of the hull of the samples.
+        """Return the function of this process that has the stored samples, else the support function of their hull.
 
         Warns
         -----
@@ -161,9 +161,9 @@ class SupportFunction:
         half = len(directions) // 2
         if len(directions) != 2 * half or not half or not np.array_equal(directions[:half], -directions[half:]):
             raise InputError("task.directions", f"{len(directions)} rows", "directions, then their opposites")
-        known = _find_known(directions, values)
-        if known is not None:
-            return known
+        function = _find_function(directions, values)
+        if function is not None:
+            return function
         warn_once(f"problem.task: the hull of {len(wrenches)} wrenches is taken for the task; {MISSING}")
         hull = cls(lambda y: _hull_support(wrenches, y), directions.shape[1])
         hull._set_samples(directions, values, wrenches)
@@ -171,14 +171,18 @@ class SupportFunction:
         return hull
 
 
-def _find_known(directions: FloatArray, values: FloatArray) -> SupportFunction | None:
-    """Return the function of this process with these values along directions (m, d); None without one."""
+def _find_function(directions: FloatArray, values: FloatArray) -> SupportFunction | None:
+    """Return the support function of this process with these values along directions (m, d), or ``None``."""
     tolerance = SAME * max(float(np.max(np.abs(values))), 1e-300)
-    alike = (known for known in _known if not known.is_sampled and known.dimension == directions.shape[1])
-    return next((known for known in alike if np.max(np.abs(known(directions)[0] - values)) <= tolerance), None)
+    for function in _functions:
+        if function.is_sampled or function.dimension != directions.shape[1]:
+            continue
+        if np.max(np.abs(function(directions)[0] - values)) <= tolerance:
+            return function
+    return None
 
 
-_known: WeakSet[SupportFunction] = WeakSet()  # the functions of this process, by which files find theirs
+_functions: WeakSet[SupportFunction] = WeakSet()  # of this process, among which a file finds its function
 
 
 class TaskSet(Task):
@@ -223,7 +227,7 @@ class TaskSet(Task):
 
     @property
     def is_sampled(self) -> bool:
-        """Whether the task is the hull of a file's wrenches, as this process does not have its function."""
+        """Whether the task is the hull of stored wrenches, as its support function is not in this process."""
         return self._function.is_sampled
 
     def __repr__(self) -> str:
@@ -231,7 +235,7 @@ class TaskSet(Task):
         return f"TaskSet(support={support}, dimension={self.dimension})"
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the function's values and maximisers along ``y`` (m, d), (m,) and (m, d)."""
+        """Return the support function (m,) along ``y`` (m, d), and the maximisers (m, d)."""
         values, maximisers = self._function(y @ self._matrix)
         return values, maximisers @ self._matrix.T
 
@@ -244,7 +248,7 @@ class TaskSet(Task):
         return np.asarray(self._matrix @ self._function.moment @ self._matrix.T)
 
     def to_dict(self) -> Json:
-        """Return samples of the function, and the linear map of its set, as JSON data."""
+        """Return samples of the support function, and the linear map of its set, as JSON data."""
         return {"type": self.kind, "matrix": self._matrix.tolist(), **self._function.to_dict()}
 
     @classmethod
@@ -261,7 +265,7 @@ def is_sampled(task: Task) -> bool:
 
 
 def _hull_support(wrenches: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return support and maximisers of the hull of wrenches (m, d) along directions."""
+    """Return support (n,) and maximisers (n, d) of the hull of wrenches (m, d) along ``y`` (n, d)."""
     work = y @ wrenches.T
     best = np.argmax(work, axis=1)
     return work[np.arange(len(y)), best], wrenches[best]
@@ -270,9 +274,9 @@ def _hull_support(wrenches: FloatArray, y: FloatArray) -> tuple[FloatArray, Floa
 def _check_numbers(value: object) -> FloatArray:
     """Return a result of the support function as an array of finite numbers."""
     try:
-        numbers = np.asarray(value, dtype=np.float64)
+        result = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(FIELD, value, "arrays of numbers") from None
-    if not np.all(np.isfinite(numbers)):
+    if not np.all(np.isfinite(result)):
         raise InputError(FIELD, "a value that is not finite", "a bounded set of wrenches")
-    return numbers
+    return result

@@ -22,7 +22,7 @@ ORIGIN = np.zeros(3)  # of the body frame, metres
 
 @prefix_errors("press: ")
 def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float = 0.2) -> TaskEllipsoid:
-    """Return the task of pressing with a tool's point, with a force from zero to ``force``.
+    """Return the task of pressing with a tool's point by a force from zero to ``force``.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float 
 
 @prefix_errors("cut: ")
 def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sideways: float = 0.1) -> TaskEllipsoid:
-    """Return the task of cutting: a blade pressed down and drawn to and fro, each with up to ``force``.
+    """Return the task of cutting: pressing a blade down and drawing it to and fro, each with up to ``force``.
 
     Parameters
     ----------
@@ -83,14 +83,14 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     unit, torque = _check_direction("axis", axis), number("torque", torque, above=0.0)
     if not isinstance(one_way, bool):
         raise InputError("one_way", one_way, "True or False")
-    share = 0.5 if one_way else 1.0  # one way from 0 to the torque: half of it is both centre and semi-axis
-    moment = np.concatenate([np.zeros(3), share * torque * unit])
+    scale = 0.5 if one_way else 1.0  # one way from 0 to the torque: half of it is both centre and semi-axis
+    moment = np.concatenate([np.zeros(3), scale * torque * unit])
     return _tool_ellipsoid(moment[None], moment if one_way else np.zeros(6))
 
 
 @prefix_errors("write: ")
 def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> TaskEllipsoid:
-    """Return the task of writing, Example 3-5: torques across the pencil at its lead, and a force along it, (3.3-2).
+    """Return the task of writing with a pencil: forces and torques at its lead (Example 3-5, (3.3-2)).
 
     Parameters
     ----------
@@ -244,7 +244,10 @@ def _orthogonal_vectors(direction: FloatArray) -> FloatArray:
 def _tool_at_point(
     point: ArrayLike, forces: FloatArray, center: FloatArray, moments: FloatArray | None = None, name: str = "point"
 ) -> TaskEllipsoid:
-    """Return the ellipsoid with semi-axes of forces at a point and of moments, about the body frame's origin."""
+    """Return the task ellipsoid with semi-axes of forces at a point and of pure moments.
+
+    Moments of the task are about the body frame's origin.
+    """
     position = array(name, point, (3,))
     moments = np.zeros((0, 3)) if moments is None else moments
     axes = np.block([[forces, np.cross(position, forces)], [np.zeros_like(moments), moments]])
@@ -252,6 +255,6 @@ def _tool_at_point(
 
 
 def _tool_ellipsoid(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:
-    """Return the ellipsoid of nonzero semi-axes about the body frame's origin."""
+    """Return the task ellipsoid with given semi-axes, without zero ones, about the body frame's origin."""
     nonzero = axes[np.any(axes != 0.0, axis=1)]
     return TaskEllipsoid.from_axes(nonzero, center).given_about(ORIGIN)

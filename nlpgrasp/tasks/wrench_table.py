@@ -42,7 +42,7 @@ NUMBERED = {("f", 3): SPATIAL[:3], ("m", 3): SPATIAL[3:], ("f", 6): SPATIAL, ("w
 
 @dataclass(frozen=True)
 class WrenchTable:
-    """A table: rows of cells with an optional header.
+    """Table of rows of cells, with an optional header.
 
     Parameters
     ----------
@@ -77,16 +77,16 @@ class WrenchTable:
             When a file has both decimal commas and decimal points.
         """
         if not isinstance(self.rows, list):
-            numbers = self.rows[:, columns]
+            values = self.rows[:, columns]
         else:
             cells = [[row[c] if c < len(row) else "" for c in columns] for row in self.rows]
             commas = self.comma and any("," in cell for row in cells for cell in row)
             if commas and any("." in cell for row in cells for cell in row):
                 raise InputError(f"{self.name}: decimals", "commas and points", "one of them in all numbers")
-            numbers = np.array(
+            values = np.array(
                 [[_number_or_nan(cell.replace(",", ".") if commas else cell) for cell in row] for row in cells]
             )
-        return np.where(np.abs(numbers) <= LARGEST, numbers, np.nan).reshape(-1, len(columns))
+        return np.where(np.abs(values) <= LARGEST, values, np.nan).reshape(-1, len(columns))
 
 
 def csv_table(path: Path) -> WrenchTable:
@@ -150,7 +150,7 @@ def table_of(field: str, value: object) -> WrenchTable:
 
 
 def _column(frame: Any, i: int) -> FloatArray:
-    """Return a column of a pandas frame as numbers, NaN where it holds anything else."""
+    """Return a column of a pandas frame as numbers, NaN where a cell is not a number."""
     values = frame.iloc[:, i].to_numpy()
     if values.dtype.kind in "iuf":
         return np.asarray(values, dtype=float)
@@ -237,12 +237,12 @@ def _column_indices(
 
 
 def _format_columns(names: Sequence[str], wrench_size: int) -> str:
-    """Return the columns of a sensor as text: the first and the last of a whole wrench, else all."""
+    """Return the names of a sensor's columns as text, only the first and the last of a complete wrench."""
     return f"{names[0]} ... {names[-1]}" if len(names) == wrench_size else ", ".join(names)
 
 
 def _wrench_columns(header: Sequence[str]) -> dict[int, tuple[str, str, str]]:
-    """Return sensor, quantity (``"f"`` or ``"m"``) and axis of the columns of wrenches, by column index.
+    """Return sensor, quantity (``"f"`` or ``"m"``) and axis of each wrench column, by column index.
 
     Numbered columns are a sensor's three forces, three torques, or whole wrench: ``force_0 ... force_5``.
     """
@@ -255,37 +255,40 @@ def _wrench_columns(header: Sequence[str]) -> dict[int, tuple[str, str, str]]:
         elif quantity in ("f", "m"):
             result[i] = sensor, quantity, axis
     for (sensor, quantity), columns in numbered.items():
-        numbers, indices = zip(*sorted(columns), strict=True)
+        suffixes, indices = zip(*sorted(columns), strict=True)
         components = NUMBERED.get((quantity, len(columns)))
         is_of_joints = len(numbered.get((sensor, "m"), ())) > 3  # more torques than a wrench has: of joints, or fingers
         if components is None or (quantity == "f" and is_of_joints):
             continue
-        if numbers[0] in (0, 1) and numbers == tuple(range(numbers[0], numbers[0] + len(numbers))):
+        if suffixes[0] in (0, 1) and suffixes == tuple(range(suffixes[0], suffixes[0] + len(suffixes))):
             result |= {i: (sensor, *component) for i, component in zip(indices, components, strict=True)}
     return result
 
 
 def _name_parts(name: str) -> tuple[str, str, str] | None:
-    """Return sensor, quantity (``"f"``, ``"m"`` or ``"w"``) and axis or number in a column's name; None for others."""
+    """Parse a column's name into sensor, quantity and axis or number; return ``None`` for other columns.
+
+    The quantity is ``"f"``, ``"m"`` or ``"w"``.
+    """
     text = " ".join(WORD.findall(_split_unit(name)[0])).lower().replace("force torque", "ft")
-    *words, last = text.split() or [""]
-    match = ONE_WORD.fullmatch(last)
+    *tokens, axis = text.split() or [""]
+    match = ONE_WORD.fullmatch(axis)
     if match:
-        return ".".join(words), QUANTITIES[match[1]], match[2]
-    if not words:
+        return ".".join(tokens), QUANTITIES[match[1]], match[2]
+    if not tokens:
         return None
-    *sensor, word = words
-    if len(last) > 1 and word in ("x", "y", "z"):  # X Force
-        word, last = last, word
-    word = word.removesuffix("s") if len(word) > 2 else word  # forces[0]
-    is_number = last.isdigit() and len(word) > 1  # f1, f2, ... may be load cells
-    if word not in QUANTITIES or not (last in ("x", "y", "z") or is_number):
+    *sensor, quantity = tokens
+    if len(axis) > 1 and quantity in ("x", "y", "z"):  # X Force
+        quantity, axis = axis, quantity
+    quantity = quantity.removesuffix("s") if len(quantity) > 2 else quantity  # forces[0]
+    is_number = axis.isdigit() and len(quantity) > 1  # f1, f2, ... may be load cells
+    if quantity not in QUANTITIES or not (axis in ("x", "y", "z") or is_number):
         return None
-    return ".".join(sensor), QUANTITIES[word], last
+    return ".".join(sensor), QUANTITIES[quantity], axis
 
 
 def _split_unit(name: str) -> tuple[str, str | None]:
-    """Return a column's name without its unit, and the unit: ``Fx [N]``, ``Fx/N``, ``fx_N``, ``Fx in N``."""
+    """Split a column's name such as ``Fx [N]``, ``Fx/N``, ``fx_N`` or ``Fx in N`` into name and unit."""
     bracketed = list(BRACKETED_UNIT.finditer(name))
     if bracketed:
         return name[: bracketed[-1].start()], bracketed[-1][1]
@@ -301,7 +304,7 @@ def _unit_name(text: str) -> str:
 
 
 def units_of(header: Sequence[str] | None, columns: Sequence[int], units: object, table: str) -> tuple[str, ...]:
-    """Return the unit of each column, a key of ``FORCES`` or ``TORQUES``, from given units or the header.
+    """Return the unit of each column, a key of ``FORCES`` or ``TORQUES``, from ``units`` or else the header.
 
     Raises
     ------
@@ -328,7 +331,7 @@ def units_of(header: Sequence[str] | None, columns: Sequence[int], units: object
 
 
 def scales_of(units: Sequence[str]) -> FloatArray:
-    """Return factors to newtons and newton-metres of units, keys of ``FORCES`` or ``TORQUES``."""
+    """Return the factors that convert values in given units to newtons or newton-metres."""
     return np.array([(FORCES | TORQUES)[unit] for unit in units])
 
 

@@ -55,7 +55,7 @@ class Frame:
     about: FloatArray | None = None
 
     def check_same(self, other: Frame) -> None:
-        """Raise if another frame or reference point differs."""
+        """Raise if the other frame has another description or reference point."""
         if other.words != self.words:
             raise InputError("frame", other.words or "no words", f"{self.words or 'no words'!r}, that of the entry")
         if not is_same_point(self.about, other.about):
@@ -90,7 +90,7 @@ class ProvenanceRecord:
 
 @dataclass(frozen=True)
 class TaskEntry:
-    """An entry of a task library.
+    """Entry of a task library: a named task with frame, description and provenance.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class TaskEntry:
 
     @property
     def wrenches(self) -> int:
-        """Number of recorded wrenches that it was fitted to."""
+        """Number of recorded wrenches that the ellipsoid was fitted to."""
         return self.learnt.wrench_count
 
     @property
@@ -152,7 +152,7 @@ class TaskEntry:
             "dimension": self.dimension,
             "units": UNITS,
             "frame": frame_data(self.frame),
-            "provenance": [dict(vars(origin)) for origin in self.provenance],
+            "provenance": [dict(vars(record)) for record in self.provenance],
             "task": self.learnt.task.to_dict(),
             "wrenches": self.wrenches,
             "forgotten": self.learnt.forgotten,
@@ -160,7 +160,7 @@ class TaskEntry:
 
     def __str__(self) -> str:
         flat = "" if self.rank == self.dimension else f", flat: {self.rank} of {self.dimension} directions"
-        lines = [f"{self.name}: ellipsoid {self.learnt.words()}{flat}"]
+        lines = [f"{self.name}: ellipsoid {self.learnt.describe()}{flat}"]
         lines += [self.description] if self.description else []
         lines += [f"frame: {self.frame.words or 'not said'}; moments about {format_point(self.frame.about)}"]
         lines += [f"tags: {', '.join(self.tags)}"] if self.tags else []
@@ -183,7 +183,7 @@ def format_point(point: FloatArray | None) -> str:
 
 
 def entry_name(value: object) -> str:
-    """Return a validated name of an entry, in Unicode normal form C."""
+    """Return the validated name of an entry, in Unicode normal form C."""
     name = unicodedata.normalize("NFC", value) if isinstance(value, str) else ""
     if not name or name != " ".join(name.split()) or not name.isprintable() or len(name) > LONGEST_NAME:
         expected = f"a name of 1 to {LONGEST_NAME} printable characters, with single spaces"
@@ -192,14 +192,14 @@ def entry_name(value: object) -> str:
 
 
 def check_text_line(field: str, value: object) -> str:
-    """Return a validated line of text, in Unicode normal form C."""
+    """Return the validated line of text, in Unicode normal form C."""
     if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_TEXT:
         raise InputError(field, repr(value), f"one line of at most {LONGEST_TEXT} printable characters")
     return unicodedata.normalize("NFC", value)
 
 
 def check_tags(value: object) -> tuple[str, ...]:
-    """Return validated tags from one or several."""
+    """Return the validated tags, given as one text or as several."""
     tags = [value] if isinstance(value, str) else value
     if not isinstance(tags, list | tuple):
         raise InputError("tags", value, "a word or several")
@@ -207,7 +207,7 @@ def check_tags(value: object) -> tuple[str, ...]:
 
 
 def about_point(value: object, dimension: int, field: str = "about") -> FloatArray | None:
-    """Return a validated reference point of moments, (space,), or None."""
+    """Return the validated reference point of moments, (space,), or ``None``."""
     return None if value is None else read_only(array(field, value, (space_dimension(dimension),)))
 
 
@@ -254,7 +254,7 @@ def remove_entry(path: Path) -> None:
 
 
 def wrench_file(path: Path) -> Path | None:
-    """Return the file of an entry's wrenches, None without an entry or wrenches."""
+    """Return the path of the file with an entry's wrenches, or ``None`` if there is none."""
     if not path.is_file():
         return None
     name = read_object(_read_text(path), str(path))["fit"].get("wrenches")
@@ -282,7 +282,7 @@ def read_wrenches(path: Path, dimension: int) -> FloatArray:
 
 
 def entry_json(entry: TaskEntry, wrenches: Path | None = None) -> str:
-    """Return an entry as JSON text, one field per line, with the name of the file of its wrenches."""
+    """Return an entry as JSON text, one field per line, with the name of its wrench file."""
     fit = entry.learnt.to_dict()
     data = {
         "schema": SCHEMA_NAME,
@@ -296,7 +296,7 @@ def entry_json(entry: TaskEntry, wrenches: Path | None = None) -> str:
 
 
 def read_entry(path: Path) -> TaskEntry:
-    """Read an entry from a file, and its wrenches.
+    """Read an entry and its wrenches from their files.
 
     Raises
     ------
@@ -321,7 +321,7 @@ def _read_text(path: Path) -> str:
 
 
 def parse_entry(content: str, path: Path) -> TaskEntry:
-    """Parse an entry from the JSON text of a file, and read its wrenches."""
+    """Parse an entry from the JSON text of its file, and read its wrenches."""
     name = str(path)
     data = read_object(content, name)
     if data.get("schema") != SCHEMA_NAME:
@@ -337,7 +337,7 @@ def parse_entry(content: str, path: Path) -> TaskEntry:
 
 
 def _entry(data: Json, folder: Path) -> TaskEntry:
-    """Return the entry of data that conform to the schema, with wrenches from a folder."""
+    """Return the entry of validated JSON data, with the wrenches of its file in a folder."""
     d = data["dimension"]
     axes = array("task.axes", data["task"]["axes"], (None, d))
     task = TaskEllipsoid.from_axes(axes, array("task.center", data["task"]["center"], (d,)))

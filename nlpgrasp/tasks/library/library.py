@@ -144,9 +144,9 @@ class TaskLibrary:
             entry = copy_entry(what, title, checked)
         else:
             learnt, about, source = fit_input(what, outliers, probability)
-            origin = provenance_now("added", checked.source or source, learnt.wrench_count)
+            record = provenance_now("added", checked.source or source, learnt.wrench_count)
             frame = Frame(checked.frame, about)
-            entry = TaskEntry(title, learnt, frame, checked.description, checked.tags, (origin,))
+            entry = TaskEntry(title, learnt, frame, checked.description, checked.tags, (record,))
         with self._folder.lock():
             if self._folder.find(title) is not None:
                 raise InputError("name", repr(title), f"a new name: {self._folder.words} has this entry; or update it")
@@ -159,7 +159,9 @@ class TaskLibrary:
         return entry
 
     def update(self, name: str, wrenches: Wrenches, *, outliers: float = 0.0, source: str = "") -> TaskEntry:
-        """Add new wrenches to an entry: its ellipsoid covers them and all previous ones, which are not needed again.
+        """Add new wrenches to an entry, whose ellipsoid then covers previous and new ones.
+
+        The previous wrenches are not needed again.
 
         A minimum-volume ellipsoid contains every wrench ever given; a covariance ellipsoid is exactly that of all.
 
@@ -178,16 +180,18 @@ class TaskLibrary:
         with self._folder.lock():
             file, previous = self._folder.get(name)
             rows = wrench_input.at(previous.frame.about, previous.dimension)
-            origin = provenance_now("updated", checked_source or wrench_input.source, len(rows))
+            record = provenance_now("updated", checked_source or wrench_input.source, len(rows))
             entry = replace(
-                previous, learnt=previous.learnt.updated(rows), provenance=append_provenance(previous, origin)
+                previous, learnt=previous.learnt.updated(rows), provenance=append_provenance(previous, record)
             )
             write_entry(entry, file)
         _warn_if_flat(entry)
         return entry
 
     def merge(self, name: str, other: str | TaskEntry) -> TaskEntry:
-        """Merge another entry into one; the other stays unchanged.
+        """Merge the wrenches of another entry into an entry.
+
+        The other entry stays unchanged.
 
         Parameters
         ----------
@@ -203,14 +207,14 @@ class TaskLibrary:
                 raise InputError("other", repr(other), "another entry: wrenches count once")
             previous.learnt.check_alike(addition.learnt)
             previous.frame.check_same(addition.frame)
-            origin = provenance_now("merged", addition.name, addition.wrenches)
+            record = provenance_now("merged", addition.name, addition.wrenches)
             learnt = previous.learnt.merged(addition.learnt)
-            entry = replace(previous, learnt=learnt, provenance=(*previous.provenance, *addition.provenance, origin))
+            entry = replace(previous, learnt=learnt, provenance=(*previous.provenance, *addition.provenance, record))
             write_entry(entry, file)
         return entry
 
     def forget(self, name: str, share: float) -> FloatArray:
-        """Remove at most a share of the wrenches, those farthest from the others, and return them (k, d).
+        """Remove the most outlying wrenches of an entry, at most a fraction ``share``, and return them, (k, d).
 
         Parameters
         ----------
@@ -222,8 +226,8 @@ class TaskLibrary:
         with self._folder.lock():
             file, previous = self._folder.get(name)
             learnt, outliers = previous.learnt.without_outliers(share)
-            origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(outliers))
-            write_entry(replace(previous, learnt=learnt, provenance=append_provenance(previous, origin)), file)
+            record = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(outliers))
+            write_entry(replace(previous, learnt=learnt, provenance=append_provenance(previous, record)), file)
         return outliers
 
     def remove(self, name: str) -> None:
@@ -232,7 +236,7 @@ class TaskLibrary:
             remove_entry(self._folder.get(name)[0])
 
     def table(self, names: Sequence[str]) -> str:
-        """Return a text table of named entries."""
+        """Return a text table of the entries with given names."""
         heads = ["name", "dimension", "wrenches", "units", "description"]
         units = ", ".join(UNITS.values())
         rows = [
@@ -249,10 +253,10 @@ class TaskLibrary:
 
 
 def _warn_if_flat(entry: TaskEntry) -> None:
-    """Warn about a flat ellipsoid of wrenches; a flat task that was given is intended."""
+    """Warn if the ellipsoid fitted to an entry's wrenches is flat."""
     if entry.wrenches and entry.rank < entry.dimension:
-        words = f"the wrenches differ in {entry.rank} of {entry.dimension} directions only: the ellipsoid is flat"
-        warn(f"{entry.name}: {words}")
+        text = f"the wrenches differ in {entry.rank} of {entry.dimension} directions only: the ellipsoid is flat"
+        warn(f"{entry.name}: {text}")
 
 
 class EntryNotes(TypedDict, total=False):
@@ -266,7 +270,7 @@ class EntryNotes(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class CheckedNotes:
-    """Validated notes with defaults."""
+    """Validated notes of an entry, with defaults for those left out."""
 
     description: str
     tags: tuple[str, ...]
@@ -290,15 +294,15 @@ class CheckedNotes:
 
 
 def copy_entry(entry: TaskEntry, name: str, notes: CheckedNotes) -> TaskEntry:
-    """Return a copy of an entry under another name, with given notes replacing its own."""
-    origin = provenance_now("added", notes.source or f"a copy of {entry.name}", 0)
+    """Return a copy of an entry with another name and, where given, other notes."""
+    record = provenance_now("added", notes.source or f"a copy of {entry.name}", 0)
     return replace(
         entry,
         name=name,
         frame=Frame(notes.frame or entry.frame.words, entry.frame.about),
         description=notes.description or entry.description,
         tags=notes.tags or entry.tags,
-        provenance=(*entry.provenance, origin),
+        provenance=(*entry.provenance, record),
     )
 
 
@@ -307,18 +311,18 @@ def provenance_now(did: str, source: str, wrenches: int) -> ProvenanceRecord:
     return ProvenanceRecord(did, source, wrenches, datetime.now(UTC).date().isoformat())
 
 
-def append_provenance(entry: TaskEntry, origin: ProvenanceRecord) -> tuple[ProvenanceRecord, ...]:
+def append_provenance(entry: TaskEntry, record: ProvenanceRecord) -> tuple[ProvenanceRecord, ...]:
     """Return an entry's provenance with a record appended; equal records of one day are combined."""
-    *earlier, last = entry.provenance or (origin,)
-    if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
-        return (*entry.provenance, origin)
-    return (*earlier, replace(origin, wrenches=last.wrenches + origin.wrenches))
+    *earlier, last = entry.provenance or (record,)
+    if not entry.provenance or replace(last, wrenches=record.wrenches) != record:
+        return (*entry.provenance, record)
+    return (*earlier, replace(record, wrenches=last.wrenches + record.wrenches))
 
 
 def fit_input(
     value: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
 ) -> tuple[UpdatableFit, FloatArray | None, str]:
-    """Return the ellipsoid of a task or wrenches, its reference point of moments and its source."""
+    """Return the fit of a task ellipsoid or of wrenches, with its reference point of moments and its source."""
     if isinstance(value, TaskEllipsoid):
         if outliers:
             raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")
@@ -352,7 +356,7 @@ class WrenchInput:
 
     @classmethod
     def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> WrenchInput:
-        """Return the wrenches of a recording, polytope or array, without a share of outliers.
+        """Return the wrenches of a recording, polytope or array, without a fraction ``outliers`` of them.
 
         Raises
         ------
@@ -374,7 +378,7 @@ class WrenchInput:
         return cls(rows, wrench_input.about, wrench_input.source)
 
     def fit(self, probability: float | None) -> UpdatableFit:
-        """Return the minimum-volume ellipsoid of the wrenches, or the covariance ellipsoid of a probability."""
+        """Return the minimum-volume fit of the wrenches or, for a probability, the covariance fit."""
         return (
             MinVolumeFit.of(self.rows) if probability is None else CovarianceFit.of(Moments.of(self.rows), probability)
         )
@@ -452,7 +456,7 @@ class LibraryFolder:
         return tuple(entries[name] for name in sorted(entries))
 
     def find(self, name: str) -> tuple[Path, TaskEntry] | None:
-        """Return the file and entry of a name, or ``None``.
+        """Return the file and entry of a name, or ``None`` if there is no such entry.
 
         Raises
         ------
@@ -472,7 +476,7 @@ class LibraryFolder:
         return None
 
     def get(self, name: str) -> tuple[Path, TaskEntry]:
-        """Return the file and entry of a name.
+        """Return the file and entry of a name; raise if there is no such entry.
 
         Raises
         ------

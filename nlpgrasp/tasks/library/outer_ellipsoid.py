@@ -20,7 +20,7 @@ from nlpgrasp.tasks.enclosing_ellipsoid import (
     ROUNDING,
     MinVolumeEllipsoid,
     NormalisedWrenches,
-    levels,
+    ellipsoid_norms,
     min_volume_ellipsoid,
 )
 
@@ -81,7 +81,7 @@ class OuterEllipsoid:
     gap: float | None
 
     def normalised(self, local: NormalisedWrenches) -> MinVolumeEllipsoid | None:
-        """Return the ellipsoid in normalised coordinates, ``None`` if it is flat in them."""
+        """Return the ellipsoid in normalised coordinates, or ``None`` if it is flat."""
         _, sizes, vectors = np.linalg.svd(local.normalise_axes(self.axes), full_matrices=False)
         if len(sizes) < len(local.basis) or sizes[-1] <= FLAT * sizes[0]:
             return None
@@ -91,7 +91,7 @@ class OuterEllipsoid:
 def enclose_wrenches(
     wrenches: FloatArray, inner: Sequence[InnerEllipsoid], previous: OuterEllipsoid | None = None
 ) -> OuterEllipsoid:
-    """Return the minimum-volume ellipsoid around wrenches and ellipsoids, or the previous one if it contains all.
+    """Return the minimum-volume ellipsoid around wrenches and ellipsoids, or the previous one if it contains them all.
 
     Parameters
     ----------
@@ -110,20 +110,23 @@ def enclose_wrenches(
     points, inner = local.points[: len(wrenches)], [ellipsoid.normalised(local) for ellipsoid in inner]
     if previous is not None:
         ellipsoid = previous.normalised(local)
-        if ellipsoid is not None and _largest_level(ellipsoid, points, inner) <= 1.0 + INSIDE:
+        if ellipsoid is not None and _largest_norm(ellipsoid, points, inner) <= 1.0 + INSIDE:
             return previous  # its gap still holds, since the minimum has not decreased
     result = _enclose_by_cutting_planes(local.points, inner)
-    scale = max(1.0, _largest_level(result, points, inner)) * (1.0 + ROUNDING)
+    scale = max(1.0, _largest_norm(result, points, inner)) * (1.0 + ROUNDING)
     gap = (1.0 + result.gap) * scale ** len(result.axes) - 1.0
     return OuterEllipsoid(local.denormalise(result.center), local.denormalise_axes(scale * result.axes), gap)
 
 
 def _enclose_by_cutting_planes(points: FloatArray, inner: Sequence[InnerEllipsoid]) -> MinVolumeEllipsoid:
-    """Return the minimum-volume ellipsoid around points and, up to ``SLACK``, ellipsoids, by cutting planes."""
+    """Return the minimum-volume ellipsoid around points and ellipsoids by cutting planes.
+
+    Ellipsoids may stick out by the relative excess ``SLACK``.
+    """
     result = min_volume_ellipsoid(points, GAP)
     for _ in range(CUTS):
         farthest = [farthest_point(ellipsoid, result) for ellipsoid in inner]
-        outside = [point for level, point in farthest if level > 1.0 + SLACK]
+        outside = [point for norm, point in farthest if norm > 1.0 + SLACK]
         if not outside:
             break
         points = np.concatenate([points, outside])
@@ -131,14 +134,16 @@ def _enclose_by_cutting_planes(points: FloatArray, inner: Sequence[InnerEllipsoi
     return result
 
 
-def _largest_level(ellipsoid: MinVolumeEllipsoid, points: FloatArray, inner: Sequence[InnerEllipsoid]) -> float:
-    """Return the largest level of points and ellipsoids relative to an ellipsoid (1: its boundary)."""
-    largest = float(np.max(levels(points, ellipsoid.center, ellipsoid.axes), initial=0.0))
+def _largest_norm(ellipsoid: MinVolumeEllipsoid, points: FloatArray, inner: Sequence[InnerEllipsoid]) -> float:
+    """Return the largest norm of points and inner ellipsoids, for which ``ellipsoid`` is the unit ball."""
+    largest = float(np.max(ellipsoid_norms(points, ellipsoid.center, ellipsoid.axes), initial=0.0))
     return max([largest, *(farthest_point(item, ellipsoid)[0] for item in inner)])
 
 
 def farthest_point(inner: InnerEllipsoid, ellipsoid: MinVolumeEllipsoid) -> tuple[float, FloatArray]:
-    """Return a tight upper bound of one ellipsoid's level in another, and the farthest point (r,).
+    """Return an upper bound on the norm of the inner ellipsoid's farthest point, and that point, (r,).
+
+    The outer ellipsoid is the unit ball of the norm; the bound is tight.
 
     In the other ellipsoid's coordinates it is the largest ``|b + B v|`` over ``|v| <= 1``, a trust-region subproblem:
     for every ``lam`` above the eigenvalues s of ``S = B^T B``, with ``g = B^T b``,

@@ -1,4 +1,4 @@
-"""Ellipsoids of a task library, updated with new wrenches: minimum-volume, or from a covariance.
+"""Ellipsoids fitted to wrenches that can be updated with further ones: minimum-volume or covariance.
 
 A minimum-volume ellipsoid (``MinVolumeFit``) keeps all wrenches, and an update is a fit of all of them. A covariance
 ellipsoid (``CovarianceFit``) follows exactly from the count, mean and scatter of all wrenches (``Moments``).
@@ -18,7 +18,13 @@ from scipy.special import gammaincinv
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.enclosing_ellipsoid import FLAT, INSIDE, NormalisedWrenches, enclose_without_outliers, levels
+from nlpgrasp.tasks.enclosing_ellipsoid import (
+    FLAT,
+    INSIDE,
+    NormalisedWrenches,
+    ellipsoid_norms,
+    enclose_without_outliers,
+)
 from nlpgrasp.tasks.library.outer_ellipsoid import GAP, InnerEllipsoid, OuterEllipsoid, enclose_wrenches
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 
@@ -27,7 +33,7 @@ NUMBERS = np.dtype("<f8")  # number format of wrenches in files of earlier versi
 
 @dataclass(frozen=True)
 class UpdatableFit(ABC):
-    """An ellipsoid fitted to wrenches, with what an update needs (immutable).
+    """Immutable ellipsoid fitted to wrenches, with the data that an update needs.
 
     Parameters
     ----------
@@ -55,15 +61,15 @@ class UpdatableFit(ABC):
     @property
     @abstractmethod
     def wrench_count(self) -> int:
-        """Number of wrenches that it was fitted to."""
+        """Number of wrenches that the ellipsoid was fitted to."""
 
     @property
     def stored_wrenches(self) -> FloatArray:
-        """The wrenches that updates need one by one, (n, d)."""
+        """Wrenches that an update needs individually, (n, d)."""
         return np.zeros((0, self.dimension))
 
     @abstractmethod
-    def words(self) -> str:
+    def describe(self) -> str:
         """Return a text that describes the fit."""
 
     @abstractmethod
@@ -72,11 +78,11 @@ class UpdatableFit(ABC):
 
     @abstractmethod
     def merged(self, other: UpdatableFit) -> Self:
-        """Return the fit to all wrenches of both."""
+        """Return the fit to the wrenches of both fits."""
 
     @abstractmethod
     def without_outliers(self, share: float) -> tuple[Self, FloatArray]:
-        """Return the fit without a share of outliers, and the removed wrenches (k, d)."""
+        """Return the fit without a fraction ``share`` of outliers, and the removed wrenches (k, d)."""
 
     @abstractmethod
     def to_dict(self) -> Json:
@@ -131,22 +137,22 @@ class MinVolumeFit(UpdatableFit):
 
     @classmethod
     def of_task(cls, task: TaskEllipsoid) -> MinVolumeFit:
-        """Return a fit that starts from a given task ellipsoid, which updates will enclose too."""
+        """Return the fit that starts with a given task ellipsoid, which all updates enclose."""
         inner = InnerEllipsoid(task.center, task.axes)
         return cls(task.center, task.axes, 0, 0.0, np.zeros((0, task.dimension)), (inner,))
 
     @property
     def wrench_count(self) -> int:
-        """Number of wrenches that it was fitted to."""
+        """Number of wrenches that the ellipsoid was fitted to."""
         return len(self.rows) + self.unstored
 
     @property
     def stored_wrenches(self) -> FloatArray:
-        """The wrenches, (n, d)."""
+        """Wrenches of the fit, (n, d)."""
         return self.rows
 
-    def words(self) -> str:
-        """Return a text on the certified volume."""
+    def describe(self) -> str:
+        """Return a text that describes the fit by its certified volume."""
         if not self.wrench_count:
             return "as given"
         excess = "not known" if self.gap is None else f"at most {self.gap:.1g} above the least"
@@ -157,7 +163,7 @@ class MinVolumeFit(UpdatableFit):
         return replace(self, rows=np.concatenate([self.rows, rows]))._refitted(self)
 
     def merged(self, other: UpdatableFit) -> MinVolumeFit:
-        """Return the minimum-volume ellipsoid around all wrenches and given tasks of both."""
+        """Return the minimum-volume ellipsoid around the wrenches and the given tasks of both fits."""
         self.check_alike(other)
         if not isinstance(other, MinVolumeFit):
             raise InputError("fit.kind", other.kind, f"{self.kind!r}, that of the other")
@@ -171,13 +177,13 @@ class MinVolumeFit(UpdatableFit):
         return union._refitted(self)
 
     def _refitted(self, previous: MinVolumeFit | None) -> MinVolumeFit:
-        """Return the fit with the minimum-volume ellipsoid around its wrenches and inner ellipsoids."""
+        """Return the fit with its minimum-volume ellipsoid computed anew."""
         former = None if previous is None else OuterEllipsoid(previous.center, previous.axes, previous.gap)
         outer = enclose_wrenches(self.rows, self.inner, former)
         return replace(self, center=outer.center, axes=outer.axes, gap=None if self.unstored else outer.gap)
 
     def without_outliers(self, share: float) -> tuple[MinVolumeFit, FloatArray]:
-        """Return the minimum-volume ellipsoid without a share of outliers, and the removed wrenches (k, d).
+        """Return the minimum-volume fit without a fraction ``share`` of outliers, and the removed wrenches (k, d).
 
         The farthest wrenches are trimmed iteratively, as by ``fit_ellipsoid``.
 
@@ -194,7 +200,7 @@ class MinVolumeFit(UpdatableFit):
             raise InputError("share", share, f"at most {largest:.3g}: {len(self.rows)} wrenches are kept one by one")
         local = NormalisedWrenches.of(self.rows)
         ellipsoid = enclose_without_outliers(local.points, (count + 0.5) / len(self.rows), GAP, False)
-        is_inside = levels(local.points, ellipsoid.center, ellipsoid.axes) <= 1.0 + INSIDE
+        is_inside = ellipsoid_norms(local.points, ellipsoid.center, ellipsoid.axes) <= 1.0 + INSIDE
         outliers = self.rows[~is_inside]
         trimmed = replace(self, rows=self.rows[is_inside], forgotten=self.forgotten + len(outliers))
         return trimmed._refitted(None), outliers
@@ -225,7 +231,7 @@ class MinVolumeFit(UpdatableFit):
 
 
 def _read_earlier_data(data: Json, dimension: int) -> tuple[FloatArray, int, list[InnerEllipsoid]]:
-    """Return wrenches (n, d), their number and inner ellipsoids from data that hold wrenches as base64.
+    """Return wrenches (n, d), their number and inner ellipsoids from data in the format of earlier versions.
 
     Earlier versions kept a limited number of wrenches, and replaced the others by intersections of ellipsoids. The
     smallest ellipsoid of each intersection stands for it.
@@ -253,7 +259,7 @@ def _decode_wrenches(text: str, dimension: int) -> FloatArray:
 
 
 def check_outlier_share(share: float) -> float:
-    """Return a validated share of outliers, above 0 and below 0.5."""
+    """Return the validated fraction of outliers, above 0 and below 0.5."""
     if number("share", share, above=0.0) >= 0.5:
         raise InputError("share", share, "a share below 0.5")
     return float(share)
@@ -279,7 +285,7 @@ class CovarianceFit(UpdatableFit):
 
     @classmethod
     def of(cls, moments: Moments, probability: float) -> CovarianceFit:
-        """Return the covariance ellipsoid of given moments.
+        """Return the covariance ellipsoid of wrenches with given count, mean and scatter.
 
         Raises
         ------
@@ -301,22 +307,22 @@ class CovarianceFit(UpdatableFit):
 
     @property
     def wrench_count(self) -> int:
-        """Number of wrenches that it was fitted to."""
+        """Number of wrenches that the ellipsoid was fitted to."""
         return self.moments.count
 
-    def words(self) -> str:
-        """Return a text on the share that it contains."""
+    def describe(self) -> str:
+        """Return a text that describes the fit by its probability."""
         return f"of {self.probability:.6g} of normally distributed wrenches, from {self.wrench_count}"
 
     def updated(self, rows: FloatArray) -> CovarianceFit:
-        """Return the exact ellipsoid of all previous and new wrenches (n, d)."""
+        """Return the covariance ellipsoid of all previous and new wrenches (n, d)."""
         return CovarianceFit.of(self.moments.plus(Moments.of(rows)), self.probability)
 
     def merged(self, other: UpdatableFit) -> CovarianceFit:
-        """Return the exact ellipsoid of all wrenches of both."""
+        """Return the covariance ellipsoid of the wrenches of both fits."""
         self.check_alike(other)
         if not isinstance(other, CovarianceFit) or other.probability != self.probability:
-            raise InputError("fit", other.words(), f"probability {self.probability}, that of the other")
+            raise InputError("fit", other.describe(), f"probability {self.probability}, that of the other")
         return CovarianceFit.of(self.moments.plus(other.moments), self.probability)
 
     def without_outliers(self, share: float) -> tuple[CovarianceFit, FloatArray]:
@@ -324,7 +330,7 @@ class CovarianceFit(UpdatableFit):
         raise InputError("share", share, "an entry of least volume: this one keeps mean and covariance, no wrenches")
 
     def to_dict(self) -> Json:
-        """Return probability and moments as JSON data."""
+        """Return probability, count, mean and scatter as JSON data."""
         return {
             "kind": self.kind,
             "probability": self.probability,
@@ -357,13 +363,16 @@ class Moments:
 
     @classmethod
     def of(cls, rows: FloatArray) -> Moments:
-        """Return the moments of wrenches (n, d)."""
+        """Return count, mean and scatter of wrenches (n, d)."""
         mean = rows.mean(axis=0)
         deviations = rows - mean
         return cls(len(rows), mean, deviations.T @ deviations)
 
     def plus(self, other: Moments) -> Moments:
-        """Return the moments of both sets together (Chan, Golub and LeVeque 1983, doi:10.2307/2683386)."""
+        """Return count, mean and scatter of the wrenches of both together.
+
+        Formulas of Chan, Golub and LeVeque (1983, doi:10.2307/2683386).
+        """
         count = self.count + other.count
         difference = other.mean - self.mean
         spread = self.count * other.count / count * np.outer(difference, difference)
@@ -375,6 +384,6 @@ class Moments:
 
     @classmethod
     def from_dict(cls, data: Json, dimension: int) -> Moments:
-        """Return the moments from the data of ``to_dict``, checked against the dimension."""
+        """Return count, mean and scatter from the data of ``to_dict``, checked against the dimension."""
         mean = array("fit.moments.mean", data["mean"], (dimension,))
         return cls(data["count"], mean, array("fit.moments.scatter", data["scatter"], (dimension, dimension)))
