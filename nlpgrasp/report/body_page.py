@@ -61,12 +61,14 @@ TABLE_DIGITS = 4  # digits of a suggested table height
 
 
 def body_triangles(body: Body) -> Triangles:
-    """Return the triangles that are drawn for a body."""
+    """Return the triangles with which a body is drawn."""
     return Triangles(*triangles(body, MOST))
 
 
 def body_scene(body: Body, shape: Triangles | None = None) -> Json:
-    """Return the viewer's scene of a body; metres, body frame, in the format of ``report.grasp_scene.solution_scene``.
+    """Return the viewer's scene of a body, in metres and the body frame.
+
+    The format is that of ``report.grasp_scene.solution_scene``.
 
     The names of the faces are under ``contacts``; ``axes`` are those of the frame. ``shape`` is
     ``body_triangles(body)``, if already computed.
@@ -94,7 +96,10 @@ def body_scene(body: Body, shape: Triangles | None = None) -> Json:
 
 
 def _face_labels(body: Body, shape: Triangles) -> list[Json]:
-    """Return the labels of a body with several faces, each on its face near the middle."""
+    """Return one label for each face of a body, near the face's middle.
+
+    A body of one face, or of very many, has no labels.
+    """
     if not 1 < len(body.faces) <= MOST_LABELS:
         return []
     corners = subdivide(shape, FACE_TRIANGLES)
@@ -115,7 +120,7 @@ def _face_labels(body: Body, shape: Triangles) -> list[Json]:
 
 
 def _face_distance(body: Body, name: str, points: FloatArray) -> FloatArray:
-    """Return approximate distances of points (m, 3) from a face, (m,), metres, from surface and extents."""
+    """Return approximate distances (m,) of points (m, 3) from a face, metres."""
     h, slope, _, extent = body.evaluate(name, points[:, : body.space])
     return np.asarray(np.abs(h) / np.maximum(slope, 1e-12) + np.maximum(extent, 0.0))
 
@@ -128,7 +133,7 @@ def _face_label(name: str, point: FloatArray, inward: FloatArray) -> Json:
 
 @dataclass(frozen=True)
 class ScenePage:
-    """Page of one named scene.
+    """HTML page that shows one 3D scene.
 
     Parameters
     ----------
@@ -145,11 +150,14 @@ class ScenePage:
     scene: Json
 
     def full_page(self, figures: Sequence[KeyFigure], note: str = "") -> str:
-        """Return the page with the scene and its key figures; ``note`` is beside its title."""
+        """Return the page with the scene and key figures beside it.
+
+        ``note`` is shown beside the title.
+        """
         return self._page([f'<div class="first">{self._stage()}{figure_panel(figures)}</div>'], note)
 
     def card(self, note: str) -> str:
-        """Return a small page for a notebook: the scene alone."""
+        """Return a small page for a notebook with the scene alone."""
         return self._page([self._stage()], note, CARD)
 
     def _page(self, parts: Sequence[str], note: str, *sheets: str) -> str:
@@ -157,7 +165,7 @@ class ScenePage:
         return scene_page(self.name, [section], sheets)
 
     def _stage(self) -> str:
-        """Return the scene with its switches, and the names of parts that are not drawn."""
+        """Return the scene with visibility switches as HTML, and below it the names of parts that are not drawn."""
         undrawn = ", ".join(self.scene["unseen"])
         note = f'<p class="note">not drawn: {escape(undrawn)}</p>' if undrawn else ""
         return scene_html(self.description, [switches(SWITCHES), note])
@@ -185,7 +193,7 @@ def body_card(body: Body) -> str:
 
 
 def body_figures(body: Body) -> list[KeyFigure]:
-    """Return the key figures of a body: extents, bounds, faces, centre, mesh."""
+    """Return the key figures of a body: size, bounds, faces, centre and mesh."""
     extents = np.ptp(body.bounds, axis=0)
     names = body.face_names
     more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
@@ -209,8 +217,8 @@ def body_figures(body: Body) -> list[KeyFigure]:
         figures.append(
             KeyFigure("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True)
         )
-        share = format_percent(OFFSET_QUANTILE)
-        offset = f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {share} of it"
+        percent = format_percent(OFFSET_QUANTILE)
+        offset = f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {percent} of it"
         walls = (
             f"walls: {format_number(1e3 * body.wall, 2)} mm; smoothing={body.smoothing:g}, resolution={body.resolution}"
         )
@@ -219,7 +227,7 @@ def body_figures(body: Body) -> list[KeyFigure]:
 
 
 def _bounds_figure(body: Body) -> KeyFigure:
-    """Return the body's range along each axis, and the height of a table under it as code."""
+    """Return the key figure of the body's bounds, with code for a table under the body."""
     bounds = 1e3 * body.bounds
     zero_size = ZERO_SHARE * float(np.max(np.ptp(bounds, axis=0)))
     ends = [[format_number(v, least=zero_size) for v in column] for column in bounds.T]
@@ -241,12 +249,12 @@ def _bounds_figure(body: Body) -> KeyFigure:
 
 
 def _is_implausible(extents: FloatArray) -> bool:
-    """Return whether sides of a bounding box suggest another unit."""
+    """Return whether the extents of a body are so large or small that the unit of length is probably wrong."""
     return bool(np.max(extents) > LARGE or np.max(extents) < SMALL)
 
 
 def _size_warning(extents: FloatArray) -> str:
-    """Return the note beside a body's size, a warning if it is implausible."""
+    """Return the note beside a body's size: a warning if the size is implausible."""
     if not _is_implausible(extents):
         return "along the axes of the body's frame"
     size = "larger than a metre" if np.max(extents) > LARGE else "smaller than a millimetre"
@@ -270,7 +278,7 @@ def _format_extents(body: Body) -> str:
 
 
 def problem_scene(problem: GraspProblem) -> Json:
-    """Return the viewer's scene of a problem; metres, body frame: the body's scene with its surroundings."""
+    """Return the viewer's scene of a problem: body, tables and obstacles, in metres and the body frame."""
     shape = body_triangles(problem.body)
     bare_scene, usable = body_scene(problem.body, shape), usable_faces(problem)
     size, flat = bare_scene["size"], bare_scene["flat"]
@@ -323,7 +331,10 @@ def problem_figures(problem: GraspProblem) -> list[KeyFigure]:
 
 
 def _note_html(note: str) -> str:
-    """Return a note as HTML without typeset signs, as it quotes names and code."""
+    """Return a note as HTML with all characters unchanged.
+
+    Notes quote names and code, whose minus signs are to be copied.
+    """
     return f'<p class="note">{escape(note)}</p>'
 
 

@@ -1,4 +1,4 @@
-"""HTML page and plots of an experiment: table, certified intervals, failures."""
+"""HTML page and plots of an experiment."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _warnings(result: ExperimentResult) -> list[str]:
 
 
 def _variation_table(result: ExperimentResult) -> str:
-    """Return the table of variations, the best first, as HTML."""
+    """Return the table of variations as HTML, the best first."""
     heads = ["Rank", "Variation", "mu certified in", "", "Gap", "Seeds that agree", "Seconds a solve"]
     heads += ["Starts that succeeded", "Ties with", "Grasp of", "Active constraints"]
     axis_limit = max((variation.mu.upper for variation in result.variations), default=0.0) or 1.0
@@ -83,7 +83,10 @@ def _variation_table(result: ExperimentResult) -> str:
 
 
 def _variation_row(variation: VariationResult, rank: int, ties: Sequence[str], axis_limit: float) -> list[str]:
-    """Return the table's cells of a variation, its certified interval drawn up to the axis limit."""
+    """Return the table cells of a variation.
+
+    One cell draws the certified interval on an axis up to ``axis_limit``.
+    """
     mu, best = variation.mu, variation.best
     successes, starts = variation.starts
     start, width = 100.0 * mu.lower / axis_limit, 100.0 * (mu.upper - mu.lower) / axis_limit
@@ -121,7 +124,7 @@ def _price_table(result: ExperimentResult) -> str:
 
 
 def _inputs(result: ExperimentResult) -> str:
-    """Return the section with the experiment's plan as HTML."""
+    """Return the section on inputs as HTML: the experiment's plan, and how to repeat it."""
     try:
         plan = escape((result.folder / PLAN).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError):
@@ -134,7 +137,9 @@ def _inputs(result: ExperimentResult) -> str:
 
 
 def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
-    """Write the plots into a folder and return their paths; none without any grasp.
+    """Write the plots of an experiment into a folder and return their paths.
+
+    Without a grasp there is at most the plot of success rates.
 
     Raises
     ------
@@ -174,7 +179,7 @@ def draw_mu(variations: Sequence[VariationResult]) -> Figure:
 
 
 def draw_time(variations: Sequence[VariationResult]) -> Figure:
-    """Draw the best certified lower bound over the solver's time, a line per seed."""
+    """Draw the best certified lower bound over the solver's time, with a line per seed."""
     figure, ax = _new_figure(4.0)
     for i, v in enumerate(variations[:MOST_LINES]):
         for j, solve in enumerate(s for s in v.solves if s.success):
@@ -191,7 +196,7 @@ def draw_time(variations: Sequence[VariationResult]) -> Figure:
 
 
 def draw_experiment_convergence(variations: Sequence[VariationResult]) -> Figure:
-    """Draw the relative distance of the refinement from its final value, by round, for each variation's best start."""
+    """Draw the convergence of each variation's best start: relative distance of mu from its final value, by round."""
     figure, ax = _new_figure(4.0)
     for i, v in enumerate(variations[:MOST_LINES]):
         start = None if v.best is None else v.best.best_start
@@ -208,7 +213,7 @@ def draw_experiment_convergence(variations: Sequence[VariationResult]) -> Figure
 
 
 def draw_success(variations: Sequence[VariationResult]) -> Figure:
-    """Draw the share of starts with a certified grasp, with Wilson's 95 % interval."""
+    """Draw the success rate of each variation's starts, with Wilson's 95 % interval."""
     figure, ax = _new_figure(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
         successes, starts = v.starts
@@ -226,9 +231,9 @@ def draw_success(variations: Sequence[VariationResult]) -> Figure:
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return Wilson's score interval of a proportion (1927, doi:10.1080/01621459.1927.10502953)."""
-    share, z_squared = successes / trials, NORMAL_QUANTILE**2 / trials
-    centre = share + 0.5 * z_squared
-    half_width = NORMAL_QUANTILE * np.sqrt(share * (1.0 - share) / trials + 0.25 * z_squared / trials)
+    proportion, z_squared = successes / trials, NORMAL_QUANTILE**2 / trials
+    centre = proportion + 0.5 * z_squared
+    half_width = NORMAL_QUANTILE * np.sqrt(proportion * (1.0 - proportion) / trials + 0.25 * z_squared / trials)
     return float((centre - half_width) / (1.0 + z_squared)), float((centre + half_width) / (1.0 + z_squared))
 
 
@@ -239,14 +244,14 @@ def _new_figure(height: float) -> tuple[Figure, Axes]:
 
 
 def _write_plot(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
-    """Draw variations and write the figure as PNG."""
+    """Draw a plot of the variations and write it as PNG."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph", UserWarning)  # characters that the font lacks are drawn as boxes
         return write_figure(draw(variations), path)
 
 
 def _seed_label(variations: Sequence[VariationResult]) -> str:
-    """Return the displayed name of the variations' common measure."""
+    """Return the axis label of mu: the measure that all variations share."""
     kinds = {v.best.kind for v in variations if v.best is not None}
     return format_measure(kinds.pop() if len(kinds) == 1 else "")
 
@@ -258,6 +263,6 @@ def _legend(ax: Axes, count: int) -> None:
 
 
 def _shorten_name(name: str, longest: int = 32) -> str:
-    """Return a variation's name for a plot."""
+    """Return a variation's name, shortened for a plot."""
     text = name if len(name) <= longest else name[: longest - 3] + "..."
     return text.replace("$", r"\$")  # no math mode

@@ -37,7 +37,7 @@ PAD_RADIUS = 0.16  # radius of a drawn jaw pad, as a share of the body's size
 
 
 def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
-    """Return name and triangles, body frame, of a gripper's fingers and palm in its pose.
+    """Return name and triangles (body frame) of each finger and the palm of a parallel gripper in its pose.
 
     Empty for planar grippers, without a ``finger_length``, and for files without a pose. Fingers whose width is not
     stated are drawn as broad as thick; a palm whose size is not stated reaches from finger to finger.
@@ -71,12 +71,12 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
 
 
 def _transform_points(points: FloatArray, rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """Return points (m, 3) in another frame."""
+    """Return points (m, 3) transformed by a rotation and a translation."""
     return np.asarray(points @ rotation.T + position)
 
 
 def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
-    """Return the viewer's scene; metres, body frame. None where the file has neither a body nor contacts.
+    """Return the viewer's scene of a solution, in metres and the body frame, or ``None`` without body and contacts.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> J
 
 
 def _mark_lengths(solution: GraspSolution, body: FloatArray, size: float) -> Json:
-    """Return lengths of normals, cones and force arrows, and radii of discs and pads, metres, for a body's vertices."""
+    """Return the drawn sizes of normals, friction cones, contact discs, arrow shafts and pads, metres."""
     least_extent = float(np.min(np.ptp(body[:, :2] if _is_flat(solution) else body, axis=0)))
     mark_size = min(size, max(MOST_MARK_SIZE * least_extent, 0.3 * size))
     return {
@@ -137,7 +137,7 @@ def _mark_lengths(solution: GraspSolution, body: FloatArray, size: float) -> Jso
 
 
 def _contact_data(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Json]:
-    """Return the viewer's data of contacts with fingertips of this radius."""
+    """Return the viewer's data of each contact: point, normal, friction, face and fingertip radius."""
     entries = zip(in_space(grasp.points), in_space(grasp.normals), grasp.contacts, faces, strict=True)
     return [
         {
@@ -152,14 +152,17 @@ def _contact_data(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Jso
 
 
 def grasp_tips(solution: GraspSolution) -> FloatArray:
-    """Return the centres of free fingertips, (k, 3), metres; the contacts where fingertips are points or a hand's."""
+    """Return the centres of free fingertips, (k, 3), metres.
+
+    Without free round fingertips these are the contacts.
+    """
     if solution.grasp is None:
         return np.zeros((0, 3))
     return in_space(solution.grasp.points) - _tip_radius(solution) * in_space(solution.grasp.normals)
 
 
 def body_surface(solution: GraspSolution) -> Triangles | None:
-    """Return the body's triangles, from the drawing or else from the file's body data; None without either."""
+    """Return the body's triangles from the drawing or else from the body's data, or ``None`` without both."""
     if solution.drawing is not None:
         return solution.drawing.body
     try:
@@ -171,7 +174,7 @@ def body_surface(solution: GraspSolution) -> Triangles | None:
 def scene_shapes(
     solution: GraspSolution, body: Triangles | None, surroundings: DrawnSurroundings
 ) -> list[tuple[str, str, Triangles]]:
-    """Return group, name and triangles of body, hand and obstacles."""
+    """Return group, name and triangles of each drawn shape: body, hand links, jaws and obstacles."""
     tips = () if solution.hand is None else solution.hand.get("fingertips", ())
     links = () if solution.drawing is None else solution.drawing.links
     hand = [("tip" if name in tips else "link", name, shape) for name, shape in links if len(shape.faces)]
@@ -181,12 +184,12 @@ def scene_shapes(
 
 
 def _arrows(points: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return tails and heads (k, 2, 3) of force arrows that end at the contacts."""
+    """Return tails and heads, (k, 2, 3), of arrows that end at the contacts and show their forces."""
     return np.stack([points - forces, points], axis=1)
 
 
 def _is_flat(solution: GraspSolution) -> bool:
-    """Return whether the grasp, or the problem without one, is planar."""
+    """Return whether the problem is planar."""
     return solution.task.dimension == 3
 
 
@@ -203,7 +206,7 @@ def _palm_point(solution: GraspSolution) -> FloatArray | None:
 
 
 def _pad_radius(solution: GraspSolution) -> float:
-    """Return the drawn radius of parallel jaws' pads, metres; 0 for other hands."""
+    """Return the drawn radius of the pads of parallel jaws, in body sizes; 0 for other hands."""
     return PAD_RADIUS if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
 
 

@@ -1,4 +1,4 @@
-"""HTML page of a hand: 3D view with movable joints, tables, and warnings about it."""
+"""HTML page of a hand: 3D view with movable joints, tables and warnings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CARD_TRIANGLES = 12_000  # most triangles of all links together: a notebook stor
 
 
 def warning_list(inspection: Inspection) -> str:
-    """Return the warnings as an HTML list."""
+    """Return the warnings about a hand as an HTML list."""
     no_remark = (f"{GOOD[0].upper()}{GOOD[1:]}", "good")
     # code to paste keeps its minus signs
     remarks = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in inspection.notices]
@@ -51,7 +51,7 @@ def warning_list(inspection: Inspection) -> str:
 
 
 def fingertip_table(hand: InspectedHand) -> str:
-    """Return the table of fingertips."""
+    """Return the table of fingertips as HTML."""
     robot = hand.tree.robot
     rows = []
     for i, (link, tip) in enumerate(hand.tree.tips):
@@ -62,7 +62,7 @@ def fingertip_table(hand: InspectedHand) -> str:
 
 
 def describe_patch(tip: Tip) -> str:
-    """Return a patch as text: its kind and dimensions."""
+    """Return the kind and the dimensions of a fingertip's patch as text."""
     data = tip.to_dict()
     kind, parts = str(data["type"]).replace("_", " "), []
     if tip.standoff > 0.0:
@@ -78,7 +78,10 @@ def describe_patch(tip: Tip) -> str:
 
 
 def opposition_table(opposition: Opposition | None) -> str:
-    """Return the table of fingertip pairs with their least distance; its buttons show the posture."""
+    """Return the table of least distances between pairs of fingertips as HTML.
+
+    Each cell is a button that shows the posture.
+    """
     if opposition is None or not opposition.pairs:
         return ""
     count = max(i for pair in opposition.pairs for i in pair.fingers) + 1
@@ -96,7 +99,7 @@ def opposition_table(opposition: Opposition | None) -> str:
 
 
 def _separate_tips(opposition: Opposition) -> str:
-    """Return groups of fingertips that cannot meet each other, each with the page's button for it."""
+    """Return the groups of fingertips that cannot all meet at once, as HTML buttons that show the posture."""
     if not opposition.separated:
         return ""
     buttons = "".join(
@@ -111,7 +114,7 @@ def _separate_tips(opposition: Opposition) -> str:
 
 
 def _meeting_cell(pair: TipMeeting | None) -> str:
-    """Return the table cell of two fingertips that oppose each other."""
+    """Return the table cell of a pair of fingertips as HTML."""
     if pair is None:
         return ""
     kind = "meets" if pair.touches else "apart" if pair.faces else "never"
@@ -119,14 +122,14 @@ def _meeting_cell(pair: TipMeeting | None) -> str:
 
 
 def _format_opposition(meeting: TipMeeting) -> str:
-    """Return the least distance of two opposed fingertips as text."""
+    """Return the least distance of fingertips that face each other as text."""
     if not meeting.faces:
         return "never face"
     return "touch" if meeting.touches else typeset(millimetres(meeting.opposed))
 
 
 def joint_table(hand: InspectedHand) -> str:
-    """Return the table of joints: limits, and effort limits of the file and in use."""
+    """Return the table of joints as HTML: position ranges, and effort limits in the file and in use."""
     robot = hand.tree.robot
     order = [robot.free_joints[i].name for finger in fingers(hand.tree) for i in finger.joints]
     moving = sorted((j for j in robot.joints if j.moves), key=lambda j: order.index(robot.driving_joint(j)[0]))
@@ -159,7 +162,7 @@ def _effort_cell(joint: Joint, effort: float | None) -> str:
 
 
 def link_table(hand: InspectedHand) -> str:
-    """Return the table of links: their shapes, and the fitting errors of their spheres."""
+    """Return the table of links as HTML: collision shapes, and fitting errors of their spheres."""
     robot = hand.tree.robot
     rows = []
     for link in robot.links:
@@ -216,7 +219,7 @@ def write_hand(hand: Hand | InspectedHand | Inspection, path: str | Path) -> Pat
 
 
 def hand_card(hand: Hand) -> str:
-    """Return the small page of a hand.
+    """Return the small page of a hand for a notebook.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""3D scene of a hand with movable joints, and its controls."""
+"""3D scene of a hand with movable joints, with sliders and posture buttons."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ VIEWER = ("shapes.js", "renderer.js", "view.js", "kinematics.js", "hand.js")
 
 
 def joint_tree(hand: InspectedHand) -> Json:
-    """Return links, joints and their drivers.
+    """Return the viewer's data of links, joints and the free joints that drive them.
 
     Returns
     -------
@@ -88,12 +88,12 @@ def _origin(joint: Joint) -> FloatArray:
 
 
 def rounded_list(values: FloatArray, digits: int = EXACT_DECIMALS) -> list[float]:
-    """Return numbers as a rounded list, without -0."""
+    """Return an array as a list of rounded numbers, without -0."""
     return [float(v) + 0.0 for v in np.round(np.asarray(values, dtype=float), digits)]
 
 
 def hand_scene(hand: InspectedHand, triangle_limit: int = HAND_TRIANGLES) -> Json:
-    """Return the scene of a hand; metres, in each link's frame.
+    """Return the viewer's scene of a hand, in metres and each link's frame.
 
     Parameters
     ----------
@@ -137,49 +137,52 @@ def hand_scene(hand: InspectedHand, triangle_limit: int = HAND_TRIANGLES) -> Jso
 
 
 class _DistinctSurfaces:
-    """Surfaces of a scene, each stored once."""
+    """Surfaces of a scene without duplicates."""
 
     def __init__(self) -> None:
         self.data: list[Json] = []
-        self._numbers: dict[bytes, int] = {}
+        self._index_of_key: dict[bytes, int] = {}
 
-    def number(self, key: bytes, shape: Triangles) -> int:
-        """Return the number of the surface with this key, added if it is new."""
-        if key not in self._numbers:
-            self._numbers[key] = len(self.data)
+    def index(self, key: bytes, shape: Triangles) -> int:
+        """Return the index of the surface with this key, and store the surface if the key is new."""
+        if key not in self._index_of_key:
+            self._index_of_key[key] = len(self.data)
             self.data.append(surface(shape).to_dict())
-        return self._numbers[key]
+        return self._index_of_key[key]
 
 
 def _link_parts(hand: InspectedHand, surfaces: _DistinctSurfaces, triangle_limit: int) -> tuple[list[Json], list[Json]]:
-    """Return the links' shapes, of at most about ``triangle_limit`` triangles, and the corners of their boxes."""
+    """Return the viewer's data of the links' shapes, and the corners of their bounding boxes.
+
+    The shapes have about ``triangle_limit`` triangles at most.
+    """
     robot = hand.tree.robot
     parts: list[Json] = []
     corners: list[Json] = []
-    share = triangle_limit // max(1, sum(map(len, robot.shapes.values())))
-    triangles_per_shape = max(LEAST_TRIANGLES, min(MOST_TRIANGLES, share))
-    numbers = {name: i for i, name in enumerate(robot.links)}
+    shape_count = max(1, sum(map(len, robot.shapes.values())))
+    triangles_per_shape = max(LEAST_TRIANGLES, min(MOST_TRIANGLES, triangle_limit // shape_count))
+    link_index = {name: i for i, name in enumerate(robot.links)}
     for link, shapes in robot.shapes.items():
         for shape in shapes:
             vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
             simplified = Triangles(*simplify(vertices, faces, triangles_per_shape))
-            parts.append({"link": numbers[link], "surface": surfaces.number(shape.fingerprint, simplified)})
-            corners.append({"link": numbers[link], "at": _box_corners(vertices)})
+            parts.append({"link": link_index[link], "surface": surfaces.index(shape.fingerprint, simplified)})
+            corners.append({"link": link_index[link], "at": _box_corners(vertices)})
     return parts, corners
 
 
 def _tip_parts(hand: InspectedHand, surfaces: _DistinctSurfaces) -> tuple[list[Json], list[Json]]:
-    """Return the patches of the fingertips, and the corners of their bounding boxes."""
+    """Return the viewer's data of the fingertips' patches, and the corners of their bounding boxes."""
     parts: list[Json] = []
     corners: list[Json] = []
-    numbers = {name: i for i, name in enumerate(hand.tree.robot.links)}
+    link_index = {name: i for i, name in enumerate(hand.tree.robot.links)}
     for link, tip in hand.tree.tips:
         shape = tip.surface()
-        surface_number = surfaces.number(shape.vertices.round(9).tobytes(), shape)
+        surface_index = surfaces.index(shape.vertices.round(9).tobytes(), shape)
         centre = rounded_list(tip.backbone.mean(axis=0), DISPLAY_DECIMALS)
-        entry = {"link": numbers[link], "name": link, "surface": surface_number, "at": centre, "radius": tip.standoff}
+        entry = {"link": link_index[link], "name": link, "surface": surface_index, "at": centre, "radius": tip.standoff}
         parts.append(entry)
-        corners.append({"link": numbers[link], "at": _box_corners(shape.vertices)})
+        corners.append({"link": link_index[link], "at": _box_corners(shape.vertices)})
     return parts, corners
 
 
@@ -196,7 +199,10 @@ def _sphere_data(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
 
 
 def _palm_origin(hand: InspectedHand) -> list[float]:
-    """Return the origin of the drawn palm direction: the front of the palm's shapes along it, or the palm's origin."""
+    """Return the point at which the arrow of the palm's direction starts.
+
+    This is the front of the palm's shapes, or the palm's origin if there are none.
+    """
     shapes = hand.tree.robot.shapes.get(hand.tree.robot.root, ())
     if not shapes:
         return [0.0, 0.0, 0.0]
@@ -206,13 +212,13 @@ def _palm_origin(hand: InspectedHand) -> list[float]:
 
 
 def _relaxed_link_poses(hand: InspectedHand) -> dict[str, FloatArray]:
-    """Return the poses (4, 4) of the used links, palm frame, in the relaxed posture."""
+    """Return the pose (4, 4) in the palm frame of each used link, in the relaxed posture."""
     names = hand.tree.used_links
     return dict(zip(names, hand.tree.palm_poses(hand.rest_posture[None])[0], strict=True)) if names else {}
 
 
 def _link_corners(hand: InspectedHand, corners: Sequence[Json]) -> FloatArray:
-    """Return the used links' corners (n, 3) in the palm's frame, and the palm's origin."""
+    """Return the palm's origin and the corners of used links, (n, 3), in the palm's frame."""
     poses, links = _relaxed_link_poses(hand), hand.tree.robot.links
     points = [np.zeros((1, 3))]
     for entry in corners:
@@ -223,7 +229,10 @@ def _link_corners(hand: InspectedHand, corners: Sequence[Json]) -> FloatArray:
 
 
 def _patch_normals(hand: InspectedHand) -> FloatArray:
-    """Return the mean outward normal of each fingertip's patch, (k, 3), palm frame; zero for a ball."""
+    """Return the mean outward normal of each fingertip's patch, (k, 3), palm frame.
+
+    The mean of a ball is zero.
+    """
     poses, means = _relaxed_link_poses(hand), [np.zeros((0, 3))]
     for link, tip in hand.tree.tips:
         shape = tip.surface()
@@ -235,7 +244,10 @@ def _patch_normals(hand: InspectedHand) -> FloatArray:
 
 
 def _hand_view(points: FloatArray, hand: InspectedHand) -> list[float]:
-    """Return azimuth and elevation, degrees, of a view of the hand's broad side, into the palm and onto flat tips."""
+    """Return azimuth and elevation, degrees, of the initial view of a hand.
+
+    The view is at the hand's broad side, into the palm and onto flat fingertips.
+    """
     azimuth, elevation = (x.ravel() for x in np.meshgrid(AZIMUTHS, [*ELEVATIONS, *-ELEVATIONS], indexing="ij"))
     eyes = view_directions(azimuth, elevation)
     centred = points - points.mean(axis=0)
@@ -248,7 +260,7 @@ def _hand_view(points: FloatArray, hand: InspectedHand) -> list[float]:
 
 
 def postures(hand: InspectedHand, opposition: Opposition | None) -> Json:
-    """Return positions of the free joints for each posture button; radians or metres."""
+    """Return the positions of the free joints for each posture button, radians or metres."""
     positions = {"relaxed": rounded_list(hand.rest_posture)}
     if hand.tree.robot.free_joints:
         lower, upper = hand.tree.joint_limits
@@ -263,13 +275,13 @@ def postures(hand: InspectedHand, opposition: Opposition | None) -> Json:
     return positions
 
 
-def posture_name(numbers: tuple[int, ...]) -> str:
-    """Return the name of the posture in which given fingertips are nearest to each other."""
-    return "tips " + " ".join(map(str, numbers))
+def posture_name(tips: tuple[int, ...]) -> str:
+    """Return the name of the posture in which the given fingertips are nearest to each other."""
+    return "tips " + " ".join(map(str, tips))
 
 
 def posture_button(name: str, text: str, pressed: bool = False) -> str:
-    """Return a button that sets the joints to a posture."""
+    """Return a button that sets the joints to a posture, as HTML."""
     return (
         f'<button type="button" data-posture="{escape(name)}" aria-pressed="{str(pressed).lower()}">'
         f"{escape(text)}</button>"
@@ -277,13 +289,13 @@ def posture_button(name: str, text: str, pressed: bool = False) -> str:
 
 
 def general_postures() -> str:
-    """Return the buttons of the postures common to all hands."""
+    """Return the buttons of the postures common to all hands, as HTML."""
     buttons = "".join(posture_button(name, name.capitalize(), name == "relaxed") for name in GENERAL_POSTURES)
     return f'<div class="postures">{buttons}</div>'
 
 
 def sliders(hand: InspectedHand) -> str:
-    """Return the sliders of all free joints, by finger, with their mimic joints."""
+    """Return the sliders of all free joints as HTML, by finger."""
     groups = "".join(_finger_sliders(hand, finger) for finger in fingers(hand.tree))
     if not groups:
         return '<aside class="sliders"><p class="note">No joint moves.</p></aside>'
@@ -292,50 +304,53 @@ def sliders(hand: InspectedHand) -> str:
 
 def _finger_sliders(hand: InspectedHand, finger: Finger) -> str:
     """Return a finger's joint sliders as HTML."""
-    numbers = "".join(f'<span class="number">{i}</span>' for i in finger.tips)
+    tip_marks = "".join(f'<span class="number">{i}</span>' for i in finger.tips)
     rows = "".join(_joint_slider(hand, i) for i in finger.joints)
-    return f"<fieldset><legend><h3>{numbers}<span>{escape(finger.name)}</span></h3></legend>{rows}</fieldset>"
+    return f"<fieldset><legend><h3>{tip_marks}<span>{escape(finger.name)}</span></h3></legend>{rows}</fieldset>"
 
 
-def _joint_slider(hand: InspectedHand, number: int) -> str:
-    """Return the slider of a free joint, with the positions of its mimic joints."""
+def _joint_slider(hand: InspectedHand, index: int) -> str:
+    """Return the slider of a free joint as HTML, with the positions of its mimic joints."""
     robot = hand.tree.robot
-    joint = robot.free_joints[number]
+    joint = robot.free_joints[index]
     lower, upper, _ = robot.ranges[joint.name]
-    start = float(hand.rest_posture[number])
+    start = float(hand.rest_posture[index])
     followers = "".join(
-        f'<div class="follower"><span title="{escape(other.name)}">{escape(other.name)} follows</span>'
+        f'<div class="follower"><span title="{escape(follower.name)}">{escape(follower.name)} follows</span>'
         f'<output data-joint="{i}"></output></div>'
-        for i, other in enumerate(robot.joints)
-        if other.moves and other.mimic is not None and robot.driving_joint(other)[0] == joint.name
+        for i, follower in enumerate(robot.joints)
+        if follower.moves and follower.mimic is not None and robot.driving_joint(follower)[0] == joint.name
     )
     name = escape(joint.name)
     ends = f"<i>{format_position(lower, joint.is_revolute)}</i><i>{format_position(upper, joint.is_revolute)}</i>"
     return (
-        f'<div class="joint"><label for="joint{number}" title="{name}">{name}</label>'
-        f'<output for="joint{number}">{format_position(start, joint.is_revolute)}</output>'
-        f'<div class="track-of"><input id="joint{number}" type="range" data-driver="{number}" '
+        f'<div class="joint"><label for="joint{index}" title="{name}">{name}</label>'
+        f'<output for="joint{index}">{format_position(start, joint.is_revolute)}</output>'
+        f'<div class="track-of"><input id="joint{index}" type="range" data-driver="{index}" '
         f'min="{lower:.12g}" max="{upper:.12g}" step="any" value="{start:.12g}">'
         f'<span class="ends" aria-hidden="true">{ends}</span></div></div>{followers}'
     )
 
 
 def format_position(position: float, is_revolute: bool) -> str:
-    """Return a joint's position as text: degrees, or millimetres."""
-    number = float(np.degrees(position)) if is_revolute else 1e3 * position
-    text = format_number(round(number, 1 if abs(number) < ONE_DIGIT else 0), 8)
+    """Return a joint's position as text, in degrees or millimetres."""
+    value = float(np.degrees(position)) if is_revolute else 1e3 * position
+    text = format_number(round(value, 1 if abs(value) < ONE_DIGIT else 0), 8)
     return typeset(f"{text}°" if is_revolute else f"{text} mm")
 
 
 def hand_scene_html(hand: InspectedHand, more: str) -> str:
-    """Return the scene with its switches; ``more`` is HTML below them."""
+    """Return a hand's scene with visibility switches as HTML.
+
+    ``more`` is HTML below the switches.
+    """
     links, tips = len(hand.tree.robot.links), len(hand.tree.tips)
     description = f"The hand with {links} links and {tips} fingertips"
     return scene_html(description, [switches(SWITCHES), more], means="the mouse")
 
 
 def viewer_data(hand: InspectedHand, opposition: Opposition | None, triangle_limit: int) -> Json:
-    """Return the viewer's data.
+    """Return the viewer's data of a hand: joints, scene and postures.
 
     Parameters
     ----------
@@ -349,5 +364,5 @@ def viewer_data(hand: InspectedHand, opposition: Opposition | None, triangle_lim
 
 
 def describe_palm(hand: InspectedHand) -> str:
-    """Return the palm's facing direction as text."""
+    """Return the direction that the palm faces, as text."""
     return f"palm faces {format_as_list(hand.tree.approach)} of link {hand.tree.robot.root}"

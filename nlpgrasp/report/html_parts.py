@@ -23,13 +23,13 @@ class Html(str):
 
 
 def embedded_picture(picture: Path, text: str) -> str:
-    """Return a PNG file as an image inside the page, with text in its place where it is not seen."""
+    """Return a PNG file as an image embedded in HTML, with an alternative text."""
     data = base64.b64encode(picture.read_bytes()).decode()
     return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'
 
 
 def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True) -> str:
-    """Return a table that scrolls sideways if it is too wide.
+    """Return a table as HTML that scrolls sideways if it is too wide.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def _table_cell(text: str) -> str:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a chart.
+    """Curve of a chart.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Mark:
-    """A dot on a chart.
+    """Dot on a chart.
 
     Parameters
     ----------
@@ -89,7 +89,10 @@ class Mark:
 def chart(
     title: str, x_label: str, y_label: str, curves: Sequence[Curve], marks: Sequence[Mark] = (), counted: str = ""
 ) -> str:
-    """Return a chart; ``title`` describes it, ``counted`` names the axes of whole numbers: "x", "y", "xy" or ""."""
+    """Return a chart as SVG text.
+
+    ``title`` describes the chart; ``counted`` names the axes of whole numbers: "x", "y", "xy" or "".
+    """
     points = np.concatenate([*(c.points for c in curves), *(np.array([[m.x, m.y]]) for m in marks)])
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.where(high - low > 0.0, high - low, np.maximum(np.abs(high), 1e-9))
@@ -126,7 +129,7 @@ def chart(
 
 
 def ticks(low: float, high: float, count: int = 5, integers: bool = False) -> list[float]:
-    """Return round values between two limits, about ``count`` of them; integers on request."""
+    """Return about ``count`` round values between two limits, whole numbers with ``integers``."""
     spacing = (high - low) / count
     power = 10.0 ** np.floor(np.log10(spacing))
     step = float(power * min((m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= spacing), default=10.0))
@@ -136,5 +139,5 @@ def ticks(low: float, high: float, count: int = 5, integers: bool = False) -> li
 
 
 def _tick_label(value: float) -> str:
-    """Return the text of a tick's value, already a round number."""
+    """Return the label of a tick."""
     return typeset(format_number(value, 8))

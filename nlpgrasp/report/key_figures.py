@@ -1,4 +1,4 @@
-"""Key figures of a solution, with a gauge of its certified quality."""
+"""Key figures of a solution, and a gauge that draws the certified quality."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ BUDGET_QUANTITIES = {  # quantity that a budget counts, for the least finger for
 ANY_BUDGET_QUANTITY = "of the force budget, for the hardest wrench of the task"
 
 
-def remaining_share(solution: GraspSolution) -> float | None:
-    """Return the remaining share of mu at the worst displacement found; None if it was not searched."""
+def remaining_fraction(solution: GraspSolution) -> float | None:
+    """Return the fraction of mu left at the worst displacement found, or ``None`` if there was no search."""
     if solution.robust is None or not solution.is_certified:
         return None
     return solution.robust.share(solution.mu)
 
 
 def axis_end(solution: GraspSolution) -> float:
-    """Return the end of the axis of a grasp's gauge; 0 without a grasp."""
+    """Return the largest value on the axis of a grasp's gauge; 0 without a grasp."""
     if solution.grasp is None or not math.isfinite(solution.mu.upper):
         return 0.0
     best = solution.best_possible
@@ -53,7 +53,7 @@ def axis_end(solution: GraspSolution) -> float:
 
 
 def gauge(solution: GraspSolution, end: float | None = None) -> str:
-    """Return the gauge as HTML; empty without a grasp.
+    """Return the gauge of a solution's certified quality as HTML; empty without a grasp.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def gauge(solution: GraspSolution, end: float | None = None) -> str:
     axis_limit = axis_end(solution) if end is None else end
     if solution.grasp is None or axis_limit <= 0.0:
         return ""
-    mu, share, best = solution.mu, remaining_share(solution), solution.best_possible
-    remaining = mu.lower if share is None else share * mu.lower
+    mu, fraction, best = solution.mu, remaining_fraction(solution), solution.best_possible
+    remaining = mu.lower if fraction is None else fraction * mu.lower
     spans = [("sure", 0.0, remaining), ("lost", remaining, mu.lower), ("between", mu.lower, mu.upper)]
     if math.isfinite(best):
         spans.append(("room", mu.upper, min(best, axis_limit)))
@@ -86,9 +86,9 @@ def gauge_text(solution: GraspSolution) -> str:
     """Return the gauge's content as text."""
     lower, upper = format_interval(solution.mu.lower, solution.mu.upper)
     parts = [f"{solution.label} is certified between {lower} and {upper}"]
-    share = remaining_share(solution)
-    if share is not None:
-        parts.append(f"{format_percent(share)} of it is left when contacts are off, in the worst case found")
+    fraction = remaining_fraction(solution)
+    if fraction is not None:
+        parts.append(f"{format_percent(fraction)} of it is left when contacts are off, in the worst case found")
     if math.isfinite(solution.best_possible):
         parts.append(f"the best possible is {format_upper(solution.best_possible)} at most")
     return typeset("; ".join(parts))
@@ -96,9 +96,9 @@ def gauge_text(solution: GraspSolution) -> str:
 
 def gauge_legend(solution: GraspSolution) -> str:
     """Return the meaning of the gauge's colours, as HTML."""
-    share = remaining_share(solution)
-    entries = [("sure", "certified" if share is None else "left when contacts are off")]
-    if share is not None and share < 1.0:
+    fraction = remaining_fraction(solution)
+    entries = [("sure", "certified" if fraction is None else "left when contacts are off")]
+    if fraction is not None and fraction < 1.0:
         entries.append(("lost", "certified as it stands"))
     if math.isfinite(solution.best_possible):
         entries.append(("room", "room up to the best possible"))
@@ -106,9 +106,9 @@ def gauge_legend(solution: GraspSolution) -> str:
     return f'<p class="legend">{spans}</p>'
 
 
-def _track_segment(kind: str, begin: float, end: float) -> str:
-    """Return a part of the track between two shares of its length."""
-    return f'<b class="{kind}" style="left:{100 * begin:.2f}%;width:{100 * max(end - begin, 0.0):.2f}%"></b>'
+def _track_segment(kind: str, start: float, end: float) -> str:
+    """Return a segment of the gauge's track as HTML, between two fractions of the track's length."""
+    return f'<b class="{kind}" style="left:{100 * start:.2f}%;width:{100 * max(end - start, 0.0):.2f}%"></b>'
 
 
 def solution_figures(solution: GraspSolution) -> list[KeyFigure]:
@@ -126,7 +126,10 @@ def solution_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def verdict(solution: GraspSolution) -> tuple[str, str]:
-    """Return the outcome of the solve in a word or two, and its tone: good, weak, bad or none."""
+    """Return the outcome of a solve in a few words, and its tone.
+
+    The tone is "good", "weak", "bad" or empty.
+    """
     if not solution.success:
         return solution.status.value.split(":")[0], "bad"
     if tip_deviations(solution.hand):
@@ -141,18 +144,18 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
 
 
 def _status_figure(solution: GraspSolution) -> KeyFigure:
-    """Return the figure of status and caveats."""
+    """Return the key figure of status and caveats."""
     outcome, tone = verdict(solution)
     sentence = solution.message.partition(": ")[2]
     reasons = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
     lines = (capitalise(sentence), *reasons)
     if solution.is_certified:
-        lines = (*(f"{capitalise(words)}." for words in solution.caveats), *lines)
+        lines = (*(f"{capitalise(caveat)}." for caveat in solution.caveats), *lines)
     return KeyFigure("Status", outcome, lines, tone, broad=tone == "bad")
 
 
 def _quality_figure(solution: GraspSolution) -> KeyFigure:
-    """Return the figure of certified quality."""
+    """Return the key figure of certified quality."""
     lower, upper = format_interval(solution.mu.lower, solution.mu.upper)
     value = lower if lower == upper else f"{lower} to {upper}"
     lines = (f"{solution.label}, certified: {measure_meaning(solution.kind, solution.budget)}",)
@@ -160,7 +163,7 @@ def _quality_figure(solution: GraspSolution) -> KeyFigure:
 
 
 def _effort_figure(solution: GraspSolution) -> KeyFigure:
-    """Return the key figure of the finger forces that the unscaled task takes."""
+    """Return the key figure of the finger forces that the unscaled task requires."""
     title, budget = "What the task takes", solution.budget
     if solution.grip is not None:
         return _grip_figure(solution, solution.grip)
@@ -175,7 +178,7 @@ def _effort_figure(solution: GraspSolution) -> KeyFigure:
 
 
 def _grip_figure(solution: GraspSolution, grip: GripForce) -> KeyFigure:
-    """Return the force to set a gripper to."""
+    """Return the key figure of the force to set a gripper to."""
     force = f"{format_upper(grip.force.upper, GRIP_DIGITS)} N" if grip.holds else "no force holds the task"
     warning = grip.warning(solution.max_force)
     tone = "bad" if solution.is_too_weak or not grip.holds else "weak" if warning else ""
@@ -184,7 +187,7 @@ def _grip_figure(solution: GraspSolution, grip: GripForce) -> KeyFigure:
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the friction that the squeeze needs, or the reason for having no squeeze."""
+    """Return the key figure of the friction that the squeeze needs, or of the reason for having no squeeze."""
     line = solution.squeeze_line()
     if not line:
         return []
@@ -196,13 +199,13 @@ def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def _approach_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the reason for having no straight approach, if so."""
+    """Return the key figure of a missing straight approach, or an empty list if there is an approach."""
     line = solution.approach_line()
     return [KeyFigure("Straight way to the grasp", "none", (capitalise(line),), "weak")] if line else []
 
 
 def _gripper_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the approach of parallel jaws, and the frame of their pose."""
+    """Return the key figure of parallel jaws: opening, approach and frame of the pose."""
     line, hand = solution.gripper_line(), solution.hand or {}
     if not line:
         return []
@@ -212,20 +215,20 @@ def _gripper_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def _robustness_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the figure of remaining quality, if known."""
-    share, robust = remaining_share(solution), solution.robust
-    if share is None or robust is None:
+    """Return the key figure of the quality left under contact displacement and friction loss, if known."""
+    fraction, robust = remaining_fraction(solution), solution.robust
+    if fraction is None or robust is None:
         return []
-    tone = "bad" if solution.is_fragile else "weak" if share < WEAK_SHARE else ""
+    tone = "bad" if solution.is_fragile else "weak" if fraction < WEAK_SHARE else ""
     offset, friction_loss = f"{format_number(1e3 * robust.offset)} mm", format_percent(robust.friction_share)
     line = (
         f"of the quality, when contacts are {offset} off and there is {friction_loss} less friction (worst case found)"
     )
-    return [KeyFigure("What is left", format_percent(share), (line,), tone)]
+    return [KeyFigure("What is left", format_percent(fraction), (line,), tone)]
 
 
 def _global_bound_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the figure of the upper bound over all placements, if finite."""
+    """Return the key figure of the upper bound over all placements, if finite."""
     bound = solution.bound
     if bound is None or not math.isfinite(bound.upper):
         return []

@@ -1,4 +1,4 @@
-"""Interactive viewer of a grasp by a local server, with sliders for task wrenches and the hand."""
+"""Interactive viewer of a grasp on a local server, with sliders for task wrenches and the hand."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ _viewers: dict[int, Viewer] = {}  # by port: a new grasp replaces the previous o
 
 
 def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | None = None) -> str | None:
-    """Show a grasp in the local viewer, and return its address; a script waits until Ctrl-C.
+    """Show a grasp in the local viewer, and return the page's address.
+
+    A script waits until Ctrl-C.
 
     Parameters
     ----------
@@ -103,7 +105,7 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
 def start_viewer(
     viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
 ) -> Viewer | None:
-    """Return the viewer of a grasp at a port, a free one for None; None where another program has the port."""
+    """Start a viewer of a grasp at a port, by default a free one; return ``None`` if the port is taken."""
     chosen_port = next(iter(_viewers), None) if port is None else port
     if chosen_port not in _viewers:
         chosen_port = _free_port(0 if port is None else port)
@@ -120,13 +122,13 @@ def start_viewer(
 
 
 def stop(port: int) -> None:
-    """Stop the viewer at a port."""
+    """Stop this process's viewer at a port."""
     with contextlib.redirect_stdout(io.StringIO()):
         _viewers.pop(port).stop()
 
 
 def _free_port(port: int) -> int | None:
-    """Return the port, or any free one for 0; None where it is taken."""
+    """Return the port if it is free, or any free port for 0; return ``None`` for a port that is taken."""
     with socket.socket() as probe:
         if sys.platform != "win32":  # on Windows it would share a taken port
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -148,12 +150,12 @@ def _wait(port: int) -> None:
 
 
 def _explain(reason: str) -> None:
-    """Print the reason for a file in place of the viewer."""
+    """Print the reason why the report is written to a file instead of shown in the viewer."""
     sys.stdout.write(f"The report is written to a file instead: {reason}\n")
 
 
 class Viewer:
-    """A local viser server that draws one grasp at a time.
+    """Local viser server that draws one grasp at a time.
 
     Parameters
     ----------
@@ -175,7 +177,10 @@ class Viewer:
         return f"http://{self.host}:{self.port}"
 
     def show(self, solution: GraspSolution, hand: Hand | None = None) -> None:
-        """Draw a solution that has a grasp, in place of the previous one; with its hand, the approach too."""
+        """Draw a solution in place of the previous one.
+
+        With the hand, the approach can be moved along too.
+        """
         chosen = choose_wrenches(solution)
         data = solution_scene(solution, chosen)
         if data is None:
@@ -213,7 +218,10 @@ class Viewer:
         camera.look_at, camera.position = tuple(middle), tuple(middle + CAMERA_DISTANCE * size * direction)
 
     def _draw_surfaces(self, data: Json) -> list[tuple[str, Any]]:
-        """Draw the surfaces; return the hand's links with their names, other parts without."""
+        """Draw the surfaces, and return name and handle of each.
+
+        The name is empty for parts that are no link of the hand.
+        """
         handles = []
         for i, part in enumerate(data["parts"]):
             group = part["group"]
@@ -228,7 +236,7 @@ class Viewer:
         return handles
 
     def _draw_contacts(self, data: Json) -> list[Any]:
-        """Draw the contacts with their numbers; return free fingertips."""
+        """Draw the numbered contacts, and return the handles of free fingertips."""
         tips, scene = [], self.server.scene
         for i, contact in enumerate(data["contacts"]):
             point, inward = np.array(contact["at"]), np.array(contact["inward"])
@@ -244,7 +252,7 @@ class Viewer:
 
 
 class Controls:
-    """Sliders that move arrows and hand, with text about the forces.
+    """Sliders that change force arrows and hand, with a text about the forces.
 
     Parameters
     ----------
@@ -278,14 +286,14 @@ class Controls:
         )
         if chosen:
             self.wrench_slider = gui.add_slider("Task wrench", 0, max(len(chosen) - 1, 1), 1, 0)
-            self.share_slider = gui.add_slider("Share of it, %", 0.0, FULL_SHARE, 1.0, FULL_SHARE)
+            self.fraction_slider = gui.add_slider("Share of it, %", 0.0, FULL_SHARE, 1.0, FULL_SHARE)
             self.force_text = gui.add_markdown("")
-            for slider in (self.wrench_slider, self.share_slider):
+            for slider in (self.wrench_slider, self.fraction_slider):
                 slider.on_update(lambda _: self.draw_forces())
             self.draw_forces()
         if approach is not None:
-            last = float(len(approach.names) - 1)
-            self.approach_slider = gui.add_slider("Hand", 0.0, last, 0.02, float(approach.grasp))
+            end = float(len(approach.names) - 1)
+            self.approach_slider = gui.add_slider("Hand", 0.0, end, 0.02, float(approach.grasp))
             self.position_text = gui.add_markdown(approach.format_position(float(approach.grasp)))
             self.approach_slider.on_update(lambda _: self.move_hand(approach))
         if hand:
@@ -293,12 +301,12 @@ class Controls:
             self.visibility_box.on_update(lambda _: self.set_visibility(hand))
 
     def draw_forces(self) -> None:
-        """Draw the finger forces for the selected wrench and share, and state them in newtons."""
+        """Draw the finger forces for the selected fraction of a task wrench, and show them in newtons."""
         i = min(int(self.wrench_slider.value), len(self.chosen) - 1)
-        share = float(self.share_slider.value) / FULL_SHARE
+        fraction = float(self.fraction_slider.value) / FULL_SHARE
         arrows = np.asarray(self.data["arrows"][i], dtype=float)
         shaft = float(self.data["lengths"]["shaft"])
-        tails = arrows[:, 1] - share * (arrows[:, 1] - arrows[:, 0])
+        tails = arrows[:, 1] - fraction * (arrows[:, 1] - arrows[:, 0])
         self.server.scene.add_arrows(
             "/forces",
             np.stack([tails, arrows[:, 1]], axis=1),
@@ -306,21 +314,21 @@ class Controls:
             shaft_radius=shaft,
             head_radius=ARROW_HEAD * shaft,
             head_length=2.0 * ARROW_HEAD * shaft,
-            visible=share > LEAST_ARROW,
+            visible=fraction > LEAST_ARROW,
         )
-        self.force_text.content = self.format_forces(i, share)
+        self.force_text.content = self.format_forces(i, fraction)
 
-    def format_forces(self, i: int, share: float) -> str:
-        """Return the share of a task wrench and the finger forces for it, as Markdown."""
+    def format_forces(self, i: int, fraction: float) -> str:
+        """Return a fraction of a task wrench, and the finger forces for it, as Markdown."""
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
         lines = [
-            f"**{name}:** {describe_wrench_by_axis(share * chosen.wrench, grasp.mean_arm)}",
+            f"**{name}:** {describe_wrench_by_axis(fraction * chosen.wrench, grasp.mean_arm)}",
             "",
             "| finger | normal force | tangential force |",
         ]
         lines.append("| --- | --- | --- |")
-        for k, (force, normal) in enumerate(zip(share * chosen.forces, grasp.normals, strict=True)):
+        for k, (force, normal) in enumerate(zip(fraction * chosen.forces, grasp.normals, strict=True)):
             lines.append(f"| {k} | {_newtons(force @ normal)} | {_newtons(_tangential_size(force, normal))} |")
         return "\n".join(lines)
 
@@ -337,7 +345,7 @@ class Controls:
 
 
 def _tangential_size(force: FloatArray, normal: FloatArray) -> float:
-    """Return the size of a force's tangential part."""
+    """Return the magnitude of a force's tangential component."""
     return float(np.linalg.norm(force - (force @ normal) * normal))
 
 
@@ -347,7 +355,7 @@ def _newtons(value: float) -> str:
 
 
 def _escape_markdown(name: str) -> str:
-    """Return a name without Markdown syntax."""
+    """Return a name without characters that Markdown could interpret."""
     return "".join(c for c in name if c.isalnum() or c in " -.,:()")
 
 
@@ -376,7 +384,7 @@ class ApproachFrames:
 
 
 def check_hand_of_problem(solution: GraspSolution, hand: Hand | None) -> None:
-    """Refuse another hand than the problem's.
+    """Raise if the hand is not the problem's.
 
     Raises
     ------
@@ -392,7 +400,7 @@ def check_hand_of_problem(solution: GraspSolution, hand: Hand | None) -> None:
 def approach_frames(
     solution: GraspSolution, data: Json, links: Mapping[str, Any], tips: Sequence[Any], hand: Hand | None = None
 ) -> ApproachFrames | None:
-    """Return the approach of a hand with links, or of free fingertips; None for a hand that cannot be moved.
+    """Return the approach of a hand with links or of free fingertips, or ``None`` for other hands.
 
     Parameters
     ----------
@@ -415,12 +423,15 @@ def approach_frames(
 
 
 def interpolate_hand(phases: Sequence[Phase], position: float) -> Phase:
-    """Return the hand interpolated linearly between keyframes of one palm orientation."""
+    """Return the hand's phase at a position between two keyframes, interpolated linearly.
+
+    The palm keeps its orientation.
+    """
     index = min(int(position), len(phases) - 2)
-    share, first, last = position - index, phases[index], phases[index + 1]
-    joints = {name: (1.0 - share) * value + share * last.joints[name] for name, value in first.joints.items()}
-    palm_position = (1.0 - share) * first.palm_position + share * last.palm_position
-    return replace(first, palm_position=palm_position, joints=joints)
+    t, start, end = position - index, phases[index], phases[index + 1]
+    joints = {name: (1.0 - t) * value + t * end.joints[name] for name, value in start.joints.items()}
+    palm_position = (1.0 - t) * start.palm_position + t * end.palm_position
+    return replace(start, palm_position=palm_position, joints=joints)
 
 
 def _link_approach(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> ApproachFrames:
@@ -458,12 +469,12 @@ def _fingertip_approach(data: Json, tips: Sequence[Any]) -> ApproachFrames:
 
 
 def unpack(text: str, kind: str) -> FloatArray:
-    """Return the numbers of packed surface data (``report.scene_parts.pack``)."""
+    """Return the numbers packed by ``report.scene_parts.pack``."""
     return np.asarray(np.frombuffer(base64.b64decode(text), kind))
 
 
 def rgb(role: str) -> tuple[int, int, int]:
-    """Return a colour of the pages as red, green and blue, from 0 to 255."""
+    """Return the reports' colour for a role as red, green and blue, from 0 to 255."""
     red, green, blue = bytes.fromhex(COLOURS[role].removeprefix("#"))
     return red, green, blue
 

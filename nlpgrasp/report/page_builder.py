@@ -1,4 +1,4 @@
-"""Builder of self-contained HTML pages: frame, sections with 3D scenes, panels of key figures."""
+"""Construction of self-contained HTML pages: frame, sections with 3D scenes, panels of key figures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Switch = tuple[str, str, bool]
 
 
 def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: str = "") -> str:
-    """Return a page of HTML.
+    """Return a complete HTML page.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: 
 
 
 def scene_page(title: str, parts: Sequence[str], sheets: Sequence[str] = (), scripts: Sequence[str] = VIEWER) -> str:
-    """Return a page whose sections have 3D scenes.
+    """Return a complete HTML page whose sections contain 3D scenes.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ def scene_page(title: str, parts: Sequence[str], sheets: Sequence[str] = (), scr
 
 
 def style(*sheets: str) -> str:
-    """Return style sheets of this package, after the shared colours, light and dark."""
+    """Return the light and dark colours and the named style sheets as CSS text."""
     dark = f"@media (prefers-color-scheme: dark) {{ :root {{ {css_variables(DARK)} }} }}"
     texts = [resource(name) for name in ("frame.css", *sheets)]
     return "\n".join([f":root {{ {css_variables(COLOURS)} }}", dark, *texts])
 
 
 def viewer(names: Sequence[str] = VIEWER) -> str:
-    """Return the scripts that draw a page's scenes, as HTML."""
+    """Return the scripts that draw a page's 3D scenes, as HTML."""
     return "".join(f"<script>{resource(f'viewer/{name}')}</script>" for name in names)
 
 
@@ -80,7 +80,7 @@ def resource(name: str) -> str:
 
 @dataclass(frozen=True)
 class Heading:
-    """Heading of a section: title, outcome, note.
+    """Heading of a section: title, outcome and note.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Heading:
     level: str = "h1"
 
     def html(self, name: str) -> str:
-        """Return the heading as HTML; ``name`` is its id."""
+        """Return the heading as HTML with the id ``name``."""
         pill = "" if self.pill is None else f'<span class="pill {self.pill[1]}">{escape(self.pill[0])}</span>'
         return (
             f'<header><{self.level} id="{name}">{escape(self.title)}</{self.level}>{pill}'
@@ -106,9 +106,9 @@ class Heading:
 
 
 def scene_section(
-    heading: Heading, parts: Sequence[str], data: Json, number: int | None = None, is_hand: bool = False
+    heading: Heading, parts: Sequence[str], data: Json, index: int | None = None, is_hand: bool = False
 ) -> str:
-    """Return a section with 3D scenes.
+    """Return a section with 3D scenes as HTML.
 
     Parameters
     ----------
@@ -117,12 +117,12 @@ def scene_section(
         HTML after the heading.
     data : mapping
         Data of the viewer.
-    number : int or None
-        Number among the sections of a page, part of the heading's id; None for the only one.
+    index : int or None
+        Index among the sections of a page, part of the heading's id; None for the only one.
     is_hand : bool
         Whether the scene has movable joints.
     """
-    name, line_break = ("name", "") if number is None else (f"name{number}", "\n")
+    name, line_break = ("name", "") if index is None else (f"name{index}", "\n")
     kind = "" if is_hand else " data-grasp"
     opening = f'<section{kind} aria-labelledby="{name}">{line_break}{heading.html(name)}'
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
@@ -131,7 +131,7 @@ def scene_section(
 
 
 def scene_html(description: str, parts: Sequence[str], name: str = "", means: str = "the mouse, a finger") -> str:
-    """Return a 3D scene with the parts below it.
+    """Return a 3D scene with further parts below it, as HTML.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def scene_html(description: str, parts: Sequence[str], name: str = "", means: st
 
 
 def switches(entries: Sequence[Switch]) -> str:
-    """Return visibility switches of a scene.
+    """Return the visibility switches of a scene as HTML.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def switches(entries: Sequence[Switch]) -> str:
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """Figure of a panel: title, value and explanation.
+    """Key figure of a panel: title, value and explanation.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class KeyFigure:
     broad: bool = False
 
     def html(self) -> str:
-        """Return the figure as HTML."""
+        """Return the key figure as HTML."""
         lines = "".join(f'<p class="note">{escape(typeset(line))}</p>' for line in self.lines)
         tone = "".join(f" {kind}" for kind in (self.tone, "broad" if self.broad else "") if kind)
         value = f'<p class="value">{escape(typeset(self.value))}</p>'
@@ -201,5 +201,8 @@ class KeyFigure:
 
 
 def figure_panel(figures: Sequence[KeyFigure], more: str = "") -> str:
-    """Return the panel of key figures beside a scene; ``more`` is HTML below them."""
+    """Return the panel of key figures beside a scene as HTML.
+
+    ``more`` is HTML below the figures.
+    """
     return f'<aside class="panel">{"".join(figure.html() for figure in figures)}{more}</aside>'

@@ -1,4 +1,4 @@
-"""Batch of parts for one parallel gripper: a solution, a table of poses and a picture of each, and one page."""
+"""Solution of a batch of parts for one parallel gripper, with files for each part and one page."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ PartProgress = Callable[["PartResult"], None]
 
 @dataclass(frozen=True)
 class PartResult:
-    """Result of one part.
+    """Result of one part of a batch.
 
     Parameters
     ----------
@@ -122,9 +122,9 @@ class PartsSolved:
         return not any(part.failure for part in self.parts)
 
     def __str__(self) -> str:
-        done = sum(not part.failure for part in self.parts)
-        new = sum(part.is_new for part in self.parts)
-        head = f"{done} of {len(self.parts)} parts have a grasp, {new} solved now in {self.seconds:.0f} s"
+        solved_count = sum(not part.failure for part in self.parts)
+        new_count = sum(part.is_new for part in self.parts)
+        head = f"{solved_count} of {len(self.parts)} parts have a grasp, {new_count} solved now in {self.seconds:.0f} s"
         return "\n".join([head, *(f"  {part}" for part in self.parts), f"  written to {self.page}"])
 
 
@@ -141,7 +141,7 @@ def solve_parts(
     keep: int = KEEP,
     progress: PartProgress | None = None,
 ) -> PartsSolved:
-    """Solve all parts of a folder for one gripper, and write a page with a row a part.
+    """Solve all parts of a folder for one gripper, and write a page with one row per part.
 
     Each part gets ``NAME.json`` (the solution), ``NAME.poses.csv`` (every kept grasp for a robot) and ``NAME.png``, and
     ``index.html`` shows all of them. A part that is finished is not solved again unless its file, its problem or the
@@ -202,7 +202,7 @@ def solve_parts(
 
 
 def part_files(folder: str | Path) -> dict[str, Path]:
-    """Return the mesh files of a folder by the parts' names, sorted.
+    """Return the mesh file of each part in a folder, by the part's name.
 
     Raises
     ------
@@ -217,13 +217,13 @@ def part_files(folder: str | Path) -> dict[str, Path]:
         raise InputError("folder", f"{folder} without a mesh file", "STL, OBJ, PLY or other mesh files, one a part")
     files = dict[str, Path]()
     for file in meshes:
-        if (other := files.setdefault(file.stem, file)) is not file:
-            raise InputError("folder", f"{other.name} and {file.name}", "a name of its own for each part")
+        if (namesake := files.setdefault(file.stem, file)) is not file:
+            raise InputError("folder", f"{namesake.name} and {file.name}", "a name of its own for each part")
     return files
 
 
 class _Batch:
-    """Results of parts in an output folder.
+    """Results of a batch in an output folder, from this run and earlier ones.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ class _Batch:
             self._finished = {}
 
     def result(self, name: str, file: Path, solve_one: Callable[[GraspProblem], GraspSolution]) -> PartResult:
-        """Return the result of a part: the finished one where nothing changed, else that of a new solve."""
+        """Return the result of a part: an earlier one if no input has changed, else that of a new solve."""
         solution_file = self._out / f"{name}.json"
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -286,7 +286,10 @@ class _Batch:
         )
 
     def _digest(self, problem: GraspProblem) -> str:
-        """Return a digest of all that determines a part's result; the problem's data hold the mesh's fingerprint."""
+        """Return a digest of all inputs that determine a part's result.
+
+        The problem's data contain the mesh's fingerprint.
+        """
         inputs = json.dumps([problem.to_dict(), self._settings], sort_keys=True, default=repr)
         return hashlib.sha256(inputs.encode()).hexdigest()
 
@@ -307,14 +310,14 @@ class _Batch:
 
 
 def _failure(solution: GraspSolution) -> str:
-    """Return why a solution is no grasp to use, in one line; empty where it is one."""
+    """Return the reason why a solution has no usable grasp, as one line; empty if it has one."""
     if solution.success:
         return ""
     return single_line(solution.told if solution.why_not is None else str(solution.why_not))
 
 
 def write_parts_page(parts: Sequence[PartResult], path: str | Path, title: str) -> Path:
-    """Write the page of a batch, a row a part, and return its path.
+    """Write the page of a batch with one row per part, and return its path.
 
     Parameters
     ----------
@@ -331,13 +334,13 @@ def write_parts_page(parts: Sequence[PartResult], path: str | Path, title: str) 
     target = Path(path)
     heads = ["Part", "", "Force to set", "Clearance of the way in", "What to know", "Grasps", "Files"]
     table = html_table(CAPTION, heads, [_row(part, target.parent) for part in parts], focusable=False)
-    done = sum(not part.failure for part in parts)
-    body = [f"<h1>{escape(title)}</h1>", f"<p>{done} of {len(parts)} parts have a grasp.</p>", table]
+    solved_count = sum(not part.failure for part in parts)
+    body = [f"<h1>{escape(title)}</h1>", f"<p>{solved_count} of {len(parts)} parts have a grasp.</p>", table]
     return write_text(target, page(title, style("parts.css"), body))
 
 
 def _row(part: PartResult, folder: Path) -> list[str]:
-    """Return the cells of a part."""
+    """Return the table cells of a part."""
     notes = [capitalise(note) for note in part.notes]
     if part.file is None:
         return [part.name, "", "", "", _lines([capitalise(part.failure), *notes], "warning"), "", ""]
@@ -345,7 +348,7 @@ def _row(part: PartResult, folder: Path) -> list[str]:
     picture, caveats = folder / f"{part.name}{PICTURE}", [capitalise(text) for text in solution.caveats]
     failure = [capitalise(part.failure)] if part.failure else []
     clearance = ((solution.hand or {}).get("approach") or {}).get("clearance")
-    free = sum(not jaws_depth(found.hand) for found in solution.grasps)
+    free_count = sum(not jaws_depth(grasp.hand) for grasp in solution.grasps)
     endings = [ending for ending in (".json", POSES.ending) if (folder / f"{part.name}{ending}").is_file()]
     links = [f'<a href="{escape(part.name + ending)}">{escape(part.name + ending)}</a>' for ending in endings]
     return [
@@ -354,11 +357,11 @@ def _row(part: PartResult, folder: Path) -> list[str]:
         capitalise(solution.grip_line()),
         "" if clearance is None else f"{format_number(1e3 * float(clearance), 2)} mm",
         _lines([*failure, *caveats, *notes], "warning"),
-        f"{len(solution.grasps)}, {free} with a free way in" if solution.grasp is not None else "",
+        f"{len(solution.grasps)}, {free_count} with a free way in" if solution.grasp is not None else "",
         Html("<br>".join(links)),
     ]
 
 
 def _lines(texts: Sequence[str], kind: str) -> Html:
-    """Return texts as paragraphs of a class."""
+    """Return texts as HTML paragraphs of a CSS class."""
     return Html("".join(f'<p class="{kind}">{escape(text)}</p>' for text in texts))

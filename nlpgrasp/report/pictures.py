@@ -1,4 +1,4 @@
-"""Pictures by Matplotlib: grasp, wrench space, convergence, global bound, fitted ellipsoid, sparsity."""
+"""Matplotlib pictures of a grasp, wrench space, convergence, a global bound, a fitted ellipsoid and sparsity."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ Moment = tuple[float, float, float]  # seconds, bound, certified quality of the 
 
 
 def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
-    """Write ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``, and return those with data.
+    """Write the pictures of a solution: ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``.
+
+    Pictures without data are left out; the paths of the others are returned.
 
     Raises
     ------
@@ -77,7 +79,7 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
 
 
 def draw_grasp(solution: GraspSolution) -> Figure:
-    """Draw body, hand or gripper, obstacles, contacts, and the finger forces for the task's hardest wrench."""
+    """Draw a grasp: body, hand, obstacles, contacts, and the finger forces for the task's hardest wrench."""
     figure: Figure = pyplot(PURPOSE).figure(figsize=(7.0, 6.0), layout="constrained")
     ax = figure.add_subplot(projection="3d", computed_zorder=False)  # contacts and arrows over the surfaces
     drawing = solution.drawn()
@@ -109,7 +111,7 @@ def draw_grasp(solution: GraspSolution) -> Figure:
 
 
 def _small_triangles(shape: Triangles, longest: float, eye: FloatArray) -> FloatArray:
-    """Return a surface's triangles that may face the eye, (m, 3, 3), their sides at most ``longest``, metres."""
+    """Return the triangles of a surface that may face the eye, (m, 3, 3), with sides of at most ``longest`` metres."""
     vertices, faces = trimesh.remesh.subdivide_to_size(shape.vertices, shape.faces, longest, max_iter=MOST_HALVINGS)
     corners = np.asarray(vertices, dtype=float)[faces]
     area_vectors = triangle_normals(corners)
@@ -118,7 +120,7 @@ def _small_triangles(shape: Triangles, longest: float, eye: FloatArray) -> Float
 
 
 def draw_wrenches(grasp: Grasp, task: Task, *, force_budget: str | ForceBudget = "l2", rtol: float = 0.01) -> Figure:
-    """Draw projections of a grasp's wrench set, with the task inside it and the weakest direction.
+    """Draw projections of a grasp's wrench set and of the scaled task inside, also along the weakest direction.
 
     The task is drawn times the certified lower bound of mu: the largest multiple that is proved to be inside. The first
     plane has the weakest direction; the dashed line is the largest wrench of the grasp along it. ``figure.savefig``
@@ -154,7 +156,7 @@ def draw_wrenches(grasp: Grasp, task: Task, *, force_budget: str | ForceBudget =
 
 
 def _draw_solution_wrenches(solution: GraspSolution) -> Figure:
-    """Draw projections of the wrench set and of the task of a solution."""
+    """Draw projections of a solution's wrench set and task."""
     return _draw_projections(solution_projections(solution))
 
 
@@ -167,19 +169,19 @@ def _draw_projections(projections: Sequence[WrenchProjection]) -> Figure:
     )
     for ax in axes.flat[len(projections) :]:
         ax.axis("off")
-    for ax, shadow in zip(axes.flat, projections, strict=False):
-        ax.fill(*shadow.grasp.T, facecolor=COLOURS["finger"] + "33", edgecolor=COLOURS["finger"])
-        ax.fill(*shadow.task.T, facecolor=COLOURS["task"] + "44", edgecolor=COLOURS["task"])
-        if shadow.limit is not None:
-            ax.axvline(shadow.limit, color=COLOURS["warning"], linestyle="--")
-        ax.set_xlabel(shadow.x_label, fontsize=8)
-        ax.set_ylabel(shadow.y_label, fontsize=8)
+    for ax, projection in zip(axes.flat, projections, strict=False):
+        ax.fill(*projection.grasp.T, facecolor=COLOURS["finger"] + "33", edgecolor=COLOURS["finger"])
+        ax.fill(*projection.task.T, facecolor=COLOURS["task"] + "44", edgecolor=COLOURS["task"])
+        if projection.limit is not None:
+            ax.axvline(projection.limit, color=COLOURS["warning"], linestyle="--")
+        ax.set_xlabel(projection.x_label, fontsize=8)
+        ax.set_ylabel(projection.y_label, fontsize=8)
         ax.tick_params(labelsize=7)
     return figure
 
 
 def draw_convergence(solution: GraspSolution) -> Figure:
-    """Draw mu over the refinement rounds of each start, and the certified final intervals."""
+    """Draw mu over the refinement rounds of each start, and the certified bounds after the last round."""
     figure: Figure
     ax: Axes
     figure, ax = pyplot(PURPOSE).subplots(figsize=(6.0, 3.5), layout="constrained")
@@ -201,7 +203,7 @@ def draw_convergence(solution: GraspSolution) -> Figure:
 def write_bound_picture(
     problem: GraspProblem, bound: BestPossible, moments: Sequence[Moment], path: str | Path
 ) -> Path:
-    """Write a picture of a branch-and-bound search: its gap over time, and marginal bounds over the surface.
+    """Write a picture of a branch-and-bound search: gap over time, and marginal bounds over the body's surface.
 
     Parameters
     ----------
@@ -223,14 +225,16 @@ def write_bound_picture(
     columns = 3 if problem.body.space == 3 else 2
     figure: Figure = pyplot(PURPOSE).figure(figsize=(4.4 * columns, 4.2), layout="constrained")
     draw_gap(figure.add_subplot(1, columns, 1), [*moments, (bound.seconds, bound.upper, bound.mu.lower)])
-    numbers = range(2, columns + 1)
-    views = [figure.add_subplot(1, columns, i, projection="3d", computed_zorder=False) for i in numbers]
+    views = [
+        figure.add_subplot(1, columns, column, projection="3d", computed_zorder=False)
+        for column in range(2, columns + 1)
+    ]
     draw_marginal_bounds(figure, views, problem, bound)
     return write_figure(figure, path)
 
 
 def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
-    """Draw upper bound and incumbent over time."""
+    """Draw upper bound and incumbent of a branch-and-bound search over time."""
     seconds, upper, lower = np.array(moments, dtype=float).T
     ax.fill_between(seconds, lower, upper, step="post", color=GAP_COLOUR, alpha=0.25, linewidth=0.0, label="gap")
     ax.step(seconds, upper, where="post", color=BOUND_COLOUR, label="no placement is better (bound)")
@@ -244,7 +248,7 @@ def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
 
 
 def draw_marginal_bounds(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, bound: BestPossible) -> None:
-    """Colour the body by upper bounds on a contact's contribution to mu, grey where forbidden, in one or two views.
+    """Draw the body coloured by upper bounds on a contact's contribution to mu, grey where contacts are forbidden.
 
     Dots are the contacts of the incumbent, rings those behind the body.
     """
@@ -253,9 +257,9 @@ def draw_marginal_bounds(figure: Figure, views: Sequence[Axes3D], problem: Grasp
     plt = pyplot(PURPOSE)
     corners, inward = _subdivided_surface(problem)
     marginal_bounds = MarginalBound.of(problem).at(corners.mean(axis=1)[:, : problem.body.space], inward)
-    shares = marginal_bounds / np.nanmax(marginal_bounds)
-    colours = plt.get_cmap(COLOUR_MAP)(np.nan_to_num(shares))
-    colours[np.isnan(shares)] = plt.matplotlib.colors.to_rgba("0.8")
+    fractions = marginal_bounds / np.nanmax(marginal_bounds)
+    colours = plt.get_cmap(COLOUR_MAP)(np.nan_to_num(fractions))
+    colours[np.isnan(fractions)] = plt.matplotlib.colors.to_rgba("0.8")
     width = 0.3 if problem.body.space == 3 else 4.0  # points; a planar body's boundary appears as lines
     for ax, (elevation, azimuth) in zip(views, SIDE_VIEWS if problem.body.space == 3 else (TOP_VIEW,), strict=True):
         ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=width))
@@ -269,7 +273,7 @@ def draw_marginal_bounds(figure: Figure, views: Sequence[Axes3D], problem: Grasp
 
 
 def _draw_dots(ax: Axes3D, grasp: Grasp, view_direction: FloatArray) -> None:
-    """Draw a dot at each contact, a ring where the body hides it from the view."""
+    """Draw a dot at each contact, or a ring where the body hides the contact from the view."""
     is_hidden = in_space(grasp.normals) @ view_direction > 1e-9
     fills = np.where(is_hidden, "none", FINGER_COLOUR).tolist()
     edges = np.where(is_hidden, FINGER_COLOUR, "white").tolist()
@@ -277,7 +281,7 @@ def _draw_dots(ax: Axes3D, grasp: Grasp, view_direction: FloatArray) -> None:
 
 
 def _subdivided_surface(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
-    """Return triangles of the surface, (m, 3, 3), subdivided until there are enough, and inward normals.
+    """Return triangles of the body's surface, (m, 3, 3), finely subdivided, and their inward normals.
 
     For a planar body's plate these are the triangles of its boundary, with normals in the plane.
     """
@@ -289,7 +293,7 @@ def _subdivided_surface(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
 
 
 def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
-    """Draw a fitted ellipsoid over its wrenches, projected on each pair of components; return the path.
+    """Write a picture of a fitted ellipsoid and its wrenches, projected onto each pair of components.
 
     Parameters
     ----------
@@ -343,7 +347,7 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
 
 
 def _project_ellipsoid(fit: EllipsoidFit, i: int, j: int) -> FloatArray:
-    """Return the outline of the ellipsoid's projection on two components, (2, m)."""
+    """Return the outline of the ellipsoid's projection onto two components, (2, m)."""
     axes = fit.task.axes[:, [i, j]]
     _, lengths, directions = np.linalg.svd(axes, full_matrices=False)
     circle = np.stack([np.cos(OUTLINE_ANGLES), np.sin(OUTLINE_ANGLES)], axis=1)
@@ -397,7 +401,7 @@ def write_sparsity(program: Formulation, path: str | Path) -> Path:
 
 
 def _name_runs(names: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return the starts of runs of names of one kind, and the kinds."""
+    """Return the first index of each run of consecutive names of the same kind, and the kind of each run."""
     kinds = [name.split(",")[0].rstrip(" 0123456789") for name in names]
     starts = [i for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
     return starts, [kinds[i] for i in starts]

@@ -58,7 +58,10 @@ class ShadedSurface:
     edges: FloatArray
 
     def to_dict(self) -> Json:
-        """Return the arrays as base64 text of little-endian numbers: 32-bit floats, 16-bit normals, integers."""
+        """Return the surface as JSON data with arrays in base64.
+
+        Arrays are little-endian: 32-bit floats, 16-bit normals and integers.
+        """
         wide = len(self.positions) > np.iinfo(np.uint16).max
         return {
             "positions": pack(self.positions, "<f4"),
@@ -70,7 +73,9 @@ class ShadedSurface:
 
 
 def surface(shape: Triangles, crease: float = CREASE) -> ShadedSurface:
-    """Return triangles with vertex normals: angle-weighted means over triangles within the crease angle.
+    """Return a triangle surface with vertex normals and creases for shading.
+
+    A vertex normal is the angle-weighted mean over the adjacent triangles within the crease angle.
 
     Parameters
     ----------
@@ -106,14 +111,14 @@ def surface(shape: Triangles, crease: float = CREASE) -> ShadedSurface:
 
 
 def pack(values: NDArray[np.float64] | NDArray[np.int64], kind: str) -> str:
-    """Return numbers as base64 of a numpy type."""
+    """Return numbers of a given numpy type as base64 text."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
 
 
-def subdivide(shape: Triangles, enough: int) -> FloatArray:
-    """Return the corners (m, 3, 3) of triangles, each subdivided into four until there are enough."""
+def subdivide(shape: Triangles, least_count: int) -> FloatArray:
+    """Return the corners (m, 3, 3) of triangles, subdivided into four each until there are ``least_count``."""
     corners = shape.vertices[shape.faces]
-    while 0 < len(corners) < enough:
+    while 0 < len(corners) < least_count:
         a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
         ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -122,12 +127,12 @@ def subdivide(shape: Triangles, enough: int) -> FloatArray:
 
 
 def triangle_normals(corners: FloatArray) -> FloatArray:
-    """Return the outward normals (m, 3) of triangles (m, 3, 3), of length twice their area."""
+    """Return the outward normals (m, 3) of triangles (m, 3, 3), whose lengths are twice the areas."""
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def _merge_vertices(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return merged vertices, and the triangles with nonzero area."""
+    """Return the vertices with coinciding ones merged, and the triangles that keep three distinct ones."""
     step = MERGE_DISTANCE * max(float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0)), 1e-300)
     _, representatives, merged_index = np.unique(
         np.round(shape.vertices / step), axis=0, return_index=True, return_inverse=True
@@ -146,7 +151,10 @@ def _corner_angles(corners: FloatArray) -> FloatArray:
 
 
 def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, crease_cosine: float) -> FloatArray:
-    """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle, without isolated ones."""
+    """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle.
+
+    There are none if too many of the edges are isolated.
+    """
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     triangle_of_edge = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(ends.T)
@@ -160,7 +168,7 @@ def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray
 
 
 def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
-    """Return whether the frame's origin is near enough to a body to be drawn.
+    """Return whether the origin of a body's frame is near enough to the body to be drawn.
 
     Parameters
     ----------
@@ -173,7 +181,7 @@ def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
 
 
 def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) -> Json:
-    """Return the axes of a body's frame, at its origin or, if that is far away, at the body's lowest corner.
+    """Return the drawn axes of a body's frame, at the origin or, if that is far away, at the body's lowest corner.
 
     Parameters
     ----------
@@ -196,26 +204,32 @@ def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) ->
 
 
 def frame_axes(origin: FloatArray, lengths: FloatArray) -> Json:
-    """Return axes of given lengths (k,) at a point (3,); metres, in the format of ``body_axes``."""
+    """Return axes of given lengths (k,) at a point (3,), metres.
+
+    The format is that of ``body_axes``.
+    """
     ends = origin + np.diag(np.pad(lengths, (0, 3 - len(lengths))))[: len(lengths)]
     return {"at": np.round(origin, DIGITS).tolist(), "ends": np.round(ends, DIGITS).tolist()}
 
 
 def outermost_points(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
-    """Return the outermost points (m, 3) of those (n, 3) within ``FRAME_RADIUS`` body sizes of the middle."""
+    """Return the outermost points, (m, 3), among points (n, 3) near the middle.
+
+    Points beyond ``FRAME_RADIUS`` body sizes are left out.
+    """
     in_frame = points[np.linalg.norm(points - middle, axis=1) <= FRAME_RADIUS * size]
     samples = np.concatenate([directions(3, 0), directions(3, 2)])
     return np.asarray(in_frame[np.unique(np.argmax(in_frame @ samples.T, axis=0))])
 
 
 def view_directions(azimuth: FloatArray | float, elevation: FloatArray | float) -> FloatArray:
-    """Return the unit directions (..., 3) towards the camera for angles in radians."""
-    level = np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    """Return the unit directions (..., 3) towards the camera for azimuth and elevation in radians."""
+    horizontal = np.cos(elevation)
+    return np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
 def first_view(solution: GraspSolution, flat: bool) -> list[float]:
-    """Return azimuth and elevation, degrees, of the view with most visible contacts."""
+    """Return azimuth and elevation, degrees, of the view in which most contacts are visible."""
     if flat or solution.grasp is None:
         return list(TOP_VIEW if flat else OBLIQUE_VIEW)
     outward = -in_space(solution.grasp.normals)
@@ -294,7 +308,7 @@ def obstacle_surface(obstacle: Obstacle) -> Triangles:
 
 
 def slab(height: float, body: FloatArray, size: float) -> Triangles:
-    """Return the front view of a table under a planar body: a bar whose top is at the table's height.
+    """Return a bar that shows a table under a planar body, with its top at the table's height.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Solution report: HTML page with the content of solution files."""
+"""HTML report of solutions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def complete_analyses(solution: GraspSolution) -> tuple[GraspSolution, str]:
-    """Return a solution with all analyses that its problem allows, and the names of those computed, as text."""
+    """Return a solution with all analyses that its problem allows, and a note that names the added ones."""
     if solution.grasp is None:
         return solution, ""
     analysed = analyse(solution)
@@ -33,7 +33,7 @@ def complete_analyses(solution: GraspSolution) -> tuple[GraspSolution, str]:
 
 
 def force_section(solution: GraspSolution) -> str:
-    """Return the required forces as text and by finger, as HTML; empty where a file does not state them."""
+    """Return the section on required finger forces as HTML; empty if the solution does not state forces."""
     forces = solution.needed
     if forces is None:
         return ""
@@ -49,7 +49,7 @@ def force_section(solution: GraspSolution) -> str:
 
 @dataclass(frozen=True)
 class GraspView:
-    """Page content of one grasp.
+    """Content of the report's page for one grasp.
 
     Parameters
     ----------
@@ -87,17 +87,17 @@ class GraspView:
         return f'<div class="of-grasp">{"".join(parts)}</div>'
 
     def slider_data(self) -> Json:
-        """Return the labels and finger forces of the slider's wrenches."""
+        """Return the labels and finger forces of the task wrenches on the slider."""
         return {"labels": list(self.labels), "fingers": [[asdict(f) for f in forces] for forces in self.fingers]}
 
 
 def grasp_views(solution: GraspSolution) -> list[GraspView]:
-    """Return the page content of the answer and the alternative grasps, best first."""
+    """Return the page content of each kept grasp, best first."""
     return [GraspView.of(solution), *(GraspView.of(solution.with_answer(grasp)) for grasp in solution.grasps[1:])]
 
 
 def view_scenes(views: Sequence[GraspView]) -> list[Json]:
-    """Return the scenes of several grasps, with the body in the first one only; empty if there is nothing to draw."""
+    """Return the scenes of several grasps, with the body in the first one only."""
     scenes = [view.scene for view in views if view.scene is not None]
     return scenes[:1] + [
         {**scene, "parts": [part for part in scene["parts"] if part["group"] != "body"], "alike": True}
@@ -106,12 +106,15 @@ def view_scenes(views: Sequence[GraspView]) -> list[Json]:
 
 
 def grasp_replacements(views: Sequence[GraspView]) -> list[Json]:
-    """Return slider data, panel and tables of each grasp, which the page swaps in."""
+    """Return the content that the page swaps in for each grasp: slider data, panel and tables."""
     return [{**view.slider_data(), "panel": view.panel, "tables": view.tables} for view in views]
 
 
-def grasp_strip(views: Sequence[GraspView], number: int) -> str:
-    """Return the small scenes as buttons; empty for one grasp, or if there is nothing to draw."""
+def grasp_strip(views: Sequence[GraspView], index: int) -> str:
+    """Return the strip of small scenes to choose a grasp from, as HTML.
+
+    The strip is empty for one grasp, or if there is nothing to draw.
+    """
     if len(views) < 2 or views[0].scene is None:
         return ""
     buttons = []
@@ -122,7 +125,7 @@ def grasp_strip(views: Sequence[GraspView], number: int) -> str:
         kind = ' class="fragile"' if is_fragile else ""
         buttons.append(
             f'<button type="button" data-grasp-number="{i}" aria-pressed="{"true" if i == 0 else "false"}"{kind}>'
-            f'<canvas class="small" data-of="scene{number}" data-scene="{i}"></canvas>'
+            f'<canvas class="small" data-of="scene{index}" data-scene="{i}"></canvas>'
             f"<span>{escape(text)}{' (fragile)' if is_fragile else ''}</span></button>"
         )
     note = f"{len(views)} distinct grasps, best first: certified quality, and what is left of it when contacts are off"
@@ -132,7 +135,7 @@ def grasp_strip(views: Sequence[GraspView], number: int) -> str:
 
 
 def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
-    """Write a page that shows solutions; several are compared first.
+    """Write a page that shows solutions, after a comparison if there are several.
 
     The page is self-contained and needs no network. Missing analyses are computed as far as the problems are known, and
     named on the page.
@@ -164,7 +167,7 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
 
 
 def write_solution(solution: GraspSolution, path: str | Path) -> Path:
-    """Write the page of one solution, under the name of its file.
+    """Write the page of one solution.
 
     Parameters
     ----------
@@ -179,8 +182,8 @@ def write_solution(solution: GraspSolution, path: str | Path) -> Path:
     return write_report({Path(path).name: solution}, path)
 
 
-def _solution_section(name: str, solution: GraspSolution, number: int, level: str, note: str) -> str:
-    """Return the section of one solution."""
+def _solution_section(name: str, solution: GraspSolution, index: int, level: str, note: str) -> str:
+    """Return the section of one solution as HTML."""
     views, marginal_colours = grasp_views(solution), colour_by_marginal_bound(solution)
     answer = views[0]
     data = {
@@ -189,12 +192,12 @@ def _solution_section(name: str, solution: GraspSolution, number: int, level: st
         "grasps": grasp_replacements(views) if len(views) > 1 else [],
         "worth": marginal_colours,
     }
-    strip = grasp_strip(views, number)
+    strip = grasp_strip(views, index)
     parts = [
         f'<p class="asked">{escape(typeset(sections.problem_sentence(solution)))}</p>',
         '<div class="first">',
         sections.solution_scene_html(
-            solution, answer.labels, number, answer.scene, strip, has_marginal_colours=marginal_colours is not None
+            solution, answer.labels, index, answer.scene, strip, has_marginal_colours=marginal_colours is not None
         ),
         answer.panel,
         "</div>",
@@ -205,11 +208,14 @@ def _solution_section(name: str, solution: GraspSolution, number: int, level: st
         f'<p class="note">{escape(note)}</p>' if note else "",
     ]
     heading = Heading(solution.name or name, name, verdict(solution), level)
-    return scene_section(heading, [part for part in parts if part], data, number)
+    return scene_section(heading, [part for part in parts if part], data, index)
 
 
 def solution_card(solution: GraspSolution) -> str:
-    """Return the small page; without a grasp it shows the body, where known, and the outcome."""
+    """Return the small page of a solution for a notebook.
+
+    Without a grasp the page shows the body, if known, and the outcome.
+    """
     solution = replace(solution, drawing=solution.drawn())
     view = GraspView.of(solution)
     data = {"scenes": [] if view.scene is None else [view.scene], **view.slider_data()}
@@ -219,7 +225,7 @@ def solution_card(solution: GraspSolution) -> str:
 
 
 def _quality_text(solution: GraspSolution) -> str:
-    """Return the certified quality and the required force as short text."""
+    """Return the certified quality and the required force as a short text."""
     if solution.grasp is None:
         return "no grasp"
     quality = f"{solution.label} {' to '.join(format_interval(solution.mu.lower, solution.mu.upper))}"

@@ -46,7 +46,7 @@ SWITCHES = (
 
 
 def colour_by_marginal_bound(solution: GraspSolution) -> Json | None:
-    """Return the body's triangles coloured by upper bounds on a contact's contribution to mu, or None.
+    """Return the viewer's data of the body coloured by upper bounds on a contact's contribution to mu, or ``None``.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def colour_by_marginal_bound(solution: GraspSolution) -> Json | None:
 
 
 def marginal_colours(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
-    """Return corners (m, 3, 3) of the body's subdivided triangles, metres, and a colour for each.
+    """Return corners (m, 3, 3) of the body's subdivided triangles, metres, and a colour for each triangle.
 
     For a mesh, which is in a separate file, the drawn triangles are used. None where the drawing is missing, or the
     global bound does not cover the problem.
@@ -87,11 +87,11 @@ def marginal_colours(solution: GraspSolution) -> tuple[FloatArray, list[str]] | 
     largest = float(np.nanmax(bounds, initial=0.0))
     if largest <= 0.0:
         return None
-    return corners, [_interpolate_colour(share) for share in bounds / largest]
+    return corners, [_interpolate_colour(fraction) for fraction in bounds / largest]
 
 
 def _problem_without_hand(solution: GraspSolution, shape: Triangles) -> GraspProblem:
-    """Return the problem without its hand, as far as the file contains it, with a mesh as drawn.
+    """Return the solution's problem without its hand; a mesh body has the drawn triangles.
 
     Raises
     ------
@@ -103,12 +103,12 @@ def _problem_without_hand(solution: GraspSolution, shape: Triangles) -> GraspPro
     return problem_from_dict(data, None if grasp is None else grasp.torque_origin, mesh)
 
 
-def _interpolate_colour(share: float) -> str:
-    """Return the interpolated colour of a share of the largest value."""
-    if np.isnan(share):
+def _interpolate_colour(fraction: float) -> str:
+    """Return the colour of a fraction of the largest value, interpolated on the colour scale."""
+    if np.isnan(fraction):
         return FORBIDDEN_COLOUR
     anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in COLOUR_SCALE])
-    position = np.rint(min(max(share, 0.0), 1.0) * TONES) / TONES * (len(COLOUR_SCALE) - 1)
+    position = np.rint(min(max(fraction, 0.0), 1.0) * TONES) / TONES * (len(COLOUR_SCALE) - 1)
     red, green, blue = np.rint(
         [np.interp(position, range(len(COLOUR_SCALE)), channel) for channel in anchors.T]
     ).astype(int)
@@ -116,7 +116,7 @@ def _interpolate_colour(share: float) -> str:
 
 
 def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> str:
-    """Return the comparison table of several solutions, with small scenes and gauges on one axis."""
+    """Return the comparison table of several solutions as HTML, with small scenes and gauges on one axis."""
     axis_limit, order = max(axis_end(s) for s in solutions.values()), list(solutions)
     rows = []
     entries = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
@@ -143,7 +143,7 @@ def problem_sentence(solution: GraspSolution) -> str:
 
 
 def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
-    """Return the key figures beside the scene, and the force of each finger for the slider's wrench."""
+    """Return the panel beside the scene as HTML: key figures, and finger forces for the selected wrench."""
     bars = "".join(
         f'<li class="finger"><span class="number">{i}</span><span class="bar">'
         f'<span style="width:{100 * f.share:.1f}%"></span></span><span class="words">{escape(f.words)}</span></li>'
@@ -157,12 +157,15 @@ def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
 def solution_scene_html(
     solution: GraspSolution,
     labels: Sequence[str],
-    number: int,
+    index: int,
     scene: Json | None,
     strip: str,
     has_marginal_colours: bool,
 ) -> str:
-    """Return the scene with its switches, slider and alternative grasps; a note if there is nothing to draw."""
+    """Return the scene with switches, wrench slider and alternative grasps as HTML.
+
+    There is only a note if there is nothing to draw.
+    """
     if scene is None:
         why = "no grasp was found, or the file holds neither a drawing nor the body"
         return f'<div class="stage"><p class="note">No picture: {why}.</p></div>'
@@ -172,25 +175,25 @@ def solution_scene_html(
     undrawn = escape(", ".join(scene["unseen"]))
     parts = [
         _switches(solution, has_marginal_colours) if count else "",
-        _wrench_slider(labels, number) if labels else "",
+        _wrench_slider(labels, index) if labels else "",
         strip,
         f'<p class="note">Not drawn, since their triangles stay in a file: {undrawn}.</p>' if undrawn else "",
     ]
-    return scene_html(description, parts, f"scene{number}")
+    return scene_html(description, parts, f"scene{index}")
 
 
-def _wrench_slider(labels: Sequence[str], number: int) -> str:
-    """Return the slider over a scene's task wrenches."""
+def _wrench_slider(labels: Sequence[str], index: int) -> str:
+    """Return the slider that selects a task wrench, as HTML."""
     return (
-        f'<div class="control"><label for="wrench{number}">Task wrench, as given</label><input id="wrench{number}" '
+        f'<div class="control"><label for="wrench{index}">Task wrench, as given</label><input id="wrench{index}" '
         f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
         f'aria-valuetext="{escape(labels[0])}">'
-        f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
+        f'<output for="wrench{index}" aria-live="polite">{escape(labels[0])}</output></div>'
     )
 
 
 def _switches(solution: GraspSolution, has_marginal_colours: bool) -> str:
-    """Return the visibility switches of the scene."""
+    """Return the visibility switches of the scene as HTML."""
     has_hand = solution.problem.get("hand") is not None
     entries = [s for s in SWITCHES if s[0] != "hand" or has_hand]
     if has_marginal_colours:
@@ -203,7 +206,7 @@ def _switches(solution: GraspSolution, has_marginal_colours: bool) -> str:
 
 
 def contacts(solution: GraspSolution) -> str:
-    """Return the table of contacts."""
+    """Return the table of contacts as HTML."""
     grasp = solution.grasp
     if grasp is None:
         return ""
@@ -231,15 +234,15 @@ def contacts(solution: GraspSolution) -> str:
 
 
 def wrench_space(solution: GraspSolution) -> str:
-    """Return projections of the wrench set and of the task."""
+    """Return the charts of projections of wrench set and task, as HTML."""
     charts = []
-    for shadow in solution_projections(solution):
-        curves = [Curve(shadow.grasp, "grasp", True), Curve(shadow.task, "task", True)]
-        if shadow.limit is not None:
-            low, high = float(np.min(shadow.grasp[:, 1])), float(np.max(shadow.grasp[:, 1]))
-            curves.append(Curve(np.array([[shadow.limit, low], [shadow.limit, high]]), "limit"))
-        title = f"Shadow on {shadow.x_label} and {shadow.y_label}"
-        charts.append(f"<div>{chart(title, shadow.x_label, shadow.y_label, curves)}</div>")
+    for projection in solution_projections(solution):
+        curves = [Curve(projection.grasp, "grasp", True), Curve(projection.task, "task", True)]
+        if projection.limit is not None:
+            low, high = float(np.min(projection.grasp[:, 1])), float(np.max(projection.grasp[:, 1]))
+            curves.append(Curve(np.array([[projection.limit, low], [projection.limit, high]]), "limit"))
+        title = f"Shadow on {projection.x_label} and {projection.y_label}"
+        charts.append(f"<div>{chart(title, projection.x_label, projection.y_label, curves)}</div>")
     if not charts:
         return ""
     note = (
@@ -251,7 +254,7 @@ def wrench_space(solution: GraspSolution) -> str:
 
 
 def constraints(solution: GraspSolution) -> str:
-    """Return the active constraints as sentences, and the shadow prices of limits."""
+    """Return the active constraints and the shadow prices of limits as HTML lists of sentences."""
     active = [_constraint_sentence(c, solution) for c in solution.constraints if c.active and not c.is_equation]
     prices = [_price_sentence(p, solution) for p in solution.prices]
     parts = [
@@ -273,15 +276,15 @@ def _constraint_sentence(report: ConstraintReport, solution: GraspSolution) -> s
 
 
 def _price_sentence(price: ShadowPrice, solution: GraspSolution) -> str:
-    """Return the effect of a step of a limit, as a sentence with its share of mu."""
+    """Return the effect of changing a limit by one step, as a sentence with the relative change of mu."""
     mu, label = solution.mu.lower, solution.label
     sign = "+" if price.gain > 0.0 else ""
-    share = f" ({sign}{format_number(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
-    return f"{price.what} (now {format_number(price.value, 4)}): {label} {sign}{format_number(price.gain)}{share}."
+    percent = f" ({sign}{format_number(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
+    return f"{price.what} (now {format_number(price.value, 4)}): {label} {sign}{format_number(price.gain)}{percent}."
 
 
 def inputs(name: str, solution: GraspSolution) -> str:
-    """Return all inputs and how to reproduce the solution."""
+    """Return all inputs, and the commands that reproduce the solution, as HTML."""
     solver = {k: v for k, v in solution.solver.items() if k != "starts"}
     data = {"problem": dict(solution.problem), "solver": solver}
     text = escape(json.dumps(data, indent=1))
@@ -295,6 +298,9 @@ def inputs(name: str, solution: GraspSolution) -> str:
 
 
 def _format_coordinates(values: Sequence[float], size: float, least_decimals: int) -> str:
-    """Return coordinates as text, with decimals for three digits of ``size``, but at least ``least_decimals``."""
+    """Return coordinates as text, with as many decimals as three digits of ``size`` need.
+
+    There are at least ``least_decimals``.
+    """
     decimals = max(least_decimals, 2 - math.floor(math.log10(size))) if size > 0.0 else least_decimals
     return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

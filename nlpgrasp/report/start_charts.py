@@ -26,7 +26,7 @@ NO_GRASP_CAPTION = "No start ended with a certified grasp."
 
 
 def start_section(solution: GraspSolution) -> str:
-    """Return the charts and the table of starts; empty for a solution without starts."""
+    """Return the charts and the table of starts as HTML; empty for a solution without starts."""
     if not solution.starts:
         return ""
     drawn_charts = [start_strip(solution), convergence_chart(solution)]
@@ -39,7 +39,10 @@ def start_section(solution: GraspSolution) -> str:
 
 
 def start_strip(solution: GraspSolution) -> tuple[str, str]:
-    """Return a chart with one dot for each start with a grasp, and its caption; empty without any."""
+    """Return the chart of certified quality with one dot per start with a grasp, and its caption.
+
+    Both are empty without a grasp.
+    """
     quality_by_start = {
         start.index: mu for start in solution.starts if (mu := certified_bounds(solution, start)) is not None
     }
@@ -62,7 +65,10 @@ def start_strip(solution: GraspSolution) -> tuple[str, str]:
 
 
 def convergence_chart(solution: GraspSolution) -> tuple[str, str]:
-    """Return the chart of mu over each start's refinement, and a caption; lines end at certified values."""
+    """Return the chart of mu over each start's refinement rounds, and its caption.
+
+    Lines end at certified values.
+    """
     if max((max(start.history) for start in solution.starts if len(start.history) > 1), default=0.0) <= ZERO_QUALITY:
         return "", ""
     ordered_starts = sorted(solution.starts, key=lambda start: start is solution.winner)  # draws the answer on top
@@ -84,7 +90,10 @@ def convergence_chart(solution: GraspSolution) -> tuple[str, str]:
 
 
 def certified_bounds(solution: GraspSolution, start: StartRecord) -> Bounds | None:
-    """Return the certified bounds of a solved start; for the answer its own, tighter ones; None for other starts."""
+    """Return the certified bounds on mu of a solved start, or ``None`` for a start without a grasp.
+
+    The start of the answer has the tighter bounds of the answer.
+    """
     if start.status is not Status.SOLVED or not math.isfinite(start.mu.upper):
         return None
     return solution.mu if start is solution.winner else start.mu
@@ -124,5 +133,5 @@ def _failure_reason(solution: GraspSolution, start: StartRecord) -> str:
 
 
 def _round_points(values: Sequence[float]) -> FloatArray:
-    """Return values against their round, (m, 2)."""
+    """Return the chart points (round, value) of a sequence of values, (m, 2)."""
     return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)

@@ -22,7 +22,7 @@ OUTLINE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)  # radians, directions of an
 
 @dataclass(frozen=True)
 class ChosenWrench:
-    """A wrench of the task at full size, with the least finger forces that produce it.
+    """Wrench of the unscaled task, with the least finger forces that produce it.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class ChosenWrench:
 
 
 def choose_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
-    """Return the hardest wrench of the task and the ends of its semi-axes, as far as they can be produced."""
+    """Return the hardest and representative boundary wrenches of the task that the fingers can produce."""
     grasp = solution.grasp
     if grasp is None or not solution.is_certified:
         return []
@@ -52,13 +52,13 @@ def choose_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     for i, wrench in enumerate(task.ends()[: MOST_WRENCHES - len(wrenches)]):
         wrenches.append(wrench)
         names.append(f"End {i + 1}")
-    share = solution.mu.lower  # certified within one unit of the budget; forces scale in proportion
-    solved = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
+    scale = solution.mu.lower  # certified within one unit of the budget; forces scale in proportion
+    solved = finger_forces(grasp, scale * np.array(wrenches), force_budget=solution.budget)
     return [
         ChosenWrench(
             f"{name}: {describe_wrench_by_axis(w, grasp.mean_arm)}",
             w,
-            grasp.contact_wrenches(x)[:, : grasp.space] / share,
+            grasp.contact_wrenches(x)[:, : grasp.space] / scale,
         )
         for name, w, x, feasible in zip(names, wrenches, solved.forces, solved.feasible, strict=True)
         if feasible
@@ -67,7 +67,7 @@ def choose_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
 
 @dataclass(frozen=True)
 class FingerForce:
-    """Force of one finger, as text.
+    """Force of one finger as text, with its size relative to the largest force.
 
     Parameters
     ----------
@@ -81,21 +81,21 @@ class FingerForce:
 
 
 def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[FingerForce]]:
-    """Return the normal and tangential force of each finger, for each wrench."""
+    """Return the force of each finger for each wrench, as normal and tangential components."""
     largest = max((float(np.max(np.linalg.norm(wrench.forces, axis=1))) for wrench in chosen), default=0.0) or 1.0
     forces_by_wrench = []
     for wrench in chosen:
         normal_forces = np.sum(wrench.forces * grasp.normals, axis=1)
         tangential_forces = np.linalg.norm(wrench.forces - normal_forces[:, None] * grasp.normals, axis=1)
-        shares = np.linalg.norm(wrench.forces, axis=1) / largest
+        relative_sizes = np.linalg.norm(wrench.forces, axis=1) / largest
         zero_force = 1e-4 * largest
         normal, tangential = (
             [format_number(force, 3, zero_force) for force in forces] for forces in (normal_forces, tangential_forces)
         )
         forces_by_wrench.append(
             [
-                FingerForce(typeset(f"normal {n} N, tangential {t} N"), float(share))
-                for n, t, share in zip(normal, tangential, shares, strict=True)
+                FingerForce(typeset(f"normal {n} N, tangential {t} N"), float(size))
+                for n, t, size in zip(normal, tangential, relative_sizes, strict=True)
             ]
         )
     return forces_by_wrench
@@ -119,7 +119,7 @@ def describe_wrench_by_axis(wrench: FloatArray, length: float) -> str:
 
 @dataclass(frozen=True)
 class WrenchProjection:
-    """Projections of the grasp wrench set and of the task onto one plane.
+    """Projection of the grasp wrench set and of the task onto one plane.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class WrenchProjection:
 
 
 def wrench_projections(grasp: Grasp, task: Task, mu: Bounds, budget: str | ForceBudget) -> list[WrenchProjection]:
-    """Return the projections onto the planes of forces and moments, and onto one with the weakest direction."""
+    """Return the projections onto pairs of force and moment axes, and onto a plane with the weakest direction."""
     wrench_set = WrenchSet.of(grasp, budget)
     scale, d = mu.lower, grasp.dimension
     labels = axis_labels(d)
@@ -161,7 +161,7 @@ def solution_projections(solution: GraspSolution) -> list[WrenchProjection]:
 
 
 def _outlines(plane: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return the outlines of both sets' images under ``w -> plane w``: points that attain the support functions.
+    """Return the outlines of wrench set and task projected by ``w -> plane w``, as points that attain the support.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def _outlines(plane: FloatArray, wrench_set: WrenchSet, task: Task, scale: float
 
 
 def _weakest_projection(direction: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> WrenchProjection:
-    """Return the projection along the weakest direction, where task and wrench set nearly touch."""
+    """Return the projection onto a plane with the weakest direction, where task and wrench set nearly touch."""
     limit = float(wrench_set.support(direction[None, :])[0][0])
     along = direction / limit if limit > 0.0 else direction / np.linalg.norm(direction)
     sizes = np.maximum(wrench_set.support(np.eye(len(direction)))[0], 1e-300)

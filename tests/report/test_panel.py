@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.key_figures import gauge, gauge_text, remaining_share, solution_figures, verdict
+from nlpgrasp.report.key_figures import gauge, gauge_text, remaining_fraction, solution_figures, verdict
 from nlpgrasp.report.solution_sections import contacts
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.quality_record import GlobalBound
@@ -63,7 +63,7 @@ def test_a_best_possible_far_away_does_not_crush_the_gauge(box):
 @pytest.mark.parametrize(("lower", "fragile"), [(0.0719, True), (0.0721, False), (0.0, True)])
 def test_less_than_a_fifth_left_is_fragile(box, lower, fragile):
     solution = replace(box, robust=robustness(box, lower))
-    assert remaining_share(solution) == pytest.approx(lower / 0.36)
+    assert remaining_fraction(solution) == pytest.approx(lower / 0.36)
     assert solution.is_fragile is fragile
     assert verdict(solution) == (("Fragile", "bad") if fragile else ("Solved", ""))
     assert ("gauge fragile" in gauge(solution)) is fragile
@@ -88,7 +88,7 @@ def test_without_a_grasp_the_verdict_comes_first(box):
     first = solution_figures(none)[0]
     assert (first.title, first.value, first.tone) == ("Status", "No grasp found", "bad")
     assert gauge(none) == ""
-    assert remaining_share(none) is None
+    assert remaining_fraction(none) is None
 
 
 def test_nothing_is_minus_zero_or_infinite(box):
