@@ -1,1 +1,1 @@
-"""Data sets of grasps: tables with one row per start, made in parallel and read as solutions."""
+"""Data sets of grasps: tables with one row per start, computed in parallel."""

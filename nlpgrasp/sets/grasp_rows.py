@@ -1,4 +1,4 @@
-"""Rows of a set of grasps, one per start, and Parquet files of them."""
+"""Table rows of a set of grasps, one per start, and their Parquet files."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Row = dict[str, object]
 
 
 def import_pyarrow(module: str = "pyarrow.parquet") -> ModuleType:
-    """Import a module of pyarrow, that of Parquet files by default.
+    """Import a module of pyarrow, by default the one for Parquet files.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def import_pyarrow(module: str = "pyarrow.parquet") -> ModuleType:
 
 @dataclass(frozen=True)
 class RowIdentity:
-    """Entries shared by all rows of a problem, with which rows are built.
+    """Row entries that all starts of a problem share.
 
     Parameters
     ----------
@@ -87,7 +87,10 @@ class RowIdentity:
     def row_with_grasp(
         self, start: int, solution: GraspSolution, hold: HoldTest | None, verdict: str, **entries: object
     ) -> Row:
-        """Return the row of a grasp, with the outcome of its simulation or, in ``verdict``, why there is none."""
+        """Return the row of a start with a grasp.
+
+        ``verdict`` is the outcome of the simulation, or the reason why there is none.
+        """
         grasp, depth = solution.require_grasp(), solution.link_depth
         row = self.row_without_grasp(start, GRASP, "") | {
             "mu_lower": solution.mu.lower,
@@ -107,7 +110,10 @@ class RowIdentity:
 
 
 def _posture_entries(solution: GraspSolution) -> Row:
-    """Return the hand's states and approach in a grasp; a reason alone without a hand that has a pose."""
+    """Return the row entries on the hand of a grasp: poses, joints and approach.
+
+    Without a hand that has a pose, the only entry is the reason.
+    """
     if "palm_pose" not in (solution.hand or {}):
         return {"way_in": "no hand with a pose"}
     states = HandStates.of(solution)
@@ -126,7 +132,7 @@ def _posture_entries(solution: GraspSolution) -> Row:
 
 
 def row_schema() -> Any:
-    """Return the Arrow schema of the rows."""
+    """Return the Arrow schema of a set's rows."""
     pa = import_pyarrow("pyarrow")
     kinds = dict.fromkeys(TEXT, pa.string()) | dict.fromkeys(WHOLE, pa.int64()) | dict.fromkeys(FLAGS, pa.bool_())
     kinds |= dict.fromkeys((*REAL, *COST), pa.float64()) | dict.fromkeys(VECTORS, pa.list_(pa.float64()))
@@ -136,7 +142,7 @@ def row_schema() -> Any:
 
 
 def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
-    """Return the content of a Parquet file of rows, or of a table of them, with checksums.
+    """Return rows, or a table of rows, as the bytes of a Parquet file with checksums.
 
     Parameters
     ----------
@@ -163,7 +169,7 @@ def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
 
 
 def read_rows(source: object, columns: Sequence[str], problem: str, field: str, group: int | None = None) -> Any:
-    """Return columns of a Parquet file, or of its content, as an Arrow table.
+    """Read columns of a Parquet file, given by path or content, as an Arrow table.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Set of grasps: a table with one row per start, and solutions built from its rows on demand."""
+"""Set of grasps: a table with one row per start, and solutions that are built from rows on demand."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ MOST_LISTED = 5  # failed grasps listed in a verdict
 
 @dataclass(frozen=True)
 class SetVerification:
-    """Outcome of verifying all grasps of a set; true when there are any and no check that could be made failed.
+    """Outcome of verifying all grasps of a set.
+
+    It is true if there are grasps, and no check that could be made failed.
 
     Parameters
     ----------
@@ -67,7 +69,7 @@ class SetVerification:
 
     @property
     def complete(self) -> bool:
-        """Whether every check could be made, and every row be read."""
+        """Whether the set passed, every check could be made, and every row could be read."""
         return self.passed and not self.partly_verified and not self.damaged
 
     def __bool__(self) -> bool:
@@ -86,7 +88,7 @@ class SetVerification:
 
 @dataclass(frozen=True)
 class RowFile:
-    """Parquet file with rows of one problem.
+    """Parquet file that contains rows of one problem.
 
     Parameters
     ----------
@@ -102,22 +104,22 @@ class RowFile:
     file: Path
 
     def labels(self) -> Any:
-        """Return the labels of all rows."""
+        """Return the label columns of all rows."""
         return read_rows(self.file, LABELS, self.digest, str(self.file))
 
     def records(self, group: int) -> Any:
-        """Return the stored solutions of a group of rows."""
+        """Return the stored solutions of one row group of the file."""
         return read_rows(self.file, RECORD, self.digest, str(self.file), group)
 
     def solution(self, records: Any, row: int, problem: Json) -> GraspSolution:
-        """Return the solution of a row from the records of its group and the problem as JSON data."""
+        """Build the solution of a row from the records of the row group and the problem's JSON data."""
         record = records.slice(row % GROUP, 1).to_pylist()[0]
         return unpack_solution(record, problem, self.problem, f"{self.file.name}: row {row}")
 
 
 @dataclass(frozen=True, repr=False)
 class GraspSet:
-    """Set of grasps in a folder: rows of all starts, of which those with a distinct grasp are its items.
+    """Set of distinct grasps in a folder, with one row per start.
 
     Parameters
     ----------
@@ -137,7 +139,7 @@ class GraspSet:
 
     @property
     def settings(self) -> Json:
-        """Settings of the set: grasps a problem, seed, options."""
+        """Settings of the set: grasps per problem, seed and options."""
         return self._plan["settings"]
 
     @property
@@ -165,7 +167,7 @@ class GraspSet:
         return float(sum(sum(table[name].to_pylist()) for table in self._tables for name in names))
 
     def frame(self, failures: bool = False) -> pd.DataFrame | Columns:
-        """Return the labels of the grasps, one row each: a pandas frame, or ``Columns`` without pandas.
+        """Return the table of labels with one row per grasp, as a pandas frame or, without pandas, as ``Columns``.
 
         A value that does not apply is None or NaN, and its flag is false: ``has_pose``, ``has_pregrasp``,
         ``has_squeeze`` (also for ``friction_needed``), ``has_lift``, ``has_depth``, ``simulated`` (for ``slip`` and
@@ -186,7 +188,9 @@ class GraspSet:
         return frame.astype({name: values.dtype for name, values in columns.items() if values.dtype != object})
 
     def solution(self, index: int) -> GraspSolution:
-        """Return a grasp as a solution, made from its row and the stored problem; ``ng.verify`` accepts it.
+        """Return the solution of a grasp, built from its row and the stored problem.
+
+        ``ng.verify`` accepts the solution.
 
         Values of constraints have single precision; all other numbers are those of the solve.
 
@@ -196,8 +200,8 @@ class GraspSet:
             On an index out of range, and on a damaged row.
         """
         index = integer("index", index, at_least=-len(self), at_most=len(self) - 1)
-        number, row = self._grasp_rows[index]
-        source = self._files[number]
+        file_index, row = self._grasp_rows[index]
+        source = self._files[file_index]
         key = source.file, row // GROUP
         if key not in self._cache:
             self._cache.clear()
@@ -212,7 +216,7 @@ class GraspSet:
         return map(self.solution, range(len(self)))
 
     def of_problem(self, problem: str) -> GraspSolution:
-        """Return all grasps of a problem as one solution, best first, as ``ng.solve(keep=...)`` returns them.
+        """Return all grasps of a problem as one solution, best first, in the form of ``ng.solve(keep=...)``.
 
         Raises
         ------
@@ -225,14 +229,16 @@ class GraspSet:
         return self._join(sorted(solutions, key=lambda solution: -solution.mu.lower))
 
     def _join(self, solutions: Sequence[GraspSolution]) -> GraspSolution:
-        """Return one solution of several grasps of a problem, the first as its answer."""
-        first = solutions[0]
-        solver = {**first.solver, "keep": len(solutions), "distinct": self.settings["distinct"]}
+        """Return one solution that holds several grasps of a problem, with the first as the answer."""
+        answer = solutions[0]
+        solver = {**answer.solver, "keep": len(solutions), "distinct": self.settings["distinct"]}
         starts = tuple(sorted((start for s in solutions for start in s.starts), key=lambda start: start.index))
-        return replace(first, others=tuple(s.grasps[0] for s in solutions[1:]), starts=starts, solver=solver)
+        return replace(answer, others=tuple(s.grasps[0] for s in solutions[1:]), starts=starts, solver=solver)
 
     def export(self, folder: str | Path, to: str = NPZ, options: ExportOptions | None = None) -> tuple[Path, ...]:
-        """Write the grasps in the format of another tool: a file a problem, or a file a grasp for records of one.
+        """Write the grasps in the format of another tool.
+
+        There is one file per problem, or one per grasp if the format holds a single grasp.
 
         Parameters
         ----------
@@ -269,7 +275,7 @@ class GraspSet:
         workers: int | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> SetVerification:
-        """Verify every grasp in parallel, each as ``ng.verify(set.solution(i))``.
+        """Verify every grasp in parallel, each like ``ng.verify(set.solution(i))``.
 
         Parameters
         ----------
@@ -284,7 +290,7 @@ class GraspSet:
         """
         count = integer("workers", workers, at_least=1, at_most=1024) if workers is not None else cores()
         search = [str(Path(entry).absolute()) for entry in folders]
-        chunks, done = self._chunks(), 0
+        chunks, checked = self._chunks(), 0
         verified = partly = 0
         failed: dict[int, str] = {}
         missing: dict[str, None] = {}
@@ -295,9 +301,9 @@ class GraspSet:
                 missing |= dict.fromkeys(outcome.missing)
                 if not outcome.passed:
                     failed[index] = outcome.verdict
-            done += len(chunk)
+            checked += len(chunk)
             if progress is not None:
-                progress(done)
+                progress(checked)
         return SetVerification(verified, partly, failed, tuple(missing), self.notes)
 
     def __repr__(self) -> str:
@@ -305,10 +311,10 @@ class GraspSet:
 
     def __str__(self) -> str:
         counts, cost = self.counts(), self.cpu_seconds
-        others = ", ".join(f"{count} {status}" for status, count in counts.items() if count and status != GRASP)
+        failures = ", ".join(f"{count} {status}" for status, count in counts.items() if count and status != GRASP)
         lines = [f"{len(self)} grasps of {len(self.problems)} problems in {self.path}"]
-        if others:
-            lines.append(f"  starts without a grasp of their own: {others}")
+        if failures:
+            lines.append(f"  starts without a grasp of their own: {failures}")
         if len(self):
             lines.append(f"  {cost:.0f} CPU seconds, {cost / len(self):.2g} for each grasp")
         unfinished = len(self.problems) - len(self._finished)
@@ -318,18 +324,18 @@ class GraspSet:
 
     @cached_property
     def _grasp_rows(self) -> list[tuple[int, int]]:
-        """Number of the file, and row in it, of each grasp."""
+        """Index of the file, and of the row in that file, for each grasp."""
         statuses = [table["status"].to_pylist() for table in self._tables]
-        return [(number, row) for number, column in enumerate(statuses) for row, s in enumerate(column) if s == GRASP]
+        return [(i, row) for i, column in enumerate(statuses) for row, status in enumerate(column) if status == GRASP]
 
     def _indices(self, problem: str) -> list[int]:
         """Return the indices of a problem's grasps."""
-        return [i for i, (number, _) in enumerate(self._grasp_rows) if self._files[number].problem == problem]
+        return [i for i, (file_index, _) in enumerate(self._grasp_rows) if self._files[file_index].problem == problem]
 
     def _verify_chunks(
         self, chunks: Sequence[Sequence[int]], rtol: float, folders: Sequence[str], workers: int
     ) -> Iterator[list[_VerifiedGrasp]]:
-        """Yield the outcomes of each chunk of grasps, in order."""
+        """Yield the verification outcomes of each chunk of grasps, in order."""
         calls = []
         for chunk in chunks:
             source, rows = self._files[self._grasp_rows[chunk[0]][0]], [self._grasp_rows[i][1] for i in chunk]
@@ -342,16 +348,19 @@ class GraspSet:
                 yield future.result()
 
     def _chunks(self) -> list[list[int]]:
-        """Return the indices of grasps in chunks that are verified in one call each, rows of one row group."""
+        """Return chunks of grasp indices, each verified in one call of a worker.
+
+        The rows of a chunk are in one row group.
+        """
         groups: dict[tuple[int, int], list[int]] = {}
-        for index, (number, row) in enumerate(self._grasp_rows):
-            groups.setdefault((number, row // CHUNK), []).append(index)
+        for index, (file_index, row) in enumerate(self._grasp_rows):
+            groups.setdefault((file_index, row // CHUNK), []).append(index)
         return list(groups.values())
 
     def _export_problem(
         self, problem: str, target: Path, export_format: ExportFormat, options: ExportOptions
     ) -> list[Path]:
-        """Write the grasps of a problem, and return the files."""
+        """Write the grasps of a problem, and return the paths of the files."""
         indices = self._indices(problem)
         if export_format.name == NPZ:
             file = target / f"{file_name(problem)}.npz"
@@ -367,7 +376,7 @@ class GraspSet:
         return paths
 
     def _npz_content(self, indices: Sequence[int], export_format: ExportFormat, options: ExportOptions) -> bytes:
-        """Return the arrays of a problem's grasps, with their labels, as the bytes of an npz file."""
+        """Return arrays and labels of a problem's grasps as the bytes of an npz file."""
         solutions = [self._without_constraints(i) for i in indices]
         arrays: dict[str, NDArray[np.generic]] = {
             "mu": np.array([[s.mu.lower, s.mu.upper] for s in solutions]),
@@ -376,8 +385,8 @@ class GraspSet:
         }
         if self._label(indices[0], "has_pose"):
             exported = io.BytesIO(export_format.export(self._join(solutions), options))
-            with np.load(exported, allow_pickle=False) as stated:
-                arrays = {name: stated[name] for name in stated.files}
+            with np.load(exported, allow_pickle=False) as loaded:
+                arrays = {name: loaded[name] for name in loaded.files}
         names = ("start", "link_depth", "friction_needed", "slip", "turn", "verdict", *FLAGS)
         labels = {name: _column(name, [self._label(i, name) for i in indices]) for name in names}
         arrays |= {name: values.astype(str) if values.dtype == object else values for name, values in labels.items()}
@@ -386,18 +395,18 @@ class GraspSet:
         return content.getvalue()
 
     def _without_constraints(self, index: int) -> GraspSolution:
-        """Return a grasp without the values of constraints, most of its memory, for exports of many."""
+        """Return the solution of a grasp without constraint values, which take most memory."""
         return replace(self.solution(index), constraints=())
 
     def _label(self, index: int, name: str) -> object:
         """Return one label of a grasp."""
-        number, row = self._grasp_rows[index]
-        return self._tables[number][name][row].as_py()
+        file_index, row = self._grasp_rows[index]
+        return self._tables[file_index][name][row].as_py()
 
 
 @dataclass(frozen=True)
 class _VerifiedGrasp:
-    """Outcome of verifying one grasp: whether checks passed and were all made, missing files, verdict."""
+    """Outcome of verifying one grasp."""
 
     passed: bool
     complete: bool
@@ -408,7 +417,7 @@ class _VerifiedGrasp:
 def _verify_rows(
     path: str, source: RowFile, rows: Sequence[int], rtol: float, folders: Sequence[str]
 ) -> list[_VerifiedGrasp]:
-    """Return the outcomes of verifying the grasps in some rows of one group of a file."""
+    """Verify the grasps in some rows of one row group, and return their outcomes."""
     try:
         problem = SetFolder(Path(path)).read_problem(source.problem, source.digest)
         records = source.records(rows[0] // GROUP)
@@ -425,7 +434,7 @@ def _verify_rows(
 
 
 def open_set(path: str | Path, *, warns: bool = True) -> GraspSet:
-    """Open a set of grasps that ``ng.make_set`` wrote, finished or not.
+    """Open a set of grasps that ``ng.make_set`` wrote, also an unfinished one.
 
     Parameters
     ----------
@@ -462,7 +471,10 @@ def open_set(path: str | Path, *, warns: bool = True) -> GraspSet:
 def _read_problem_rows(
     folder: SetFolder, problem: str, digest: str, finished: FinishedUnits, notes: list[str]
 ) -> list[tuple[RowFile, Any]]:
-    """Return the files of a problem with their labels; those that cannot be read are named in the notes."""
+    """Return the row files of a problem with their labels.
+
+    Files that cannot be read are named in ``notes``.
+    """
     read, unreadable = list[tuple[RowFile, Any]](), list[str]()
     for source in (RowFile(problem, digest, file) for file in folder.row_files(problem, finished)):
         try:
@@ -476,7 +488,10 @@ def _read_problem_rows(
 
 
 def _column(name: str, values: Sequence[object]) -> NDArray[np.generic]:
-    """Return a column as an array; of objects where its values are text, vectors or may be missing flags."""
+    """Return a label column as an array.
+
+    Text and vectors are objects; missing numbers are NaN.
+    """
     if name in FLAGS:
         return np.array(values, dtype=bool)
     if name in WHOLE:

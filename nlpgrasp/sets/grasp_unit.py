@@ -1,4 +1,4 @@
-"""Work unit of a set: some starts of one problem, run in a worker process."""
+"""Unit of work for a set: a few starts of one problem, run in a worker process."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ POSTURE = ("palm_pose", "joint_positions", "opening")  # entries of a hand's dat
 
 @dataclass(frozen=True)
 class KnownCandidate:
-    """Contacts and hand posture of a grasp of the set, with which later grasps are compared.
+    """Contacts and hand posture of a grasp in the set, for comparison with later grasps.
 
     Parameters
     ----------
@@ -74,13 +74,13 @@ class KnownCandidate:
 
     @classmethod
     def of(cls, start: int, solution: GraspSolution) -> KnownCandidate:
-        """Return the contacts and posture of a solution."""
+        """Return the contacts and hand posture of a solution."""
         hand = {key: value for key, value in (solution.hand or {}).items() if key in POSTURE}
         return cls(start, solution.require_grasp().points.tolist(), solution.faces, hand)
 
 
 class DistinctCandidates:
-    """Grasps of one problem that are pairwise distinct, in the order of their starts.
+    """Pairwise distinct grasps of one problem, in the order of their starts.
 
     Parameters
     ----------
@@ -98,10 +98,10 @@ class DistinctCandidates:
         self._candidates = [self._candidate(entry) for entry in known]
 
     def describe_equivalent(self, entry: KnownCandidate) -> str:
-        """Return the first start with an equivalent grasp, as text; empty where the grasp is distinct from all."""
+        """Return a text that names the first start with an equivalent grasp, or an empty text if there is none."""
         candidate = self._candidate(entry)
-        for other, earlier in zip(self._candidates, self.known, strict=True):
-            if self._equivalence.are_equivalent(candidate, other):
+        for earlier_candidate, earlier in zip(self._candidates, self.known, strict=True):
+            if self._equivalence.are_equivalent(candidate, earlier_candidate):
                 return f"equivalent to the grasp of start {earlier.start}"
         return ""
 
@@ -117,7 +117,7 @@ class DistinctCandidates:
 
 @dataclass(frozen=True)
 class UnitProblem:
-    """Problem of a unit, with everything that its rows depend on.
+    """Problem of a unit, with all other inputs that determine the unit's rows.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class UnitProblem:
 
     @cached_property
     def robot(self) -> Robot | None:
-        """Robot of the hand's file, read once for all simulations; None without a file."""
+        """Robot of the hand's file, read once for all simulations, or ``None`` without a file."""
         if self.robot_file is None or not isinstance(self.problem.hand, URDFHand):
             return None
         robot = self.problem.hand.robot
@@ -155,38 +155,38 @@ class UnitProblem:
 
 
 def row_identity(name: str, seed: int, problem: Json) -> RowIdentity:
-    """Return the entries shared by all rows of a problem, given as JSON data."""
+    """Return the entries shared by all rows of a problem, from the problem's JSON data."""
     body, hand = problem["body"], problem.get("hand")
     return RowIdentity(name, seed, body_digest(body) or data_digest(body), "" if hand is None else data_digest(hand))
 
 
 def data_digest(data: Json) -> str:
-    """Return a digest of JSON data, 16 hexadecimal digits."""
+    """Return a digest of JSON data with 16 hexadecimal digits."""
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
 class UnitId:
-    """Identifier of a unit: its problem, and its number among the units of that problem.
+    """Identifier of a unit: problem, and index among the units of the problem.
 
     Parameters
     ----------
     problem : str
         Name of the problem in the set.
-    number : int
-        The first start of the unit is ``UNIT * number``.
+    index : int
+        The first start of the unit is ``UNIT * index``.
     """
 
     problem: str
-    number: int
+    index: int
 
     def __str__(self) -> str:
-        return f"{self.problem}, unit {self.number}"
+        return f"{self.problem}, unit {self.index}"
 
 
 @dataclass(frozen=True)
 class UnitJob:
-    """Job of a worker process: the starts of one unit.
+    """Job of a worker process that runs the starts of one unit.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ class UnitJob:
     @property
     def key(self) -> str:
         """Unique name of the job in the run."""
-        return f"nlpgrasp-{self.payload.token}-unit{self.unit.number}"
+        return f"nlpgrasp-{self.payload.token}-unit{self.unit.index}"
 
     def run(self) -> Outcome:
         """Return the rows of the unit as the content of a Parquet file."""
@@ -219,7 +219,7 @@ class UnitJob:
         with single_thread(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is stated of a grasp is in its row
             rows = list(unit_rows(lazy.compiled, unit, self.starts, self.known, self.wanted))
-        return Outcome(content=parquet_bytes(rows, data_digest(unit.problem.to_dict()), str(self.unit.number)))
+        return Outcome(content=parquet_bytes(rows, data_digest(unit.problem.to_dict()), str(self.unit.index)))
 
 
 def unit_rows(
@@ -229,25 +229,28 @@ def unit_rows(
     known: Sequence[KnownCandidate] = (),
     wanted: int | None = None,
 ) -> Iterator[Row]:
-    """Yield the row of each start, until as many grasps are found as are wanted.
+    """Yield the row of each start until the wanted number of distinct grasps is found.
 
     Grasps are compared with the known ones, and with each other where ``wanted`` is given. The cost of proposing
     candidates counts with the first start.
     """
     distinct = DistinctCandidates(compiled, unit.distinct, known)
-    wall, cpu = time.monotonic(), time.process_time()
+    wall, cpu = time.monotonic(), time.process_time()  # seconds at the end of the previous start
     for result in run_starts(compiled, unit, starts):
-        row, simulating = _start_row(compiled, unit, result, distinct, wanted is not None)
-        now = time.monotonic(), time.process_time()
-        cost = {"seconds": now[0] - wall, "cpu_seconds": now[1] - cpu - simulating}
-        yield {**row, **cost, "simulation_cpu_seconds": simulating}
-        (wall, cpu) = now
+        row, simulation_seconds = _start_row(compiled, unit, result, distinct, wanted is not None)
+        wall_end, cpu_end = time.monotonic(), time.process_time()
+        cost = {"seconds": wall_end - wall, "cpu_seconds": cpu_end - cpu - simulation_seconds}
+        yield {**row, **cost, "simulation_cpu_seconds": simulation_seconds}
+        wall, cpu = wall_end, cpu_end
         if wanted is not None and len(distinct.known) >= len(known) + wanted:
             return
 
 
 def run_starts(compiled: CompiledProblem, unit: UnitProblem, starts: range) -> Iterator[StartResult]:
-    """Yield the result of each start, from candidates that are proposed together."""
+    """Yield the result of each start.
+
+    The candidates of all starts are proposed together.
+    """
     try:
         proposed = propose(compiled, np.random.default_rng([unit.seed, starts.start]), starts=len(starts))
     except SOLVER_ERRORS as error:
@@ -264,7 +267,7 @@ def _start_row(
     distinct: DistinctCandidates,
     adds: bool,
 ) -> tuple[Row, float]:
-    """Return the row of a start, its grasp completed and simulated, and the CPU seconds of the simulation.
+    """Complete and simulate the grasp of a start; return its row and the CPU seconds of the simulation.
 
     With ``adds`` its distinct grasp is one with which later ones are compared.
     """
@@ -282,14 +285,14 @@ def _start_row(
         return identity.row_without_grasp(record.index, DUPLICATE, reason), 0.0
     if adds:
         distinct.add(entry)
-    begin = time.process_time()
+    start_time = time.process_time()
     hold, verdict = _simulate(unit, solution)
-    seconds = time.process_time() - begin if hold is not None else 0.0
+    seconds = time.process_time() - start_time if hold is not None else 0.0
     return identity.row_with_grasp(record.index, solution, hold, verdict), seconds
 
 
 def _failure_reason(record: StartRecord) -> str:
-    """Return the reason for a start without a grasp, as text."""
+    """Return the reason why a start has no grasp, as text."""
     if record.status is Status.FAILED:
         return record.message
     if not record.mu.lower > 0.0:
@@ -306,7 +309,10 @@ def _complete(compiled: CompiledProblem, unit: UnitProblem, result: StartGrasp) 
 
 
 def _simulate(unit: UnitProblem, solution: GraspSolution) -> tuple[HoldTest | None, str]:
-    """Return the outcome of simulating a grasp, None without a simulation, and the verdict or the reason."""
+    """Simulate a grasp, and return the outcome and the verdict.
+
+    Without a simulation the outcome is ``None``, and the verdict is the reason.
+    """
     if not unit.simulate or unit.robot_file is None:
         reason = "not requested" if not unit.simulate else "no hand with joints"
         return None, f"{NOT_SIMULATED}: {reason}"

@@ -1,4 +1,4 @@
-"""Generation of a set of grasps: units of starts in worker processes, each written when it is finished."""
+"""Generation of a set of grasps by worker processes that run units of starts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 from math import ceil, inf
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ INTERRUPTED = "Interrupted: what is finished is kept; call ng.make_set again to 
 
 @dataclass(frozen=True)
 class SetProgress:
-    """Progress of a set, with the rate and cost of this run.
+    """Progress of a set's generation, with rate and cost of this run.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ class SetProgress:
 
     @property
     def per_second(self) -> float:
-        """Grasps found per second of this run."""
+        """Number of grasps found per second of this run."""
         return self.new / self.seconds if self.seconds > 0.0 else 0.0
 
     @property
@@ -102,7 +103,7 @@ class SetProgress:
 
     @property
     def seconds_left(self) -> float:
-        """Estimate of the seconds left, at this rate; inf before the first grasp."""
+        """Estimate of the remaining seconds at this rate; inf before the first grasp."""
         return self.missing / self.per_second if self.new else inf
 
     def __str__(self) -> str:
@@ -131,7 +132,7 @@ def make_set(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> GraspSet:
-    """Make a data set of distinct, certified grasps: many starts of many problems in parallel, a row for each.
+    """Make a data set of distinct, certified grasps of many problems, by many starts in parallel.
 
     The grasps of a problem are results of its starts, in their order, each distinct from those before; they are refined
     and certified, not brought to the nearest local optimum as the answer of ``ng.solve`` is. Units of four starts are
@@ -230,12 +231,12 @@ class _ProblemState:
 
     @property
     def digest(self) -> str:
-        """Digest of the problem."""
+        """Digest of the problem's data."""
         return data_digest(self.data)
 
     @property
     def count(self) -> int:
-        """Number of grasps so far; those of pending units may turn out equivalent."""
+        """Number of grasps so far, including those of units not yet compared."""
         return self.grasps if self.is_finished else self.distinct_count + sum(self.pending.values())
 
     @property
@@ -271,7 +272,7 @@ class _Run:
     options: SolveOptions
     progress: Progress | None
     notes: list[str] = field(default_factory=list)
-    begin: float = field(default_factory=time.monotonic)
+    start_time: float = field(default_factory=time.monotonic)
     starts: int = 0
     failures: int = 0
     cpu_seconds: float = 0.0
@@ -292,7 +293,7 @@ class _Run:
         folders: Iterable[str | Path],
         progress: Progress | None,
     ) -> _Run:
-        """Return the run, its arguments checked and its folder open."""
+        """Check the arguments, open the folder, and return the run."""
         wanted = integer("grasps_per_problem", grasps_per_problem, at_least=1, at_most=10**6)
         most_starts = STARTS_PER_GRASP * wanted if starts is None else starts
         most_starts, seed, _ = check_solve_arguments(most_starts, seed, options)
@@ -322,7 +323,7 @@ class _Run:
         return cls(folder, states, wanted, most_units, settings, check_options(options).narrow(), progress)
 
     def run(self, run_units: Callable[..., Any]) -> None:
-        """Run units until all problems are finished; those that other processes run are waited for."""
+        """Run units, and wait for those that other processes run, until all problems are finished."""
         self._read_folder()
         self.earlier_grasps = sum(state.count for state in self.states.values())
         while units := self._missing_units():
@@ -336,20 +337,23 @@ class _Run:
                 time.sleep(WAIT_SECONDS)
 
     def _missing_units(self) -> list[UnitId]:
-        """Return units to run: as many as are needed if each of their starts ends with a distinct grasp."""
+        """Return the units to run next.
+
+        They suffice if each of their starts ends with a distinct grasp.
+        """
         units: list[UnitId] = []
         for state in self.states.values():
             if state.is_finished:
                 continue
-            numbers = (n for n in range(state.next_unit, self.most_units) if n not in state.pending)
+            missing = (i for i in range(state.next_unit, self.most_units) if i not in state.pending)
             needed = max(ceil((self.wanted - state.count) / UNIT), 1)
-            units += [UnitId(state.name, number) for number, _ in zip(numbers, range(needed), strict=False)]
+            units += [UnitId(state.name, index) for index in islice(missing, needed)]
         return units
 
     def _job(self, unit: UnitId) -> UnitJob | None:
-        """Return the job of a unit; None where it is finished or runs elsewhere."""
+        """Return the job of a unit, or ``None`` if the unit is finished or another process runs it."""
         state = self.states[unit.problem]
-        if state.is_finished or unit.number < state.next_unit or not self.folder.claim(unit):
+        if state.is_finished or unit.index < state.next_unit or not self.folder.claim(unit):
             return None
         if self.payload is None or self.payload[0] != state.name:
             make = partial(_make_unit, state.name, state.make, self.options, self.settings, state.robot_file)
@@ -359,22 +363,22 @@ class _Run:
                 allowed = "parts that can be sent to other processes"
                 raise InputError(f"problem {state.name!r}", error_line(error), allowed) from None
         known = () if state.distinct is None else tuple(state.distinct.known)
-        wanted = self.wanted - len(known) if unit.number == state.next_unit else None
-        return UnitJob(unit, self.payload[1], self._starts_of(unit.number), known, wanted)
+        wanted = self.wanted - len(known) if unit.index == state.next_unit else None
+        return UnitJob(unit, self.payload[1], self._starts_of(unit.index), known, wanted)
 
-    def _starts_of(self, number: int) -> range:
-        """Return the starts of a unit."""
-        return range(UNIT * number, min(UNIT * (number + 1), int(self.settings["starts"])))
+    def _starts_of(self, unit_index: int) -> range:
+        """Return the indices of the starts of a unit."""
+        return range(UNIT * unit_index, min(UNIT * (unit_index + 1), int(self.settings["starts"])))
 
     def _store(self, unit: UnitId, outcome: Outcome) -> None:
-        """Write the rows of a unit; where its worker failed, rows with the reason."""
+        """Write the rows of a unit, or rows that state the failure if the worker failed."""
         state, content = self.states[unit.problem], outcome.content
         if not content:
             identity = row_identity(state.name, int(self.settings["seed"]), state.data)
             failures = [
-                identity.row_without_grasp(start, FAILED, outcome.failure) for start in self._starts_of(unit.number)
+                identity.row_without_grasp(start, FAILED, outcome.failure) for start in self._starts_of(unit.index)
             ]
-            content = parquet_bytes(failures, state.digest, str(unit.number))
+            content = parquet_bytes(failures, state.digest, str(unit.index))
         rows = read_rows(content, ALWAYS_STATED, state.digest, str(unit)).to_pylist()
         self.starts += len(rows)
         self.failures += sum(row["status"] != GRASP for row in rows)
@@ -383,30 +387,30 @@ class _Run:
             self.folder.release(unit)  # it proved unnecessary meanwhile
         else:
             self.folder.write_unit(unit, content)
-            state.pending[unit.number] = sum(row["status"] == GRASP for row in rows)
+            state.pending[unit.index] = sum(row["status"] == GRASP for row in rows)
             self._compare_units(state)
         self._report()
 
     def _read_folder(self) -> None:
-        """Take over finished problems, and units of earlier runs and other processes, from the folder."""
+        """Read from the folder the finished problems, and the units of earlier runs and other processes."""
         finished = self.folder.finished()
         for state in self.states.values():
             if not state.is_finished and finished.is_merged(state.name):
                 self._finish(state)
             elif not state.is_finished:
-                for number in finished.numbers(state.name):
-                    if number >= state.next_unit and number not in state.pending:
-                        rows = self._read_unit(state, number, ("status",))
+                for index in finished.unit_indices(state.name):
+                    if index >= state.next_unit and index not in state.pending:
+                        rows = self._read_unit(state, index, ("status",))
                         if rows is not None:
-                            state.pending[number] = rows["status"].to_pylist().count(GRASP)
+                            state.pending[index] = rows["status"].to_pylist().count(GRASP)
                 self._compare_units(state)
 
     def _compare_units(self, state: _ProblemState) -> None:
-        """Compare the grasps of finished units with those before, in the order of starts; merge a finished problem."""
+        """Compare the grasps of finished units with those of earlier starts, and merge a finished problem."""
         while not state.is_finished and state.next_unit in state.pending:
-            number = state.next_unit
-            table = self._read_unit(state, number, ("start", "status", *RECORD))
-            del state.pending[number]
+            index = state.next_unit
+            table = self._read_unit(state, index, ("start", "status", *RECORD))
+            del state.pending[index]
             if table is None:
                 return
             state.next_unit += 1
@@ -420,7 +424,7 @@ class _Run:
                 self._merge(state, UNIT * self.most_units)
 
     def _add_or_reject(self, state: _ProblemState, row: Mapping[str, Any]) -> None:
-        """Add a row's grasp to the distinct ones, or note that it is equivalent to one of them."""
+        """Add the grasp of a row to the distinct grasps, or record that it is equivalent to one of them."""
         if state.distinct is None:
             compiled = CompiledProblem(state.make(), self.options)
             state.distinct = DistinctCandidates(compiled, float(self.settings["distinct"]))
@@ -432,21 +436,21 @@ class _Run:
         else:
             state.distinct.add(entry)
 
-    def _merge(self, state: _ProblemState, last: int) -> None:
-        """Write the rows of a finished problem, up to its last start, as one file."""
+    def _merge(self, state: _ProblemState, last_start: int) -> None:
+        """Write the rows of a finished problem as one file, up to the last start that is needed."""
         pa = import_pyarrow("pyarrow")
-        tables = [self._read_unit(state, number, (*LABELS, *RECORD)) for number in range(state.next_unit)]
+        tables = [self._read_unit(state, index, (*LABELS, *RECORD)) for index in range(state.next_unit)]
         if any(table is None for table in tables):
             state.next_unit, state.distinct, state.duplicates = 0, None, {}  # a file was damaged meanwhile
             return
         table = pa.concat_tables(tables)
-        table = table.filter(import_pyarrow("pyarrow.compute").less_equal(table["start"], last))
+        table = table.filter(import_pyarrow("pyarrow.compute").less_equal(table["start"], last_start))
         table = _relabel(table, state.duplicates)
         self.folder.write_merged(state.name, parquet_bytes(table, state.digest, "all"))
         self._finish(state)
 
     def _finish(self, state: _ProblemState) -> None:
-        """Mark a problem as finished, and free what is no longer needed."""
+        """Mark a problem as finished, and discard its working data and unit files."""
         file = self.folder.merged_file(state.name)
         try:
             rows = read_rows(file, (*LABELS, *RECORD), state.digest, file.name)  # all of them, to notice any damage
@@ -457,9 +461,9 @@ class _Run:
         state.distinct, state.pending, state.duplicates = None, {}, {}
         self.folder.remove_units(state.name)
 
-    def _read_unit(self, state: _ProblemState, number: int, columns: Sequence[str]) -> Any:
-        """Return columns of a unit's rows; None where its file is damaged, which is set aside."""
-        file = self.folder.unit_file(UnitId(state.name, number))
+    def _read_unit(self, state: _ProblemState, unit_index: int, columns: Sequence[str]) -> Any:
+        """Read columns of a unit's rows; return ``None`` for a damaged file, which is renamed."""
+        file = self.folder.unit_file(UnitId(state.name, unit_index))
         try:
             return read_rows(file, columns, state.digest, file.name)
         except InputError as error:
@@ -468,11 +472,11 @@ class _Run:
             return None
 
     def _set_aside(self, file: Path, error: InputError) -> None:
-        """Rename a damaged file, so that its starts are run again, and note it."""
+        """Rename a damaged file so that its starts are run again, and record a note."""
         self.notes.append(f"{file.name} is run again: {error.given}; renamed to {self.folder.set_aside(file)}")
 
     def _report(self) -> None:
-        """Call the progress callback."""
+        """Call the progress callback, if any."""
         if self.progress is None:
             return
         states = self.states.values()
@@ -487,14 +491,14 @@ class _Run:
                 self.starts,
                 self.failures,
                 max(grasps - self.earlier_grasps, 0),
-                time.monotonic() - self.begin,
+                time.monotonic() - self.start_time,
                 self.cpu_seconds,
             )
         )
 
 
 def check_options(options: SolveOptions | None) -> SolveOptions:
-    """Return the options of a set's starts.
+    """Return the validated solver options for a set.
 
     Raises
     ------
@@ -511,7 +515,7 @@ def check_options(options: SolveOptions | None) -> SolveOptions:
 
 
 def find_robot_file(hand: Json, folders: Sequence[Path]) -> Path:
-    """Return the file of a hand, by its recorded name and fingerprint.
+    """Find the robot file of a hand by its recorded name and fingerprint.
 
     Raises
     ------
@@ -527,7 +531,7 @@ def find_robot_file(hand: Json, folders: Sequence[Path]) -> Path:
 
 
 def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _ProblemState:
-    """Return the initial state of a problem, which is built once for its data."""
+    """Build a problem once for its data, and return its initial state."""
     make = partial(_return, source) if isinstance(source, GraspProblem) else source
     try:
         problem = make()
@@ -541,20 +545,23 @@ def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _Problem
 
 
 def _return(problem: GraspProblem) -> GraspProblem:
-    """Return the argument; unlike a lambda, a name that workers can import."""
+    """Return the given problem.
+
+    Unlike a lambda, this function can be pickled for workers.
+    """
     return problem
 
 
 def _make_unit(
     name: str, make: ProblemFactory, options: SolveOptions, settings: Json, robot_file: Path | None
 ) -> UnitProblem:
-    """Return the problem of a unit, in a worker."""
+    """Build the problem of a unit in a worker."""
     seed, distinct, simulate = int(settings["seed"]), float(settings["distinct"]), bool(settings["simulate"])
     return UnitProblem(name, make(), options, seed, distinct, robot_file, simulate)
 
 
 def _relabel(table: Any, duplicates: Mapping[int, str]) -> Any:
-    """Return a table in which grasps equivalent to earlier ones are labelled duplicates, without their data."""
+    """Return the table with the rows of given starts turned into duplicates without grasp data."""
     if not duplicates:
         return table
     pa, starts = import_pyarrow("pyarrow"), table["start"].to_pylist()

@@ -1,4 +1,4 @@
-"""Folder of a set: its plan, each problem once, and one Parquet file per unit, merged when a problem is finished.
+"""Folder of a set of grasps: plan, problems, and Parquet files of rows.
 
 ``set.json`` is the plan; ``problems/NAME.json`` states a problem; ``rows/NAME--3.parquet`` has the rows of its unit 3,
 ``rows/NAME.parquet`` all rows of a finished problem. Each file is written whole or not at all. A unit always gives the
@@ -31,7 +31,7 @@ DAMAGED = ".damaged"  # appended to the name of a file that cannot be read
 
 @dataclass(frozen=True)
 class FinishedUnits:
-    """Finished problems and units of a folder at one time, by the file names of problems.
+    """Finished problems and units in a folder at one time, by the file names of problems.
 
     Parameters
     ----------
@@ -44,16 +44,16 @@ class FinishedUnits:
     units: Mapping[str, list[int]]
 
     def is_merged(self, problem: str) -> bool:
-        """Return whether a problem is finished."""
+        """Return whether a problem is finished, so that all its rows are in one file."""
         return file_name(problem) in self.merged
 
-    def numbers(self, problem: str) -> list[int]:
-        """Return the numbers of a problem's finished units, in order."""
+    def unit_indices(self, problem: str) -> list[int]:
+        """Return the sorted indices of a problem's finished units."""
         return self.units.get(file_name(problem), [])
 
 
 class SetPlan(TypedDict):
-    """Plan of a set as JSON data: settings, and the digest of each problem by name."""
+    """JSON data of a set's plan: settings, and the digest of each problem by name."""
 
     schema: str
     created_by: dict[str, str]
@@ -94,7 +94,7 @@ class SetFolder:
     # The plan
 
     def read_plan(self) -> SetPlan:
-        """Return the plan.
+        """Read the set's plan from its file.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class SetFolder:
         }
 
     def open(self, settings: Json, problems: Mapping[str, Json]) -> SetPlan:
-        """Create the folder or check that it is one of these settings; add problems to its plan; return the plan.
+        """Create the folder, or check an existing one, and return the plan with these problems added.
 
         Raises
         ------
@@ -143,7 +143,10 @@ class SetFolder:
             return self._update_plan(settings, problems)
 
     def remove_partial_files(self) -> None:
-        """Remove partly written files that an ended process left; those of the last minutes may be another's."""
+        """Remove partly written files that an ended process left.
+
+        Recent ones are kept, since another process may still write them.
+        """
         for file in self.path.rglob(".nlpgrasp-*.tmp"):
             with suppress(OSError):
                 if time.time() - file.stat().st_mtime > ABANDONED:
@@ -171,28 +174,31 @@ class SetFolder:
         return plan
 
     def _check_same(self, old: SetPlan, new: SetPlan) -> None:
-        """Refuse a set of another version, settings or problems; problems may be added."""
+        """Raise if version, settings or a common problem differ between two plans.
+
+        Problems may be added.
+        """
         difference = None
         if old["created_by"] != new["created_by"]:
             difference = f"a set of nlpgrasp {old['created_by'].get('nlpgrasp')}"
         changed = [key for key, value in new["settings"].items() if old["settings"].get(key) != value]
-        others = [name for name, digest in new["problems"].items() if old["problems"].get(name, digest) != digest]
+        differing = [name for name, digest in new["problems"].items() if old["problems"].get(name, digest) != digest]
         if changed:
             stated = old["settings"].get(changed[0])
             difference = f"a set with {changed[0]} {json.dumps(stated)}"
-        elif others:
-            difference = f"a set in which {others[0]!r} is another problem"
+        elif differing:
+            difference = f"a set in which {differing[0]!r} is another problem"
         if difference is not None:
             raise InputError(f"out ({self.path})", difference, "the folder of this set, or a new one")
 
     # Files
 
     def problem_file(self, name: str) -> Path:
-        """Return the path of the file that states a problem."""
+        """Return the path of a problem's JSON file."""
         return self.path / PROBLEMS / f"{file_name(name)}.json"
 
     def read_problem(self, name: str, digest: str) -> Json:
-        """Return a problem as JSON data.
+        """Read the JSON data of a problem.
 
         Raises
         ------
@@ -209,33 +215,33 @@ class SetFolder:
         return problem
 
     def unit_file(self, unit: UnitId) -> Path:
-        """Return the path of the rows of a unit."""
-        return self.path / ROWS / f"{file_name(unit.problem)}--{unit.number}.parquet"
+        """Return the path of the file with a unit's rows."""
+        return self.path / ROWS / f"{file_name(unit.problem)}--{unit.index}.parquet"
 
     def merged_file(self, problem: str) -> Path:
-        """Return the path of all rows of a finished problem."""
+        """Return the path of the file with all rows of a finished problem."""
         return self.path / ROWS / f"{file_name(problem)}.parquet"
 
     def finished(self) -> FinishedUnits:
-        """Return the problems and units whose rows are there now."""
+        """Return the problems and units whose row files exist now."""
         units: dict[str, list[int]] = {}
         merged = set[str]()
         for path in (self.path / ROWS).glob("*.parquet"):
-            stem, _, number = path.stem.rpartition("--")
-            if stem and number.isdigit():
-                units.setdefault(stem, []).append(int(number))
+            stem, _, index = path.stem.rpartition("--")
+            if stem and index.isdigit():
+                units.setdefault(stem, []).append(int(index))
             else:
                 merged.add(path.stem)
-        return FinishedUnits(merged, {stem: sorted(numbers) for stem, numbers in units.items()})
+        return FinishedUnits(merged, {stem: sorted(indices) for stem, indices in units.items()})
 
     def row_files(self, problem: str, finished: FinishedUnits) -> list[Path]:
-        """Return the files with a problem's rows, in order."""
+        """Return the paths of the files with a problem's rows, in order."""
         if finished.is_merged(problem):
             return [self.merged_file(problem)]
-        return [self.unit_file(UnitId(problem, number)) for number in finished.numbers(problem)]
+        return [self.unit_file(UnitId(problem, index)) for index in finished.unit_indices(problem)]
 
     def set_aside(self, file: Path) -> str:
-        """Rename a damaged file, so that its unit is run again; return its new name."""
+        """Rename a damaged file so that its unit is run again, and return the new name."""
         target = file.with_name(file.name + DAMAGED)
         with suppress(OSError):
             os.replace(file, target)
@@ -244,7 +250,10 @@ class SetFolder:
     # Units
 
     def claim(self, unit: UnitId) -> bool:
-        """Reserve a unit for this process; return False where it is finished, or another process runs it."""
+        """Reserve a unit for this process, and return whether it is reserved.
+
+        A unit that is finished, or that another process runs, cannot be reserved.
+        """
         if unit in self.claims:
             return True
         file = (self.path / LOCKS / f"{self.unit_file(unit).stem}.lock").open("a")
@@ -266,7 +275,7 @@ class SetFolder:
             self.release(unit)
 
     def write_unit(self, unit: UnitId, content: bytes) -> None:
-        """Write the rows of a finished unit."""
+        """Write the rows of a finished unit, and give up its reservation."""
         write_bytes(self.unit_file(unit), content)
         self.release(unit)
 

@@ -1,4 +1,4 @@
-"""Compact record of a solution in a row of a set: its numbers, and its text, which rows of one problem share.
+"""Compact records of solutions for the rows of a set, with numbers and text stored separately.
 
 Constraints are stored as their values in single precision, and names and limits as one text for all rows that state the
 same ones. All other numbers round-trip exactly. The problem is stored once, beside the rows.
@@ -28,19 +28,19 @@ COLUMNS = ("outline", "constraint_names", "numbers", "constraint_values")
 
 
 def pack_solution(solution: GraspSolution) -> dict[str, object]:
-    """Return the record of a solution.
+    """Return the compact record of a solution.
 
     ``outline`` is its JSON text with zeros in place of all numbers that are not whole; ``numbers`` are these, 8 bytes
     each. ``constraint_values`` have 4 bytes each.
     """
     data = json_round_trip(solution.to_dict())
-    rest = {key: value for key, value in data.items() if key not in LEFT_OUT}
-    constraints = rest.pop("constraints")
-    rest[BUDGET] = data["problem"][BUDGET]
-    rest["active"] = [i for i, entry in enumerate(constraints) if entry["active"]]
-    rest["multipliers"] = {str(i): entry["multiplier"] for i, entry in enumerate(constraints) if entry["multiplier"]}
+    content = {key: value for key, value in data.items() if key not in LEFT_OUT}
+    constraints = content.pop("constraints")
+    content[BUDGET] = data["problem"][BUDGET]
+    content["active"] = [i for i, entry in enumerate(constraints) if entry["active"]]
+    content["multipliers"] = {str(i): entry["multiplier"] for i, entry in enumerate(constraints) if entry["multiplier"]}
     numbers: list[float] = []
-    outline = _without_numbers(rest, numbers)
+    outline = _without_numbers(content, numbers)
     names = [{key: entry[key] for key in STATIC if key in entry} for entry in constraints]
     return {
         "outline": _compact_json(outline),
@@ -51,7 +51,7 @@ def pack_solution(solution: GraspSolution) -> dict[str, object]:
 
 
 def unpack_solution(record: Record, problem: Json, name: str, field: str) -> GraspSolution:
-    """Return the solution of a record.
+    """Return the solution that a compact record stores.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def unpack_solution(record: Record, problem: Json, name: str, field: str) -> Gra
 
 
 def _without_numbers(value: object, numbers: list[float]) -> object:
-    """Return JSON data with 0.0 in place of every float, which is appended to the numbers."""
+    """Return JSON data with every float replaced by 0.0, and append the floats to ``numbers``."""
     if isinstance(value, float):
         numbers.append(value)
         return 0.0
@@ -99,7 +99,7 @@ def _without_numbers(value: object, numbers: list[float]) -> object:
 
 
 def _with_numbers(value: Any, numbers: Iterator[float]) -> Any:
-    """Return JSON data with the next number in place of every float."""
+    """Return JSON data with every float replaced by the next of ``numbers``."""
     if isinstance(value, float):
         return next(numbers)
     if isinstance(value, dict):

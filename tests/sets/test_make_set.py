@@ -213,7 +213,7 @@ def test_a_set_is_read_while_its_units_are_merged(run, tmp_path, monkeypatch):
 
     cut = run(tmp_path / "out", wanted=9, progress=interrupt)
     before = SetFolder(cut.path).finished()
-    assert before.numbers("rough") == [0]
+    assert before.unit_indices("rough") == [0]
     for file in (cut.path / "rows").iterdir():
         file.rename(file.with_name("rough.parquet"))  # as another process merges them
     seen = iter([before])
