@@ -1,4 +1,4 @@
-"""Studies of several solves: changing tasks, numbers and types of contacts, fine manipulation."""
+"""Studies that solve several problems: changing tasks, numbers and types of contacts, fine manipulation."""
 
 from nlpgrasp.analysis.manipulability import FingerManipulability, Manipulability, Transmission, manipulability
 from nlpgrasp.analysis.sensitivity import Rate, Sensitivity, sensitivity

@@ -1,4 +1,4 @@
-"""Number of contacts that a task needs (Section 4), and quality against it."""
+"""Choice of the number of contacts for a task (Section 4): quality against number of contacts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ def how_many_contacts(
     *,
     possible: Mapping[int, float] | None = None,
 ) -> ContactCurve:
-    """Solve a problem with different numbers of contacts, with each other's grasps as warm starts.
+    """Solve a problem with different numbers of contacts, and return quality against number.
+
+    The grasps of each problem are warm starts for the others.
 
     An added contact can be left without force: where x is within the force budget, so is (x, 0), for the L2 norm, for
     each normal force, for each force, and for their sum. So mu can only rise with an added contact, and so do the
@@ -72,16 +74,17 @@ def how_many_contacts(
         raise InputError("problem_with", problem_with, "a function of the number of contacts")
     if not isinstance(counts, Iterable):
         raise InputError("counts", counts, "numbers of contacts")
-    numbers = sorted({integer("counts", k, at_least=1) for k in counts})
-    if not numbers:
+    contact_counts = sorted({integer("counts", k, at_least=1) for k in counts})
+    if not contact_counts:
         raise InputError("counts", "no numbers of contacts", "at least one")
     starts, seed, options = check_solve_arguments(starts, seed, options)
     bounds = _check_bounds(possible)
-    problems = [problem_with(k) for k in numbers]
-    for k, problem in zip(numbers, problems, strict=True):
+    problems = [problem_with(k) for k in contact_counts]
+    for k, problem in zip(contact_counts, problems, strict=True):
         _check_problem(k, problem, problems[0])
     pairs = [(i, i + 1) for i in range(len(problems) - 1)]
-    results = dict(zip(numbers, solve_family(problems, pairs, NumberConversion(), starts, seed, options), strict=True))
+    family = solve_family(problems, pairs, NumberConversion(), starts, seed, options)
+    results = dict(zip(contact_counts, family, strict=True))
     solutions = tuple((k, solution) for k, (solution, _) in results.items())
     return ContactCurve(solutions, {k: reached for k, (_, reached) in results.items()}, bounds)
 
@@ -107,7 +110,7 @@ class ContactCurve:
 
     @property
     def best_known(self) -> dict[int, float]:
-        """Largest certified lower bound of grasps with at most so many contacts, by number.
+        """Largest certified lower bound on mu with at most k contacts, by k.
 
         An added contact can be left without force, so at least this is possible with more contacts, if the constraints
         allow them.
@@ -117,7 +120,7 @@ class ContactCurve:
 
     @property
     def shortfall(self) -> dict[int, float]:
-        """Relative deficit of each grasp against the best known one, by number of contacts; at least 0."""
+        """Relative deficit of the grasp with k contacts below the best known one with at most k, by k; at least 0."""
         best_known = self.best_known
         return {
             k: 1.0 - solution.mu.lower / best_known[k] if best_known[k] > 0.0 else 0.0 for k, solution in self.solutions
@@ -125,11 +128,11 @@ class ContactCurve:
 
     @property
     def best_possible(self) -> dict[int, float]:
-        """Proved upper bound on mu by number of contacts; inf without one."""
+        """Proved upper bound on mu with k contacts, by k; inf without a bound."""
         return {k: min(solution.best_possible, self.possible.get(k, np.inf)) for k, solution in self.solutions}
 
     def gap(self, contacts: int) -> float:
-        """Return the relative optimality gap of the grasp with so many contacts; inf without a bound.
+        """Return the relative optimality gap of the grasp with a number of contacts; inf without a bound.
 
         Raises
         ------
@@ -141,7 +144,7 @@ class ContactCurve:
         return max(0.0, float(bound / solution.mu.lower - 1.0)) if solution.mu.lower > 0.0 else np.inf
 
     def fewest(self, force: float) -> int | None:
-        """Return the least number of contacts that exerts the whole task with a force, or None.
+        """Return the least number of contacts whose grasp exerts the whole task within a force limit, or ``None``.
 
         Parameters
         ----------
@@ -152,7 +155,7 @@ class ContactCurve:
         return next((k for k, solution in self.solutions if solution.mu.lower * limit >= 1.0), None)
 
     def fewest_possible(self, force: float) -> int | None:
-        """Return the least number of contacts that is not proved insufficient for a force, or None.
+        """Return the least number of contacts not proved insufficient for the task within a force limit, or ``None``.
 
         If it equals ``fewest(force)``, that answer is proved: none of the smaller numbers solved exerts the task.
 
@@ -165,7 +168,9 @@ class ContactCurve:
         return next((k for k, bound in self.best_possible.items() if bound * limit >= 1.0), None)
 
     def best(self, penalty: Penalty) -> int:
-        """Return the number of contacts with the largest mu less penalty, mu at its lower bound; of equals the least.
+        """Return the number of contacts with the largest difference of mu's lower bound and penalty.
+
+        Of equal ones it is the least.
 
         Parameters
         ----------
@@ -182,7 +187,7 @@ class ContactCurve:
         return max(self.solutions, key=lambda pair: (self._penalised_interval(pair[1], penalty)[0], -pair[0]))[0]
 
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:
-        """Return mu less penalty by number of contacts, at both ends of mu's interval.
+        """Return the difference of mu and penalty by number of contacts, for both bounds on mu.
 
         A penalty that is a function of mu is evaluated at these ends alone.
         """
@@ -190,7 +195,7 @@ class ContactCurve:
         return {k: Bounds(low, high) for k, (low, high) in intervals.items()}
 
     def worth(self, penalty: Penalty) -> dict[int, Bounds]:
-        """Return ``penalised_quality(penalty)``: the former name, which the next release drops."""
+        """Return ``penalised_quality(penalty)`` under its former name, which the next release drops."""
         return self.penalised_quality(penalty)
 
     def _penalised_interval(self, solution: GraspSolution, penalty: Penalty) -> tuple[float, float]:
@@ -242,7 +247,10 @@ class ContactCurve:
 
 
 def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> float:
-    """Return the penalty of contacts at a given mu, in its unit; see ``ContactCurve.best``."""
+    """Return the penalty of contacts at a given mu, in units of mu.
+
+    See ``ContactCurve.best``.
+    """
     if callable(penalty):
         value = penalty(contacts, mu)
         return number("penalty", value)
@@ -260,7 +268,7 @@ def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> 
 
 
 def _finite(value: float) -> float | None:
-    """Return a number for JSON, None if it is not finite."""
+    """Return a number for JSON, or ``None`` if it is not finite."""
     return value if np.isfinite(value) else None
 
 
@@ -270,7 +278,7 @@ def _contact_models(solution: GraspSolution) -> tuple[ContactModel, ...]:
 
 
 def _check_problem(k: int, problem: GraspProblem, reference: GraspProblem) -> None:
-    """Refuse a problem with another number of contacts than requested, or with another task."""
+    """Raise if a problem has another number of contacts than requested, or another task than the reference."""
     if not isinstance(problem, GraspProblem) or len(problem.models) != k:
         raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
     is_same = np.array_equal(problem.origin, reference.origin) and problem.budget == reference.budget
@@ -293,16 +301,19 @@ def _check_bounds(possible: Mapping[int, float] | None) -> dict[int, float]:
 
 
 class NumberConversion:
-    """Conversion between problems of one body with fewer and more contacts, without posed hands."""
+    """Conversion of grasps between problems of one body with fewer and more contacts.
+
+    There is none for a hand with a pose.
+    """
 
     def extend_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
-        """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
+        """Return the grasp with contacts added, the best of some random ones that keep the constraints."""
         if not self._fits(small, large):
             return None
         return complete_contacts(large, start.on_body.grasp, start.on_body.candidate.faces)
 
     def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
-        """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
+        """Return the grasp with the best subset of its contacts that keeps the constraints."""
         grasp, subsets = start.on_body.grasp, _contact_subsets(large, small) if self._fits(small, large) else []
         if not subsets:
             return None
@@ -317,7 +328,7 @@ class NumberConversion:
 
 
 def _contact_subsets(large: CompiledProblem, small: CompiledProblem) -> list[Sequence[int]]:
-    """Return the ordered subsets of the larger problem's contacts that may replace those of the smaller."""
+    """Return the ordered subsets of a larger problem's contacts that may replace the contacts of a smaller one."""
     small_models, large_models, space = small.problem.models, large.problem.models, small.problem.body.space
     subsets: list[Sequence[int]] = []
     for subset in combinations(range(len(large_models)), len(small_models)):

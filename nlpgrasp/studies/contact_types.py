@@ -113,7 +113,9 @@ class TypeChoice:
     def best(
         self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
     ) -> TypeAssignment | None:
-        """Return the best assignment within limits, mu at its lower bound; the cheapest among equals; None without any.
+        """Return the assignment within limits whose mu has the largest lower bound, or ``None``.
+
+        Among equal ones it is the cheapest.
 
         Parameters
         ----------
@@ -144,14 +146,14 @@ class TypeChoice:
         return max(candidates, key=lambda a: (a.mu.lower - cost_price * a.cost, -a.cost), default=None)
 
     def not_told_apart(self, assignment: TypeAssignment) -> tuple[TypeAssignment, ...]:
-        """Return the other assignments whose certified intervals overlap this one's."""
+        """Return the assignments whose certified intervals overlap that of a given assignment."""
         bounds = assignment.mu
         others = (a for a in self.assignments if a is not assignment)
         return tuple(a for a in others if a.mu.lower <= bounds.upper and bounds.lower <= a.mu.upper)
 
     @property
     def frontier(self) -> tuple[TypeAssignment, ...]:
-        """Pareto frontier: assignments whose mu, at its lower bound, no other one of at most their cost reaches."""
+        """Pareto frontier of cost and certified lower bound on mu over the assignments."""
         frontier: list[TypeAssignment] = []
         for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
             if a.solution.success and (not frontier or a.mu.lower > frontier[-1].mu.lower):
@@ -179,7 +181,7 @@ class TypeChoice:
 
 @dataclass(frozen=True)
 class TypeAssignment:
-    """An assignment of contact types, with the best known grasp.
+    """Assignment of contact types to contacts, with the best known grasp.
 
     Parameters
     ----------
@@ -200,7 +202,7 @@ class TypeAssignment:
 
     @property
     def mu(self) -> Bounds:
-        """Certified quality of the grasp; [0, 0] without one."""
+        """Certified bounds on mu of the grasp; [0, 0] without a grasp."""
         return self.solution.mu if self.solution.success else Bounds(0.0, 0.0)
 
     def count(self, name: str) -> int:
@@ -208,7 +210,7 @@ class TypeAssignment:
         return self.types.count(name)
 
     def to_dict(self) -> Json:
-        """Return the assignment as JSON data, without the solution itself."""
+        """Return the assignment as JSON data, without its solution."""
         return {
             "types": list(self.types),
             "status": self.solution.status.name.lower(),
@@ -223,7 +225,7 @@ class TypeAssignment:
 
 @dataclass(frozen=True)
 class TypeUpgrade:
-    """Gain of an assignment over the next smaller one.
+    """Gain in mu from an assignment to the next larger one.
 
     Parameters
     ----------
@@ -236,13 +238,16 @@ class TypeUpgrade:
 
     @property
     def gain(self) -> Bounds:
-        """Certified rise of mu between the grasps; at least 0, as the first grasp is feasible for the second types."""
+        """Certified increase of mu, at least 0.
+
+        The first grasp is feasible for the second types.
+        """
         low, high = self.before.mu, self.after.mu
         return Bounds(max(least_excess(high, low), 0.0), max(high.upper - low.lower, 0.0))
 
     @property
     def certain(self) -> bool:
-        """Whether the intervals are disjoint, so that the rise is certain."""
+        """Whether the certified intervals are disjoint, so that mu certainly increases."""
         return self.gain.lower > 0.0
 
     def to_dict(self) -> Json:
@@ -264,13 +269,13 @@ class TypeUpgrade:
 
 
 def least_excess(high: Bounds, low: Bounds) -> float:
-    """Return the least excess of the first interval over the second."""
+    """Return the least difference between values of a higher and a lower interval."""
     return high.lower - low.upper
 
 
 @dataclass(frozen=True)
 class AllowedTypes:
-    """Allowed contact types of each contact, by name.
+    """Contact types that each contact may have, by name.
 
     Parameters
     ----------
@@ -287,7 +292,7 @@ class AllowedTypes:
 
     @classmethod
     def of(cls, problem: GraspProblem, types: Types | Sequence[Types]) -> AllowedTypes:
-        """Return the allowed types of a problem's contacts, from one menu for all or one per contact.
+        """Return the allowed types of a problem's contacts, given for all contacts or for each.
 
         Raises
         ------
@@ -314,7 +319,9 @@ class AllowedTypes:
 
     @property
     def assignments(self) -> list[Names]:
-        """The distinct assignments of types to contacts; for interchangeable contacts only the counts matter.
+        """Distinct assignments of types to contacts.
+
+        For interchangeable contacts only the number of each type matters.
 
         Raises
         ------
@@ -322,12 +329,12 @@ class AllowedTypes:
             Where there are more than 256.
         """
         members = {g: [i for i, group in enumerate(self.groups) if group == g] for g in dict.fromkeys(self.groups)}
-        ways = [list(combinations_with_replacement(list(self.menus[m[0]]), len(m))) for m in members.values()]
-        total = float(np.prod([float(len(w)) for w in ways]))
+        choices = [list(combinations_with_replacement(list(self.menus[m[0]]), len(m))) for m in members.values()]
+        total = float(np.prod([float(len(c)) for c in choices]))
         if total > MOST_ASSIGNMENTS:
             raise InputError("types", f"{total:.0f} distinct assignments", f"at most {MOST_ASSIGNMENTS}")
         assignments = []
-        for chosen in product(*ways):
+        for chosen in product(*choices):
             names = [""] * len(self.groups)
             for contacts, group_types in zip(members.values(), chosen, strict=True):
                 for i, name in zip(contacts, group_types, strict=True):
@@ -345,11 +352,14 @@ class AllowedTypes:
         return replace(self.problem, **changes)
 
     def match_contacts(self, small: Names, large: Names) -> list[int] | None:
-        """Return an injective map of contacts to larger ones whose types dominate theirs, or None."""
+        """Match the contacts of an assignment with contacts of dominating types in a larger one, or return ``None``.
+
+        The result is the index of each contact's match.
+        """
         return assign_contacts(self.models(small), self.models(large), self.problem.body.space, self.groups)
 
     def ordered_assignments(self) -> tuple[list[Names], list[tuple[int, int]]]:
-        """Return the assignments ordered from smaller to larger, and the index pairs of neighbours.
+        """Return the assignments from smaller to larger, and the index pairs of neighbours in this partial order.
 
         One assignment is smaller than another if each of its contacts is dominated by one of the other's.
         """
@@ -365,7 +375,10 @@ class AllowedTypes:
 
 
 def _check_types(name: str, types: Types, faces: Iterable[str] | str | None) -> dict[str, ContactModel]:
-    """Return validated allowed types of a contact, with its faces where they state none."""
+    """Return the validated types of a contact.
+
+    Types that state no faces get the faces of the contact.
+    """
     if not types:
         raise InputError(name, "no type", "at least one contact model by name")
     for key, model in types.items():
@@ -378,7 +391,7 @@ def _check_types(name: str, types: Types, faces: Iterable[str] | str | None) -> 
 
 
 def _interchangeable_contacts(problem: GraspProblem, menus: Sequence[Types]) -> tuple[int, ...]:
-    """Return a group number for each contact, equal for interchangeable contacts."""
+    """Return a group index for each contact, equal for interchangeable contacts."""
     budget, hand = problem.budget, problem.hand
     if budget.depends_on_frames or budget.follows_hand or (hand is not None and not hand.follows_contacts):
         return tuple(range(len(menus)))
@@ -411,7 +424,9 @@ def _interchangeable_contacts(problem: GraspProblem, menus: Sequence[Types]) -> 
 
 
 class TypeConversion:
-    """Conversion between assignments of contact types: each contact moves to a finger of a dominating type.
+    """Conversion of grasps between assignments of contact types.
+
+    Each contact moves to a finger of a dominating type, or back.
 
     Parameters
     ----------
@@ -425,7 +440,7 @@ class TypeConversion:
         self._names = {menu.problem_with(assignment).models: assignment for assignment in names}
 
     def extend_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
-        """Return the grasp with the richer contacts, of at least the same quality."""
+        """Return the grasp with contacts of dominating types, whose quality is at least the same."""
         matching = self._match(small, large)
         if matching is None:
             return None
@@ -433,7 +448,7 @@ class TypeConversion:
         return _reorder(start, order)
 
     def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
-        """Return the grasp with the poorer contacts, without a guarantee."""
+        """Return the grasp with contacts of dominated types, without a guarantee on its quality."""
         matching = self._match(small, large)
         return None if matching is None else _reorder(start, matching)
 
@@ -449,7 +464,7 @@ def _reorder(start: StartGrasp, order: list[int]) -> WarmStart:
 
 
 def _type_costs(menu: AllowedTypes, costs: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the validated cost of each type; zero without costs."""
+    """Return the validated cost of each contact type; zero without costs."""
     names = list(dict.fromkeys(name for menu_of_contact in menu.menus for name in menu_of_contact))
     if costs is None:
         return dict.fromkeys(names, 0.0)

@@ -1,4 +1,4 @@
-"""Dynamic grasping (Section 3.6): grasps for a task, and surroundings, that change with a parameter.
+"""Dynamic grasping (Section 3.6): grasps for a task and constraints that change with a parameter.
 
 The contacts for one task are a few refinement steps away from a local optimum for a slightly different task: the
 program is the same except for its cuts. So the grasp of each step is a warm start of the next, certified unchanged and
@@ -92,7 +92,7 @@ class DynamicStep:
 
     @property
     def held_text(self) -> str:
-        """Quality while the fingers move, as text; empty where none moves or it was not requested."""
+        """Text on the quality while fingers move; empty if none moves, or if the quality was not requested."""
         if self.held is None or not self.moves:
             return ""
         if self.held.upper <= 0.0:
@@ -102,12 +102,12 @@ class DynamicStep:
 
     @property
     def gap(self) -> float:
-        """Relative gap of the certified quality to the bound over all placements, at most; inf if unknown."""
+        """Upper bound on the relative gap to the best quality of all placements; inf if unknown."""
         return self.solution.gap
 
     @property
     def how(self) -> str:
-        """Motion of the fingers, as text."""
+        """Text on the motion of the fingers."""
         largest = 1e3 * float(np.max(self.moved, initial=0.0))
         if self.solution.mu.lower <= 0.0:
             return "no grasp, also by a cold solve"
@@ -120,7 +120,9 @@ class DynamicStep:
 
 @dataclass(frozen=True)
 class DynamicGrasp:
-    """Grasps for a changing task, each certified for the parameter of its own step, and the moves between them.
+    """Grasps for a changing task, with the finger moves between them.
+
+    Each grasp is certified for the parameter of its step.
 
     Tasks between two values of the parameter are not certified, and moves only where that was requested.
 
@@ -137,7 +139,7 @@ class DynamicGrasp:
 
     @property
     def paths(self) -> FloatArray:
-        """Contact points of the steps with a grasp, (steps, k, space), metres, regrasps included."""
+        """Contact points of all steps with a grasp, (steps, k, space), metres."""
         return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
 
     def __str__(self) -> str:
@@ -163,7 +165,7 @@ def follow_task(
     regrasp_gain: float = REGRASP_GAIN,
     hold: Task | str | None = None,
 ) -> DynamicGrasp:
-    """Return the grasps for a task that changes with a parameter, each with the previous one as a warm start.
+    """Compute grasps for a task that changes with a parameter, each with the previous one as a warm start.
 
     Each is certified for its own parameter value. With ``hold`` the moves to it are certified, too (``step.held``), one
     finger at a time: a finger is lifted where the others hold the body alone, and else slides without friction. The
@@ -251,7 +253,7 @@ def _check_problem(problem: object, value: float) -> GraspProblem:
 
 
 def _check_same_grasp(first: GraspProblem, second: GraspProblem, value: float) -> None:
-    """Refuse problems that differ in more than their task and constraints."""
+    """Raise if two problems differ in more than task and constraints."""
     a, b = first.to_dict(), second.to_dict()
     differ = [name for name in a if name not in ("task", "constraints") and a[name] != b[name]]
     if not np.array_equal(first.origin, second.origin):
@@ -263,17 +265,20 @@ def _check_same_grasp(first: GraspProblem, second: GraspProblem, value: float) -
 
 
 def _compile(problems: Sequence[GraspProblem], options: SolveOptions) -> Iterator[CompiledProblem]:
-    """Yield the compiled problems; those with the same constraints share programs and samples."""
+    """Yield the compiled problems.
+
+    Problems with equal constraints share programs and samples.
+    """
     distinct = list[CompiledProblem]()
     for problem in problems:
-        known = next((c for c in distinct if _has_same_constraints(c.problem, problem)), None)
-        if known is None:
+        similar = next((c for c in distinct if _has_same_constraints(c.problem, problem)), None)
+        if similar is None:
             distinct.append(CompiledProblem(problem, options))
-        yield distinct[-1] if known is None else known.with_task(problem)
+        yield distinct[-1] if similar is None else similar.with_task(problem)
 
 
 def _has_same_constraints(first: GraspProblem, second: GraspProblem) -> bool:
-    """Return whether the constraints of two problems are known to be equal: the same objects, or equal whole data."""
+    """Return whether the constraints of two problems are known to be equal, by identity or by complete data."""
     if len(first.constraints) != len(second.constraints):
         return False
     pairs = zip(first.constraints, second.constraints, strict=True)
@@ -281,7 +286,7 @@ def _has_same_constraints(first: GraspProblem, second: GraspProblem) -> bool:
 
 
 def _is_data(constraint: PlacementConstraint) -> bool:
-    """Return whether a constraint is stated by its data alone, unlike one with an expression of the user's."""
+    """Return whether a constraint can be rebuilt from its JSON data, unlike one with a user's expression."""
     try:
         constraint_from_dict(constraint.to_dict())
     except InputError:
@@ -297,7 +302,7 @@ def _follow(
     gain: float,
     hold: Task | str | None,
 ) -> Iterator[DynamicStep]:
-    """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
+    """Yield the step of each problem, given with its parameter value; see ``follow_task``."""
     current: StartGrasp | None = None
     graph: SurfaceGraph | None = None
     budget, rtol = _StartBudget(starts), min(options.final_rtol, RTOL)
@@ -323,7 +328,9 @@ def _follow(
 
 
 class _StartBudget:
-    """Budget of starts of a followed task: a share for each step, saved while the gap to the bound does not grow.
+    """Budget of starts for a followed task.
+
+    Each step adds to the budget; starts are saved while the gap to the bound does not grow.
 
     Parameters
     ----------
@@ -336,7 +343,7 @@ class _StartBudget:
         self._contacts = deque[FloatArray](maxlen=RECENT_GRASPS)
 
     def run_starts(self, search: Multistart, rtol: float, is_first: bool) -> int:
-        """Run the starts of a step that its bound needs and the budget grants, and return their number.
+        """Run as many starts of a step as its bound needs and the budget allows, and return their number.
 
         A step without a grasp has all starts of a cold solve.
         """
@@ -354,13 +361,16 @@ class _StartBudget:
         return count
 
     def add_contacts(self, search: Multistart) -> None:
-        """Add the contacts of a step's solved starts to those near which later candidates are proposed."""
+        """Store the contacts of a step's solved starts, near which later candidates are proposed."""
         solved = (r for r in search.results if isinstance(r, StartGrasp) and r.solved)
         self._contacts.extend(start.on_body.grasp.points for start in solved)
 
 
 def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
-    """Return the warm start, unchanged or refined, unless the best start gains enough over both; None without any."""
+    """Select the answer of a step: the warm start, unless the best start gains enough over it; or ``None``.
+
+    The warm start may be unchanged or refined.
+    """
     best = search.certify_best(rtol)
     if best is None:
         return None
@@ -381,14 +391,14 @@ def _make_step(
     solution, chosen = replace(search.answer(branch=False), starts=(), best_start=None), search.chosen
     moved, regrasp, stayed = np.zeros(len(compiled.problem.models)), False, solution.mu.upper
     if previous is not None:
-        before = previous.on_body
-        budget = compiled.budget(before.candidate)
+        earlier = previous.on_body
+        budget = compiled.budget(earlier.candidate)
         stayed = 0.0
-        if GraspOnBody.of(compiled, before.candidate, before.grasp, before.surface).is_feasible:
-            stayed = mu(before.grasp, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
+        if GraspOnBody.of(compiled, earlier.candidate, earlier.grasp, earlier.surface).is_feasible:
+            stayed = mu(earlier.grasp, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
         if chosen is not None:
             regrasp = chosen.record.origin is not CandidateOrigin.WARM_START
-            moved = _displacements(before.grasp, chosen.on_body.grasp, is_any_order=regrasp)
+            moved = _displacements(earlier.grasp, chosen.on_body.grasp, is_any_order=regrasp)
     return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
 
 
@@ -399,28 +409,31 @@ def _with_moves(
     starts: tuple[StartGrasp, StartGrasp],
     task: Task,
 ) -> DynamicStep:
-    """Return a step with the moves from the previous grasp to its own, certified for a task that holds meanwhile."""
+    """Return a step with the finger moves from the previous grasp, certified for a task held meanwhile."""
     if problem.budget.depends_on_frames:
         return step
-    before, after = (start.on_body for start in starts)
-    order = tuple(range(len(before.grasp)))
+    source, target = (start.on_body for start in starts)
+    order = tuple(range(len(source.grasp)))
     if step.regrasp:
-        order = match_contacts(problem, graph, before.grasp, after.grasp)
+        order = match_contacts(problem, graph, source.grasp, target.grasp)
     ends = [
         [PathStation(p, n, face) for p, n, face in zip(b.grasp.points, b.grasp.normals, b.candidate.faces, strict=True)]
-        for b in (before, after)
+        for b in (source, target)
     ]
     paths = [graph.stations(ends[0][i], ends[1][j]) for i, j in enumerate(order)]
     moving = [i for i, j in enumerate(order) if np.any(ends[0][i].point != ends[1][j].point)]
     if not moving:
-        return replace(step, held=mu(after.grasp, task, RTOL, force_budget=problem.budget))
-    holding = HoldingQuality(problem, before.grasp, after.grasp, order, paths, task)
+        return replace(step, held=mu(target.grasp, task, RTOL, force_budget=problem.budget))
+    holding = HoldingQuality(problem, source.grasp, target.grasp, order, paths, task)
     moves = ordered_moves(holding, None, moving)
     lower, upper = (min(getattr(move.held, end) for move in moves) for end in ("lower", "upper"))
     return replace(step, moves=moves, held=Bounds(lower, upper))
 
 
 def _displacements(before: Grasp, after: Grasp, is_any_order: bool) -> FloatArray:
-    """Return the contacts' displacements, (k,), metres; in any order, those of the matching with the least sum."""
+    """Return the displacement of each contact between two grasps, (k,), metres.
+
+    In any order they are those of the matching with the least sum.
+    """
     distances = np.linalg.norm(before.points[:, None] - after.points, axis=2)
     return distances[linear_sum_assignment(distances)] if is_any_order else np.diagonal(distances)

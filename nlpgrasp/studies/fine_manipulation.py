@@ -57,7 +57,7 @@ def fine_manipulation(
     *,
     lift: float = LIFT,
 ) -> FineManipulation:
-    """Solve a pick-up problem, and plan the finger moves to the best grasp of an in-hand problem within reach.
+    """Solve a pick-up problem, and plan the finger moves to the best reachable grasp of an in-hand problem.
 
     Fingers move one after another along shortest paths over the body, in the order that maximises the quality of the
     weakest intermediate grasp. A finger is lifted where the other fingers hold the body alone: their certificate is
@@ -101,8 +101,8 @@ def fine_manipulation(
     if picked.grasp is None:
         return FineManipulation(picked, solve(goal, starts, seed, options))
     if isinstance(goal.hand, URDFHand):
-        held = replace(goal, constraints=(*goal.constraints, HeldPalm(goal.hand, picked.hand or {})))
-        in_hand = solve(held, starts, seed, options, keep=GOALS, warm_starts=[picked])
+        goal_with_held_palm = replace(goal, constraints=(*goal.constraints, HeldPalm(goal.hand, picked.hand or {})))
+        in_hand = solve(goal_with_held_palm, starts, seed, options, keep=GOALS, warm_starts=[picked])
     else:
         in_hand = solve(goal, starts, seed, options)
     if in_hand.grasp is None:
@@ -112,7 +112,7 @@ def fine_manipulation(
 
 @dataclass(frozen=True)
 class FineManipulation:
-    """Pick-up grasp, goal grasp, and the finger moves from one to the other.
+    """Pick-up grasp, goal grasp, and the finger moves from the first to the second.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class FineManipulation:
 
     @property
     def success(self) -> bool:
-        """Whether both grasps exist, every move is feasible, and the body is held on the whole path of each."""
+        """Whether both grasps exist, and every move is feasible and certified to hold the body on its whole path."""
         return self._has_grasps and self.feasible and all(m.certified for m in self.moves)
 
     @property
@@ -149,7 +149,7 @@ class FineManipulation:
 
     @property
     def outcome(self) -> str:
-        """The result in a sentence."""
+        """Sentence that states the result."""
         if not self._has_grasps:
             return "no moves: one of the two grasps was not found"
         if not self.moves:
@@ -176,7 +176,7 @@ class FineManipulation:
 
 
 def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
-    """Refuse problems with different bodies or contacts; return the holding task."""
+    """Raise if the two problems differ in body, contacts, hand or torque origin; return the validated holding task."""
     for name, problem in (("pick", pick), ("goal", goal)):
         if not isinstance(problem, GraspProblem):
             raise InputError(name, problem, "a GraspProblem")
@@ -200,7 +200,7 @@ def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid 
 
 
 class HeldPalm(PlacementConstraint):
-    """Constraint that keeps the palm at its pose in a posture, to 0.1 mm and a milliradian.
+    """Constraint that keeps the palm at the pose of a given posture, within 0.1 mm and a milliradian.
 
     Parameters
     ----------
@@ -216,35 +216,41 @@ class HeldPalm(PlacementConstraint):
         self.position, self.rotation = frame[:3, 3], frame[:3, :3]
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return the limits on the palm's displacement and on its rotation, by antisymmetric part and trace."""
+        """Return scalar constraints on displacement and rotation of the palm.
+
+        The rotation is limited by its antisymmetric part and its trace.
+        """
         palm = placement.palm
         if palm is None:
             raise InputError(self.kind, "no palm", "a hand with a palm")
-        offset, turn = palm.position - self.position, self.rotation.T @ palm.rotation
-        spin = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-        limit, trace = PALM_OFFSET, turn[0, 0] + turn[1, 1] + turn[2, 2]
+        offset, R = palm.position - self.position, self.rotation.T @ palm.rotation
+        antisymmetric = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+        limit, trace = PALM_OFFSET, R[0, 0] + R[1, 1] + R[2, 2]
         return [
             *(ScalarConstraint(self.kind, offset[i], -limit, limit, scale=placement.size, unit="m") for i in range(3)),
-            *(ScalarConstraint(self.kind, s, -2.0 * PALM_TURN, 2.0 * PALM_TURN) for s in spin),
+            *(ScalarConstraint(self.kind, s, -2.0 * PALM_TURN, 2.0 * PALM_TURN) for s in antisymmetric),
             ScalarConstraint(self.kind, trace, LEAST_TRACE),
         ]
 
     def to_dict(self) -> Json:
-        """Return the kind and the palm's position, as JSON data."""
+        """Return the constraint's kind and the palm's position as JSON data."""
         return {"type": self.kind, "position": self.position.tolist()}
 
 
 @dataclass(frozen=True)
 class _Goal:
-    """Goal grasp with the contact of each finger, the fingers that have to move, and the intermediate qualities."""
+    """Goal grasp with the new contact of each finger and the fingers that have to move.
 
-    found: FoundGrasp
+    ``holding`` evaluates intermediate grasps.
+    """
+
+    target: FoundGrasp
     order: tuple[int, ...]
     moving: frozenset[int]
     holding: HoldingQuality
 
     def grasp(self, moved: frozenset[int]) -> Grasp:
-        """Return the grasp in which some fingers have moved, in the order of the fingers."""
+        """Return the grasp in which some fingers have moved to the goal and the others have not."""
         pick, goal = self.holding.pick, self.holding.goal
         points, normals = pick.points.copy(), pick.normals.copy()
         for i in moved:
@@ -254,7 +260,7 @@ class _Goal:
 
 @dataclass(frozen=True)
 class _Node:
-    """Node of the search: the grasp in which some fingers have moved to a goal, and its quality for the goal's task."""
+    """Search node: a goal, the fingers that have moved to it, and the quality of the resulting grasp."""
 
     goal: _Goal
     moved: frozenset[int]
@@ -262,7 +268,7 @@ class _Node:
 
 
 class _GoalSearch:
-    """Best-first search over goals, and sets of fingers that move to them, for one that the hand reaches.
+    """Best-first search for a goal grasp that the hand reaches when all or some fingers move.
 
     Parameters
     ----------
@@ -289,22 +295,22 @@ class _GoalSearch:
         self.pick, self.goal, self.picked, self.in_hand = pick, goal, picked, in_hand
         self.hold, self.lift, self.options = hold, lift, options
         self.graph, self.grasp = SurfaceGraph(pick.body), picked.require_grasp()
-        self._queue, self._numbers = list[tuple[float, int, _Node]](), count()  # numbers order nodes of equal quality
+        self._queue, self._counter = list[tuple[float, int, _Node]](), count()  # counts order nodes of equal quality
         self._seen = set[tuple[int, frozenset[int]]]()
 
     def run(self, seed: int) -> FineManipulation:
-        """Return the moves to the best grasp that is reached, or those to the best goal with their obstructions."""
-        for found in self.in_hand.grasps:
-            goal = self._make_goal(found)
-            self._push(_Node(goal, goal.moving, found.mu.lower))
-        unreached, plans, least = list[str](), list[FineManipulation](), 0.0
-        while self._queue and len(plans) < MOST_PLANS and (not plans or -self._queue[0][0] > least):
+        """Return the moves to the best reachable grasp, or else the obstructed moves to the best goal."""
+        for target in self.in_hand.grasps:
+            goal = self._make_goal(target)
+            self._push(_Node(goal, goal.moving, target.mu.lower))
+        unreached, plans, least_quality = list[str](), list[FineManipulation](), 0.0
+        while self._queue and len(plans) < MOST_PLANS and (not plans or -self._queue[0][0] > least_quality):
             node = heappop(self._queue)[2]
             plan = self._plan_moves(node)
             if plan.success and (reached := self._with_reached_grasp(plan, node, seed)) is not None:
                 return replace(reached, unreached=tuple(unreached))
             if not plans and self._certify(self.picked.grasps[0], seed) is not None:
-                least = max(self._quality(self.grasp, node.goal), 0.0)  # of the fingers that stay
+                least_quality = max(self._quality(self.grasp, node.goal), 0.0)  # of the fingers that stay
             plans.append(plan)
             if node.moved:
                 fingers = _format_fingers(sorted(node.moved))
@@ -314,10 +320,13 @@ class _GoalSearch:
         return replace(plans[0], goal=self.in_hand if answer is None else answer, unreached=tuple(unreached))
 
     def _push(self, node: _Node) -> None:
-        heappush(self._queue, (-node.quality, next(self._numbers), node))
+        heappush(self._queue, (-node.quality, next(self._counter), node))
 
     def _push_children(self, node: _Node, plan: FineManipulation) -> None:
-        """Add the nodes in which one finger stays: the one that the hand cannot move, else each in turn."""
+        """Push the nodes in which one finger fewer moves.
+
+        This is the finger that the hand cannot move, or else each in turn.
+        """
         blocked = next((move.finger for move in plan.moves if not move.feasible), None)
         for finger in node.moved if blocked is None else [blocked]:
             fewer = node.moved - {finger}
@@ -329,21 +338,23 @@ class _GoalSearch:
     def _runner(self) -> StartRunner:
         return StartRunner(self.goal, self.options.narrow(), 1)
 
-    def _make_goal(self, found: FoundGrasp) -> _Goal:
-        """Return a goal with the matching of its contacts and the paths of the fingers."""
-        order = match_contacts(self.pick, self.graph, self.grasp, found.grasp)
-        initial, final = _contact_stations(self.grasp, self.picked.faces), _contact_stations(found.grasp, found.faces)
+    def _make_goal(self, target: FoundGrasp) -> _Goal:
+        """Return the goal of a grasp, with the new contact and the path of each finger."""
+        order = match_contacts(self.pick, self.graph, self.grasp, target.grasp)
+        initial, final = _contact_stations(self.grasp, self.picked.faces), _contact_stations(target.grasp, target.faces)
         paths = [self.graph.stations(initial[i], final[j]) for i, j in enumerate(order)]
-        distances = np.linalg.norm(found.grasp.points[list(order)] - self.grasp.points, axis=1)
+        distances = np.linalg.norm(target.grasp.points[list(order)] - self.grasp.points, axis=1)
         moving = frozenset(np.flatnonzero(distances > LEAST_MOTION * self.pick.body.size).tolist())
-        return _Goal(found, order, moving, HoldingQuality(self.pick, self.grasp, found.grasp, order, paths, self.hold))
+        return _Goal(
+            target, order, moving, HoldingQuality(self.pick, self.grasp, target.grasp, order, paths, self.hold)
+        )
 
     def _quality(self, grasp: Grasp, goal: _Goal) -> float:
-        """Return the certified quality of a grasp for the goal's task."""
+        """Return the certified lower bound on a grasp's quality for the goal's task."""
         return mu(grasp, self.goal.task, HELD_RTOL, force_budget=goal.holding.budget).lower
 
     def _plan_moves(self, node: _Node) -> FineManipulation:
-        """Return the moves that lead to a node, in the best order that the hand allows."""
+        """Return the plan of moves that lead to a node, in the best order that the hand allows."""
         hand, holding, paths = self.goal.hand, node.goal.holding, node.goal.holding.paths
         if isinstance(hand, URDFHand):
             values, model = hand.values_of(self.picked.hand or {}), self._runner.compiled.collision_model
@@ -357,21 +368,21 @@ class _GoalSearch:
         return FineManipulation(self.picked, self.in_hand, node.goal.order, moves)
 
     def _with_reached_grasp(self, plan: FineManipulation, node: _Node, seed: int) -> FineManipulation | None:
-        """Return a plan with the grasp and posture that its moves lead to, certified; None where it is infeasible."""
+        """Return a plan with the certified final grasp of its moves, or ``None`` if this grasp is infeasible."""
         goal, moved, hand, posture = node.goal, node.moved, self.goal.hand, None
         if isinstance(hand, URDFHand):
             posture = _posture_after(hand, hand.values_of(self.picked.hand or {}), plan.moves)
-        elif goal.found is self.in_hand.grasps[0] and moved == goal.moving:
+        elif goal.target is self.in_hand.grasps[0] and moved == goal.moving:
             return plan
-        faces = [goal.found.faces[j] if i in moved else self.picked.faces[i] for i, j in enumerate(goal.order)]
-        reached = self._certify(FoundGrasp(goal.grasp(moved), tuple(faces), goal.found.mu, hand=posture), seed)
+        faces = [goal.target.faces[j] if i in moved else self.picked.faces[i] for i, j in enumerate(goal.order)]
+        reached = self._certify(FoundGrasp(goal.grasp(moved), tuple(faces), goal.target.mu, hand=posture), seed)
         return None if reached is None else replace(plan, goal=reached, order=tuple(range(len(faces))))
 
-    def _certify(self, found: FoundGrasp, seed: int) -> GraspSolution | None:
-        """Return the solution of a grasp as it is, certified for the goal's problem; None where it is infeasible."""
+    def _certify(self, grasp: FoundGrasp, seed: int) -> GraspSolution | None:
+        """Certify an unchanged grasp for the goal's problem; return ``None`` if the grasp is infeasible."""
         with single_thread():
             search = Multistart(self._runner, seed)
-            search.add_warm_start(WarmStart.of(search.runner.compiled, found, found.grasp.normals), improve=False)
+            search.add_warm_start(WarmStart.of(search.runner.compiled, grasp, grasp.grasp.normals), improve=False)
             if search.best is None:
                 return None
             search.accept_unchanged(search.best)
@@ -379,12 +390,15 @@ class _GoalSearch:
 
 
 def _contact_stations(grasp: Grasp, faces: Sequence[str]) -> list[PathStation]:
-    """Return the contacts of a grasp as ends of paths."""
+    """Return the contacts of a grasp as end points of paths."""
     return [PathStation(p, n, face) for p, n, face in zip(grasp.points, grasp.normals, faces, strict=True)]
 
 
 def _posture_after(hand: URDFHand, values: Values, moves: Sequence[FingerMove]) -> Json:
-    """Return the posture as JSON data after moves from values of a hand's variables, which are updated in place."""
+    """Return the hand's posture after moves, as JSON data.
+
+    ``values`` of the hand's variables are updated in place.
+    """
     names = [joint.name for joint in hand.robot.free_joints]
     for motion in (move.motion for move in moves):
         if motion is not None and motion.joints is not None:
@@ -393,7 +407,7 @@ def _posture_after(hand: URDFHand, values: Values, moves: Sequence[FingerMove]) 
 
 
 def _describe_obstruction(plan: FineManipulation) -> str:
-    """Return the obstruction of a plan, as text."""
+    """Return a text that says what obstructs a plan."""
     for move in plan.moves:
         if move.motion is not None and not move.feasible:
             return f"finger {move.finger}, {move.motion.reason}"
@@ -401,6 +415,6 @@ def _describe_obstruction(plan: FineManipulation) -> str:
 
 
 def _format_fingers(fingers: Sequence[int]) -> str:
-    """Return numbers of fingers as text."""
-    *others, last = map(str, fingers)
-    return f"fingers {', '.join(others)} and {last}" if others else f"finger {last}"
+    """Return indices of fingers as text."""
+    *leading, final = map(str, fingers)
+    return f"fingers {', '.join(leading)} and {final}" if leading else f"finger {final}"

@@ -1,4 +1,4 @@
-"""Moves of single fingers between two grasps: their order, and the certified quality while each finger moves."""
+"""Moves of single fingers between two grasps: best order, and certified quality during each move."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
 MOST_TURN = np.radians(2.0)  # largest turn of the normal over a chord of a certified path
 Posture = TypeVar("Posture")
-LIFTED, SLIDES = False, True  # values of ``slides``: the two ways of a move
+LIFTED, SLIDES = False, True  # values of ``slides``: the two modes of a move
 
 _Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
 _WIDEST: _Width = (0, -np.inf)  # width of the empty path
@@ -76,7 +76,7 @@ class FingerMove:
 
     @property
     def least(self) -> float:
-        """Certified quality on the whole path."""
+        """Certified lower bound on the quality along the whole path."""
         return self.held.lower
 
     @property
@@ -86,7 +86,7 @@ class FingerMove:
 
     @property
     def held_text(self) -> str:
-        """Quality during the move as text."""
+        """Text on the quality during the move."""
         if self.held.upper <= 0.0:
             return "not held everywhere on its path" if self.slides else "not held by the other fingers"
         if not self.certified:
@@ -108,7 +108,10 @@ class FingerMove:
 
 
 def match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goal: Grasp) -> tuple[int, ...]:
-    """Return the new contact of each finger, in the matching of least total path length."""
+    """Match each finger with a new contact so that the total path length is least.
+
+    Returns the index of each finger's new contact.
+    """
     k = len(pick)
     keeps_contacts = problem.hand is not None and not problem.hand.follows_contacts  # finger i has contact i
     cost = np.full((k, k), np.inf)
@@ -124,7 +127,9 @@ def match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goal
 def ordered_moves(
     holding: HoldingQuality, motions: Motions[Posture] | None = None, fingers: Iterable[int] | None = None
 ) -> tuple[FingerMove, ...]:
-    """Return the certified moves in the order, among those the hand allows, that maximises the least holding quality.
+    """Return the certified moves in the order that maximises the least holding quality.
+
+    Only orders that the hand allows count.
 
     A move during which the other fingers hold the body alone is valued by their quality, certified on the whole path,
     whether the finger is lifted or slides; it is lifted where the hand can do that. Any other move is a slide, ranks
@@ -157,41 +162,47 @@ def ordered_moves(
 def _widest_path(
     holding: HoldingQuality, motions: Motions[Posture] | None, fingers: frozenset[int]
 ) -> _SearchNode[Posture] | None:
-    """Return the end of the widest path on which some fingers move, None where there is none."""
-    numbers, visited = count(), set[frozenset[int]]()
+    """Return the final node of the widest path by which given fingers move, or ``None``.
+
+    The width of a path is its least holding quality.
+    """
+    counter, visited = count(), set[frozenset[int]]()
     start = _SearchNode[Posture](posture=None if motions is None else motions.start())
-    queue = [(_WIDEST, next(numbers), start)]
+    queue = [(_WIDEST, next(counter), start)]
     while queue:
         width, _, node = heappop(queue)
         if node.pending is not None:
             child = _node_after_move(node, node.pending, motions)
             if child is not None:
-                heappush(queue, (width, next(numbers), child))
+                heappush(queue, (width, next(counter), child))
         elif node.moved == fingers:
             return node
         elif node.moved not in visited:
             visited.add(node.moved)
             options = [_rank_move(holding, node.moved, finger) for finger in fingers - node.moved]
-            for strength, finger, ways in sorted(options):
+            for strength, finger, modes in sorted(options):
                 if motions is None or strength[1] < 0.0:
-                    heappush(queue, (max(width, strength), next(numbers), replace(node, pending=(finger, ways))))
+                    heappush(queue, (max(width, strength), next(counter), replace(node, pending=(finger, modes))))
     return None
 
 
 def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
-    """Return a move's rank, finger and ways: lifted, else sliding, where the others hold the body; else sliding."""
-    others = holding.others(moved, finger).lower
-    if others > 0.0:
-        return (0, -others), finger, (LIFTED, SLIDES)
-    return (1, -holding.sliding(moved, finger)), finger, (SLIDES,)
+    """Return rank, finger and possible modes (lifted, sliding) of a move.
+
+    If the other fingers hold the body alone, the finger may be lifted or else slide; otherwise it slides.
+    """
+    quality = holding.quality_without(moved, finger).lower
+    if quality > 0.0:
+        return (0, -quality), finger, (LIFTED, SLIDES)
+    return (1, -holding.sliding_quality(moved, finger)), finger, (SLIDES,)
 
 
 def _node_after_move(
     node: _SearchNode[Posture], move: tuple[int, tuple[bool, ...]], motions: Motions[Posture] | None
 ) -> _SearchNode[Posture] | None:
-    """Return the search node after a move; None where the hand cannot do it."""
-    finger, ways = move
-    for slides in ways:
+    """Return the search node after a move, or ``None`` if the hand cannot make the move."""
+    finger, modes = move
+    for slides in modes:
         motion, posture = None, node.posture
         if motions is not None and node.posture is not None:
             motion, posture = motions.move(node.posture, finger, slides)
@@ -203,7 +214,10 @@ def _node_after_move(
 def _execute_moves(
     sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[Posture] | None
 ) -> _SearchNode[Posture]:
-    """Return the search node after all moves of a sequence; moves after an obstructed one are not examined."""
+    """Return the search node after all moves of a sequence.
+
+    Moves after an obstructed one are not examined.
+    """
     result, posture, blocked = [], None if motions is None else motions.start(), None
     for finger, slides, _ in sequence:
         motion: FingerPath | None = None
@@ -218,12 +232,12 @@ def _execute_moves(
 
 
 def unexamined_move(reason: str) -> FingerPath:
-    """Return the record of a move that was not examined."""
+    """Return the record of a finger motion that was not examined."""
     return FingerPath(False, reason, np.zeros((0, 3)), np.zeros(0), (), np.zeros(0))
 
 
 class Motions(Protocol[Posture]):
-    """Interface of the finger motions of a hand, from posture to posture."""
+    """Protocol of the finger motions of a hand from one posture to the next."""
 
     def start(self) -> Posture:
         """Return the posture of the first grasp."""
@@ -234,10 +248,9 @@ class Motions(Protocol[Posture]):
 
 @dataclass(frozen=True)
 class _SearchNode(Generic[Posture]):
-    """Search node: moved fingers, their moves and the posture.
+    """Search node: fingers that have moved, their moves and the hand's posture.
 
-    ``pending`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
-    taken.
+    ``pending`` is a move still to be examined: the finger, and the modes of its move. The first feasible mode is taken.
     """
 
     moved: frozenset[int] = frozenset()
@@ -247,7 +260,7 @@ class _SearchNode(Generic[Posture]):
 
 
 class HoldingQuality:
-    """Quality of intermediate grasps while one finger moves.
+    """Evaluation of the grasp quality while one finger moves and the others hold the body.
 
     Parameters
     ----------
@@ -275,25 +288,25 @@ class HoldingQuality:
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size
         self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size, MOST_TURN) for path in paths]
-        self.others, self.sliding = cache(self._others), cache(self._sliding)
+        self.quality_without, self.sliding_quality = cache(self._quality_without), cache(self._sliding_quality)
 
-    def _others(self, moved: frozenset[int], finger: int) -> Bounds:
-        """Return the certified quality of the other fingers alone."""
+    def _quality_without(self, moved: frozenset[int], finger: int) -> Bounds:
+        """Return the certified quality of the grasp without the moving finger."""
         return self._certified(self._grasp(moved, finger))
 
-    def _sliding(self, moved: frozenset[int], finger: int) -> float:
-        """Return an estimate of the least quality while the finger slides, from a few stations."""
+    def _sliding_quality(self, moved: frozenset[int], finger: int) -> float:
+        """Estimate the least quality while a finger slides, from a few stations of its path."""
         path = self._curves[finger]
         stations = corners_and_stations(path.total, path.edges, SLIDE_STATIONS)
         return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
         """Return the move of a finger, certified on its whole path."""
-        curve, others = self._curves[finger], self.others(moved, finger)
+        curve, others_quality = self._curves[finger], self.quality_without(moved, finger)
         if not slides:
-            return FingerMove(finger, curve.points, slides, others)
+            return FingerMove(finger, curve.points, slides, others_quality)
         path = SurfacePath(curve.points, curve.normals, curve.deviations())
-        along = least_mu_along(path, self._grasp(moved, finger), self.hold, self.budget, others.lower)
+        along = least_mu_along(path, self._grasp(moved, finger), self.hold, self.budget, others_quality.lower)
         return FingerMove(finger, curve.points, slides, along.bounds, stations=along.stations)
 
     def _estimate(self, grasp: Grasp) -> float:
@@ -303,7 +316,10 @@ class HoldingQuality:
         return mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget)
 
     def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
-        """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
+        """Return the grasp of the other fingers, plus the moving one if ``station`` is given.
+
+        The moving finger is a frictionless contact at that station of its path.
+        """
         contacts: list[tuple[FloatArray, FloatArray, ContactModel]] = [
             (self.goal.points[self.order[i]], self.goal.normals[self.order[i]], model)
             if i in moved
@@ -319,5 +335,5 @@ class HoldingQuality:
 
 
 def corners_and_stations(total: float, corners: Sequence[float] | FloatArray, count: int) -> FloatArray:
-    """Return a path's corners and ``count`` evenly spaced stations, in order."""
+    """Return the positions of a path's corners and of ``count`` evenly spaced stations, sorted."""
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))

@@ -1,4 +1,4 @@
-"""Rule-based initial choice from weight and size: number and type of contacts, force and opening (Section 4)."""
+"""Rule-based choice of number and type of contacts, force and opening from a body's weight and size (Section 4)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PAPER = "Li and Sastry 1986, Section 4: light tasks few contacts, heavy ones man
 
 @dataclass(frozen=True)
 class Reason:
-    """Rule and source of one proposal.
+    """Rule and reference behind one part of a proposal.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Reason:
 
 @dataclass(frozen=True)
 class FirstChoice:
-    """Rule-based initial choice of a grasp; nothing is solved or certified.
+    """Rule-based proposal for a grasp, not solved or certified.
 
     Parameters
     ----------
@@ -105,11 +105,14 @@ class FirstChoice:
 
     @property
     def hand(self) -> Hand | None:
-        """A gripper for two contacts; None, for free fingertips, with more."""
+        """Parallel gripper for two contacts, or ``None`` (free fingertips) for more."""
         return ParallelJaw(self.opening) if self.count == 2 else None
 
     def problem(self) -> GraspProblem:
-        """Return the problem to solve: each normal force at most 1 N, so that ``needed_force`` is in newtons."""
+        """Return the problem to solve, with normal forces of at most 1 N.
+
+        With this budget ``needed_force`` is in newtons.
+        """
         return GraspProblem(
             self.body,
             [self.contact] * self.count,
@@ -121,7 +124,7 @@ class FirstChoice:
         )
 
     def needed_force(self, solution: GraspSolution) -> float:
-        """Return the certified normal force of each contact for the whole task, times the safety factor, newtons.
+        """Return the normal force per contact that certainly exerts the task, times the safety factor, newtons.
 
         Raises
         ------
@@ -135,7 +138,7 @@ class FirstChoice:
         return self.safety / solution.mu.lower
 
     def to_dict(self) -> Json:
-        """Return the choice as JSON data."""
+        """Return the proposal as JSON data."""
         return {
             "mass": self.mass,
             "grasp_type": self.grasp_type,
@@ -156,7 +159,7 @@ class FirstChoice:
 
 @dataclass(frozen=True)
 class _BodyData:
-    """Data of the body and limits of the fingers; SI units."""
+    """Body data and finger limits for the rules, SI units."""
 
     body: Body
     mass: float
@@ -168,11 +171,11 @@ class _BodyData:
 
     @property
     def sides(self) -> FloatArray:
-        """Sides of the bounding box, the shortest first, (3,)."""
+        """Sides of the bounding box, (3,), metres, the shortest first."""
         return np.asarray(np.sort(self.body.bounds[1] - self.body.bounds[0]))
 
     def normal_force(self, count: int) -> float:
-        """Return the required normal force of each of so many contacts, newtons."""
+        """Return the normal force that each of ``count`` contacts needs, newtons."""
         return self.safety * self.load / (count * self.friction)
 
 
@@ -189,7 +192,7 @@ def first_choice(
     finger_force: float = 10.0,
     pad_radius: float = 0.008,
 ) -> FirstChoice:
-    """Propose a grasp from a body's size, weight and friction, with the rule and source of each proposal.
+    """Propose a grasp from a body's size, weight and friction, with a rule and a reference for each part.
 
     These are rules of thumb: size, mass and task predict human grasp types in less than half of the cases (Feix et al.
     2014). They are a starting point: ``ng.solve(choice.problem())`` finds and certifies the contacts,
@@ -247,7 +250,7 @@ def first_choice(
 
 
 def _make_proposal(data: _BodyData, centre: FloatArray, task: TaskEllipsoid, task_reason: Reason) -> FirstChoice:
-    """Return the proposal with the rule and source of each part."""
+    """Return the proposal with the rule and the reference of each part."""
     count, count_reason = _fewest_contacts(data)
     contact, contact_reason = _contact_model(data, count)
     grasp_type, type_reason = _grasp_type(data, count)
@@ -276,7 +279,7 @@ def _make_proposal(data: _BodyData, centre: FloatArray, task: TaskEllipsoid, tas
 
 
 def _mass(body: Body, mass: float | None, density: float | None) -> float:
-    """Return the validated mass, kg, or that of a density."""
+    """Return the validated mass, or the mass that follows from a density, kg."""
     if (mass is None) == (density is None):
         raise InputError("mass", f"mass {mass}, density {density}", "one of the two")
     if mass is not None:
@@ -285,7 +288,10 @@ def _mass(body: Body, mass: float | None, density: float | None) -> float:
 
 
 def volume_of(body: Body) -> float:
-    """Return the volume of a body, cubic metres: exact for a mesh, else by counting cells, to some percent."""
+    """Return the volume of a body, cubic metres.
+
+    The volume of a mesh is exact; others are estimated by counting cells, to some percent.
+    """
     if isinstance(body, Mesh):
         return abs(float(body.mesh.volume))
     lower, upper = body.bounds
@@ -295,7 +301,7 @@ def volume_of(body: Body) -> float:
 
 
 def _fewest_contacts(data: _BodyData) -> tuple[int, Reason]:
-    """Return the fewest contacts that lift the load, more than two for a wide body, with the reason."""
+    """Return the least number of contacts that lift the load, at least three for a wide body, with the reason."""
     least_count = 2 if data.sides[0] <= LARGEST_WIDTH else 3
     sufficient_count = int(np.ceil(data.safety * data.load / (data.friction * data.finger_force) - 1e-9))
     count = min(max(least_count, sufficient_count), MOST_CONTACTS)
@@ -363,7 +369,10 @@ def _finger_opening(data: _BodyData) -> tuple[float, Reason]:
 
 
 def _task(data: _BodyData, up: FloatArray, acceleration: float) -> tuple[TaskEllipsoid, Reason]:
-    """Return the task about the centre of mass, with the reason: weight, accelerations, disturbance at the far end."""
+    """Return the task of carrying the body against accelerations and a disturbance, with the reason.
+
+    The task is about the centre of mass; the disturbance acts at the body's far end.
+    """
     weight, arm = data.mass * WEIGHT, 0.5 * float(data.sides[-1])
     force, torque = data.mass * acceleration + DISTURBANCE * weight, DISTURBANCE * weight * arm
     task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))

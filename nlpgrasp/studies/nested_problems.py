@@ -1,4 +1,4 @@
-"""Solves of problems with nested contact sets or types, with each other's grasps as warm starts.
+"""Joint solution of problems with nested sets or types of contacts, by exchange of warm starts.
 
 A grasp with fewer or poorer contacts is feasible for every larger problem, and never worse there: with forces x of its
 own contacts and none of the others, ``G' x' = G x``. So ``G (B ∩ K)`` is inside ``G' (B' ∩ K')`` if the larger budget
@@ -37,13 +37,13 @@ SWEEPS = 3  # most sweeps down and up
 
 
 class ProblemConversion(Protocol):
-    """Conversion of grasps between two problems of a family."""
+    """Protocol of conversions of grasps between two problems of a family."""
 
     def extend_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
-        """Return a grasp of the smaller problem as a warm start of the larger; None where it is infeasible."""
+        """Return a warm start of the larger problem from a grasp of the smaller one, or ``None``."""
 
     def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
-        """Return a warm start for the smaller problem from a grasp of the larger; None if it has none."""
+        """Return a warm start of the smaller problem from a grasp of the larger one, or ``None``."""
 
 
 def solve_family(
@@ -54,7 +54,9 @@ def solve_family(
     seed: int,
     options: SolveOptions,
 ) -> list[tuple[GraspSolution, int]]:
-    """Solve problems with each other's grasps as warm starts; return solutions and numbers of starts near each.
+    """Solve problems with each other's grasps as warm starts, and return the solutions.
+
+    Each solution comes with the number of starts near the best.
 
     Near means within 2 % of the best. No certified lower bound is below that of a smaller problem whose grasps are
     feasible for the larger.
@@ -77,7 +79,7 @@ def solve_family(
 
 
 class _Family:
-    """Multistart searches with mutual warm starts."""
+    """Multistart searches of a family of problems, with mutual warm starts."""
 
     def __init__(
         self, searches: Sequence[Multistart], pairs: Sequence[tuple[int, int]], step: ProblemConversion
@@ -88,7 +90,7 @@ class _Family:
         self._transferred: set[tuple[int, int, int]] = set()
 
     def run(self) -> None:
-        """Run all starts, then transfer grasps up and down until no best grasp changes."""
+        """Run all starts, then transfer grasps to larger and smaller problems until no best grasp improves."""
         for search in self._searches:
             search.run_starts()
             search.close_gap()
@@ -106,7 +108,10 @@ class _Family:
         return any(improved)
 
     def _transfer(self, source: int, target: int) -> bool:
-        """Run the best grasp of one search as a warm start of another, once; return whether its best improved."""
+        """Run the best grasp of one search as a warm start of another, and return whether that one's best improved.
+
+        No grasp is transferred twice.
+        """
         source_search, target_search = self._searches[source], self._searches[target]
         start, incumbent, is_down = source_search.best, target_search.best, source > target
         if start is None or (source, target, start.record.index) in self._transferred:
@@ -120,13 +125,13 @@ class _Family:
         return warm_start is not None and target_search.add_warm_start(warm_start, improve=is_down or is_promising)
 
     def _extend(self, start: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
-        """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
+        """Return a warm start of a larger problem from a grasp of a smaller one, with the inherited lower bound."""
         warm_start = self._step.extend_grasp(start, small.runner.compiled, large.runner.compiled)
         floor = inherited_lower_bound(start, small.runner.problem, large.runner.problem)
         return warm_start and replace(warm_start, floor=floor)
 
     def _transfer_bounds(self) -> None:
-        """Certify the best grasps as tightly as the answers, and transfer their bounds."""
+        """Certify the best grasps to the final accuracy, and transfer their lower bounds to larger problems."""
         for j, large in enumerate(self._searches):
             for small in (self._searches[a] for a, b in self._up if b == j):
                 start, incumbent = small.chosen, large.best
@@ -140,7 +145,10 @@ class _Family:
 
 
 def _run_further_starts(search: Multistart) -> None:
-    """Run half as many further starts, at least two, from another coordinate exchange; none with a posed hand."""
+    """Run further starts from another coordinate exchange, half as many as before and at least two.
+
+    There are none for a hand with a pose.
+    """
     compiled, starts = search.runner.compiled, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
     for candidate in exchanged_candidates(compiled, rng, count=count) if compiled.follows_contacts else ():
@@ -148,7 +156,7 @@ def _run_further_starts(search: Multistart) -> None:
 
 
 def _count_near_best(search: Multistart) -> int:
-    """Return the number of starts, warm starts included, within 2 % of the best."""
+    """Return the number of starts, including warm starts, whose mu is within 2 % of the best."""
     best = search.chosen
     if best is None:
         return 0
@@ -156,7 +164,7 @@ def _count_near_best(search: Multistart) -> int:
 
 
 def inherited_lower_bound(start: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
-    """Return the certified lower bound that a grasp of the smaller problem carries to the larger; 0 for none.
+    """Return the certified lower bound on mu that a larger problem inherits from a grasp of a smaller one, or 0.
 
     Parameters
     ----------
@@ -170,7 +178,7 @@ def inherited_lower_bound(start: StartGrasp, small: GraspProblem, large: GraspPr
 
 
 def is_same_body(first: Body, second: Body) -> bool:
-    """Return whether two bodies are known to be equal: one object, or complete and equal data."""
+    """Return whether two bodies are known to be equal, by identity or by complete data."""
     if first is second:
         return True
     data = first.to_dict()

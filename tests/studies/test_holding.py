@@ -82,7 +82,7 @@ def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
     ends = [[PathStation(p, n, "-z") for p, n in zip(g.points, g.normals, strict=True)] for g in grasps]
     weight = ng.TaskEllipsoid([0.1] * 6, center=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     quality = HoldingQuality(problem, *grasps, range(4), [list(pair) for pair in zip(*ends, strict=True)], weight)
-    assert quality.others(NOBODY, 0).lower == 0.0
+    assert quality.quality_without(NOBODY, 0).lower == 0.0
     first, *_ = ordered_moves(quality)
     assert first.slides
     assert first.certified  # faces are flat: between the stations nothing is worse than at them

@@ -21,11 +21,11 @@ class Held:
         others, gain = self.rng.uniform(0.0, 1.0, 2)
         return self.known.setdefault((moved, finger), (others + self.shift, others + gain + self.shift))
 
-    def others(self, moved, finger):
+    def quality_without(self, moved, finger):
         quality = max(self.strengths(moved, finger)[0], 0.0)
         return ng.Bounds(quality, quality)
 
-    def sliding(self, moved, finger):
+    def sliding_quality(self, moved, finger):
         return self.strengths(moved, finger)[1]
 
     def move(self, moved, finger, slides):
