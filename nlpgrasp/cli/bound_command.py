@@ -62,7 +62,7 @@ def bound_command(
 
 
 class _Progress:
-    """Progress of a search: record of bounds, and a line a second on standard error.
+    """Progress of a branch-and-bound search: record of bounds, and one line per second on standard error.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class _Progress:
         self._start_time = self._last = time.monotonic()
 
     def __call__(self, upper: float, mu: ng.Bounds, nodes: int) -> None:
-        """Record bound and incumbent; write a line if the last one is old."""
+        """Record bound and incumbent, and write a progress line if the last one is old."""
         now = time.monotonic()
         self.moments.append((now - self._start_time, upper, mu.lower))
         if self._is_written and now - self._last >= PROGRESS_INTERVAL:
@@ -88,7 +88,7 @@ class _Progress:
 
 
 def _print_bound(name: str, bound: ng.BestPossible, out: Path | None) -> None:
-    """Print a bound, the best grasp found with it, and the size of the certificate."""
+    """Print a bound, the best grasp of the search, and the size of the certificate."""
     typer.echo(f"{name}: mu at most {format_upper(bound.upper, 6)} over all placements")
     if bound.grasp is None:
         typer.echo("  no grasp met that exerts the task's wrenches")

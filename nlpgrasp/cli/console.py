@@ -1,4 +1,4 @@
-"""Options, progress bars and JSON lines shared by the commands."""
+"""Options, progress reports and JSON lines shared by the commands."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certifi
 
 
 def writable(target: Path, *sources: Path, ending: str = "") -> Path:
-    """Return the absolute path of a result file, refusing one that could not or should not be written."""
+    """Return the absolute path of a result file; raise if the file cannot or should not be written."""
     if target.resolve() in [source.resolve() for source in sources]:
         raise InputError("--out", f"{target} (the script or file itself)", "another file")
     return writable_place("--out", target, ending)
 
 
 def hand_options(values: Mapping[str, float | None], hand: Path | None, use: str) -> dict[str, float]:
-    """Return the hand options that are set; refuse them without ``--hand``.
+    """Return the hand options that are set; raise if there are any without ``--hand``.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def hand_options(values: Mapping[str, float | None], hand: Path | None, use: str
 
 
 class Reporter:
-    """Progress of the starts of a solve: a bar, or JSON lines.
+    """Progress of a solve's starts, as a bar or as JSON lines.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Reporter:
             self._bar.stop()
 
     def start_done(self, record: StartRecord, best: ng.Bounds) -> None:
-        """Report one start and the best certified bounds so far."""
+        """Report a finished start and the best certified bounds so far."""
         if self._bar is not None:
             text = f"best {format_measure(best.kind)} in {best}" if math.isfinite(best.upper) else "no grasp yet"
             self._bar.update(self._task, advance=1, best=text)
@@ -138,7 +138,10 @@ class Reporter:
 
 @contextmanager
 def report_steps(activity: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function that reports steps on stderr: in a terminal one temporary line, elsewhere a line each."""
+    """Yield a function that reports steps on standard error.
+
+    In a terminal there is one temporary line; elsewhere each step is a line.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda message: typer.echo(message, err=True)
@@ -148,13 +151,13 @@ def report_steps(activity: str) -> Iterator[Callable[[str], None]]:
 
 
 def write_json_line(data: Mapping[str, object]) -> None:
-    """Write one JSON line to standard output."""
+    """Write data as one JSON line to standard output."""
     sys.stdout.write(json.dumps(data, allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
 def bounds_pair(bounds: ng.Bounds) -> list[float] | None:
-    """Return ``[lower, upper]``, or None where nothing is known."""
+    """Return ``[lower, upper]``, or ``None`` for unknown bounds."""
     return [bounds.lower, bounds.upper] if math.isfinite(bounds.upper) else None
 
 

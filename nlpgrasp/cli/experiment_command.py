@@ -57,7 +57,7 @@ def experiment_command(
 
 
 class InterruptOnce:
-    """Handler of Ctrl-C: the first one ends the run, later ones are ignored."""
+    """Handler of Ctrl-C: the first one interrupts the run, and later ones are ignored."""
 
     def __enter__(self) -> None:
         self._before = signal.signal(signal.SIGINT, self._handle)
@@ -71,7 +71,7 @@ class InterruptOnce:
 
 
 def write_outputs(result: ng.ExperimentResult) -> list[str]:
-    """Write table, pictures and page into the result's folder; return a message for each failure."""
+    """Write table, pictures and page of an experiment, and return a message for each failure."""
     from nlpgrasp.experiments.experiment_result import write_csv, write_parquet
     from nlpgrasp.report.experiment_page import write_page, write_plots
 

@@ -24,7 +24,7 @@ Out = Annotated[
 
 
 def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
-    """Return the command, whose choices and help are those of the formats."""
+    """Return the export command, with choices and help from the registered formats."""
     with_hand = _format_alternatives(form.name for form in formats if form.takes_hand)
     formats_by_option = {
         option: _format_alternatives(form.name for form in formats if option in form.takes)
@@ -80,7 +80,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
 def _annotate_options(
     export: Callable[..., None], formats: Sequence[ExportFormat], with_hand: str, formats_by_option: Mapping[str, str]
 ) -> None:
-    """Add to the command the options whose help names formats."""
+    """Annotate the options of the export command whose help names formats."""
     from nlpgrasp.common.spatial import POSE_TEXT
 
     content = f"Format: {'; '.join(f'{form.name}, {form.content}' for form in formats)}."
@@ -113,7 +113,7 @@ def _announce(message: str) -> None:
 
 
 def _describe_assumptions(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
-    """Print the assumptions of a scene: the object's mass, and the squeeze."""
+    """Print the assumptions of an exported scene on the object's mass and the squeeze."""
     from nlpgrasp.simulation.scene_object import object_mass
     from nlpgrasp.solution.squeeze_record import friction_warning, weak_squeeze_warning
 

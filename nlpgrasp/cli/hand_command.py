@@ -97,7 +97,7 @@ def _load_hand(
     approach: str | None,
     units: UrdfUnits,
 ) -> Hand | InspectedHand:
-    """Return the hand of a file or a preset."""
+    """Load the hand of a file or a preset."""
     name, path = resolve_preset(source, preset)
     if name is not None:
         for option, value in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
@@ -130,7 +130,9 @@ def _load_hand(
 
 
 def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
-    """Return the name of the preset, if any, and the path of the URDF, None where it is to be fetched.
+    """Return the name of the preset and the path of the URDF.
+
+    The name is ``None`` without a preset; the path is ``None`` if the URDF has to be fetched.
 
     Raises
     ------
@@ -152,7 +154,7 @@ def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path |
 
 
 def check_link(source: Path, name: str, option: str, allowed: Sequence[str] | None = None) -> str:
-    """Return a link's name; refuse an unknown one.
+    """Return a link's name; raise if the robot has no such link.
 
     Parameters
     ----------
@@ -172,7 +174,7 @@ def check_link(source: Path, name: str, option: str, allowed: Sequence[str] | No
 
 
 def parse_palm_direction(text: str | None) -> list[float]:
-    """Return the palm's direction from text X,Y,Z; the z axis without text."""
+    """Parse the palm's direction from text X,Y,Z; the default is the z axis."""
     try:
         direction = [0.0, 0.0, 1.0] if text is None else [float(part) for part in text.split(",")]
     except ValueError:
@@ -185,7 +187,7 @@ def parse_palm_direction(text: str | None) -> list[float]:
 def parse_fingertips(
     source: Path, palm: str | None, texts: Sequence[str]
 ) -> Mapping[str, float | Tip | Sequence[Tip] | None]:
-    """Return link and patch of each fingertip from text LINK or LINK=RADIUS.
+    """Parse fingertips from texts LINK or LINK=RADIUS, and return link and patch of each.
 
     Without a radius the fingertip is the link's only collision sphere or capsule, or else fitted to its shapes.
 
@@ -215,7 +217,7 @@ def parse_fingertips(
 
 
 def _parse_number(link: str, text: str) -> float:
-    """Return a radius given on the command line."""
+    """Parse a fingertip's radius."""
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Live progress of a running experiment."""
+"""Live display of a running experiment's progress."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OTHER_ROWS = 6  # of the terminal: heads, bar, failures
 
 
 class LiveExperiment:
-    """Progress of an experiment: finished solves, best mu of each variation, remaining time.
+    """Live display of an experiment: finished solves, best mu of each variation, remaining time.
 
     A terminal gets a table that changes, other outputs a line a solve.
 
@@ -61,7 +61,10 @@ class LiveExperiment:
             self._live.stop()
 
     def solve_done(self, record: SolveRecord) -> None:
-        """Report one solve; a closed output does not end the experiment."""
+        """Report a finished solve.
+
+        A closed output does not end the experiment.
+        """
         name, best = record.variation, self._best[record.variation]
         self._best[name] = Bounds(max(best.lower, record.mu.lower), max(best.upper, record.mu.upper))
         self._count[name] += 1
@@ -85,7 +88,7 @@ class LiveExperiment:
 
     @property
     def remaining_time(self) -> str:
-        """Estimated remaining time, from the solves of this run, as text."""
+        """Text on the remaining time, estimated from the solves of this run."""
         solved = sum(self._count.values()) - self._earlier
         remaining = self._total - sum(self._count.values())
         if solved == 0 or remaining == 0:
@@ -111,7 +114,10 @@ class LiveExperiment:
         )
 
     def _best_rows(self) -> Group:
-        """Return a table of each variation's best grasp, of many those that changed last, above the progress bar."""
+        """Return a table of the variations' best grasps above the progress bar.
+
+        Of many variations the table shows those that changed last.
+        """
         table = Table(box=None, padding=(0, 2, 0, 0))
         table.add_column("variation", no_wrap=True, overflow="ellipsis")
         for head in ("best mu certified in", "solves"):

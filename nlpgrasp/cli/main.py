@@ -1,4 +1,4 @@
-"""Command line: registration of all commands, with ``solve``, ``verify``, ``demo`` and ``program`` themselves.
+"""Command line: registration of all commands, and the commands ``solve``, ``verify``, ``demo`` and ``program``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -60,7 +60,9 @@ USAGE_ERROR: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
 def parse_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
-    """Return the names of the analyses in ``--with``: all of them without it, none with ``--quick``.
+    """Return the names of the analyses that ``--with`` lists.
+
+    Without ``--with`` they are all analyses, or none with ``--quick``.
 
     Raises
     ------
@@ -80,7 +82,7 @@ def parse_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[st
 
 
 def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path, as_json: bool) -> ng.GraspSolution:
-    """Return a solution with analyses, each printed when it is done, and save it.
+    """Add analyses to a solution, print each one when it is done, and save the solution.
 
     Parameters
     ----------
@@ -138,7 +140,7 @@ def program_command(
 
 
 def readme_problem() -> ng.GraspProblem:
-    """Return the problem of the script in README."""
+    """Return the example problem of the README."""
     return ng.GraspProblem(
         body=ng.Box([0.08, 0.04, 0.04]),
         contacts=[ng.FrictionContact(0.6)] * 4,
@@ -245,7 +247,7 @@ def solve_command(
 
 
 def _print_solution(solution: ng.GraspSolution, note: str) -> None:
-    """Print a solution with its wall time, its number of starts and a note."""
+    """Print a solution with wall time, number of starts and a note."""
     count = len(solution.starts)
     typer.echo(str(solution))
     typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {count} start{'' if count == 1 else 's'}")
@@ -283,7 +285,10 @@ def export_placeholder() -> None:
 
 
 def command_line(arguments: Sequence[str]) -> typer.Typer:
-    """Return the command line for arguments; with ``export`` among them it has the formats registered by now."""
+    """Return the command line application.
+
+    If ``export`` is among the arguments, its help lists the registered formats.
+    """
     app = typer.Typer(
         help="Find the best grasp of a body for a task, and certify how good it is.",
         no_args_is_help=True,
@@ -315,7 +320,10 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
 
 
 def main() -> None:
-    """Run the command line; bad input is one line on standard error and exit code 2."""
+    """Run the command line.
+
+    Bad input ends with one line on standard error and exit code 2.
+    """
     warnings.formatwarning = _format_warning
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
@@ -335,7 +343,7 @@ def main() -> None:
 
 
 def _suggest_help(error: typer.BadParameter) -> str:
-    """Return a hint at a command's help after an unknown option, else an empty text."""
+    """Return a hint at a command's help if the error is an unknown option, or an empty text."""
     option = getattr(error, "option_name", None)
     context = getattr(error, "ctx", None)
     if option is None or context is None or getattr(error, "possibilities", None):
@@ -350,11 +358,11 @@ def _suggest_help(error: typer.BadParameter) -> str:
 def _format_warning(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
-    """Return a warning as one line, in place of ``warnings.formatwarning``."""
+    """Format a warning as one line; replaces ``warnings.formatwarning``."""
     return f"nlpgrasp: {message}\n"
 
 
 def _exit(message: str, code: int) -> NoReturn:
-    """Exit with a message on standard error."""
+    """Write a message to standard error and exit with a code."""
     sys.stderr.write(f"nlpgrasp: {message}\n")
     sys.exit(code)

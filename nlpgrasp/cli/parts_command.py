@@ -28,8 +28,8 @@ def parts_command(
     quick: Annotated[bool, typer.Option("--quick", help="No bound on how good a grasp can be.")] = False,
 ) -> None:
     """Solve all parts of a folder for a gripper, and write a page with a row a part. Ctrl-C keeps what is finished."""
-    make_problem, own_gripper = load_part_task(task)
-    jaws = own_gripper if gripper is None else ng.hands.jaws(gripper)
+    make_problem, script_gripper = load_part_task(task)
+    jaws = script_gripper if gripper is None else ng.hands.jaws(gripper)
     if jaws is None:
         raise InputError("--gripper", "nothing", f"the name of a preset, or a function gripper() in {task}")
     options = ng.SolveOptions(global_bound=False) if quick else None

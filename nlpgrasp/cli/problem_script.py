@@ -1,4 +1,4 @@
-"""Problem scripts: Python files with a function ``problem()``, and for experiments ``experiment()``."""
+"""Execution of problem scripts: Python files that define a function such as ``problem()`` or ``experiment()``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def load_problem(path: str | Path) -> ng.GraspProblem:
-    """Run a script and return what its ``problem()`` returns.
+    """Run a script and return the problem that its ``problem()`` makes.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def load_problem(path: str | Path) -> ng.GraspProblem:
 
 
 def load_problems(path: str | Path) -> object:
-    """Run a script and return what its ``problems()`` returns, or in a list what its ``problem()`` returns.
+    """Run a script and return the result of its ``problems()``, or a list with the result of its ``problem()``.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def load_problems(path: str | Path) -> object:
 
 
 def load_experiment(path: str | Path) -> ng.Experiment:
-    """Run a script and return what its ``experiment()`` returns.
+    """Run a script and return the experiment that its ``experiment()`` makes.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def load_experiment(path: str | Path) -> ng.Experiment:
 
 
 def load_part_task(path: str | Path) -> tuple[PartTask, ng.ParallelJaw | None]:
-    """Run a script and return its function of part and gripper, and the gripper of its ``gripper()``, None without.
+    """Run a script and return its function of part and gripper, and its gripper or ``None``.
 
     The function is its ``problem(part, gripper)``, or else its ``task(part)``.
 
@@ -80,7 +80,7 @@ def load_part_task(path: str | Path) -> tuple[PartTask, ng.ParallelJaw | None]:
 
 
 def _run_function(path: str | Path, name: str, kind: type[T], expected: str) -> T:
-    """Run a script, call one of its functions and return what it returns."""
+    """Run a script, call one of its functions and return the checked result."""
     file = Path(path)
     if file_kind(file) == "a mesh" and file.is_file():
         body = f'a function {name}(), in which ng.Mesh.load("{file.name}", unit="mm") is the body'
@@ -94,7 +94,7 @@ def _run_function(path: str | Path, name: str, kind: type[T], expected: str) -> 
 
 
 def _run_script(path: str | Path) -> dict[str, object]:
-    """Run a script and return what it defines, by name."""
+    """Run a script and return its global variables by name."""
     file = Path(path)
     if not file.is_file():
         raise InputError("SCRIPT", str(path), "a Python file that exists")
@@ -113,7 +113,7 @@ def _run_script(path: str | Path) -> dict[str, object]:
 
 
 def _call(function: Callable[[], object], name: str, path: str | Path, kind: type[T], expected: str) -> T:
-    """Return what a script's function returns, checked."""
+    """Call a script's function and return the checked result."""
     try:
         result = function()
     except InputError as error:
@@ -130,7 +130,10 @@ def _call(function: Callable[[], object], name: str, path: str | Path, kind: typ
 
 
 def _missing_function(file: Path, name: str, kind: str) -> str | None:
-    """Return the defect of a script that never defines the function, found without running it, or None."""
+    """Return a text that says how a script fails to define a function, or ``None``.
+
+    The script is parsed, not run.
+    """
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, MemoryError, RecursionError):
@@ -155,7 +158,10 @@ def _missing_function(file: Path, name: str, kind: str) -> str | None:
 
 
 def _check_duplicate_names(path: str | Path) -> None:
-    """Refuse a script in which a dictionary of variations names two of them alike: Python would keep the last."""
+    """Raise if a dictionary of variations in a script has the same name twice.
+
+    Python would silently keep only the last of two variations.
+    """
     try:
         tree = ast.parse(Path(path).read_bytes())
     except (OSError, SyntaxError, ValueError, MemoryError, RecursionError):
@@ -170,7 +176,7 @@ def _check_duplicate_names(path: str | Path) -> None:
 
 
 def _error_place(error: BaseException, file: Path) -> str:
-    """Return the error and the last line of the script it passed through."""
+    """Return a text with the error and the line of the script at which it occurred."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == file]
     line = f" (line {lines[-1]})" if lines else ""
     return f"{type(error).__name__}: {error}{line}"

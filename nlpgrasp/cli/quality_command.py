@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp quality``: certified quality measures of a grasp, or a table of them for many."""
+"""The command ``nlpgrasp quality``: certified quality measures of one grasp, or a table for several."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def quality_command(
     from nlpgrasp.interop.registry import SOLUTION, reader_of
 
     reader = reader_of(file)
-    given = {"friction": friction, "task": task, "problem": script, "unit": None if unit == "m" else unit}
-    for option, value in given.items():
+    import_options = {"friction": friction, "task": task, "problem": script, "unit": None if unit == "m" else unit}
+    for option, value in import_options.items():
         if value and option not in (*reader.options, *(("task",) if "friction" in reader.options else ())):
             shown = value[0] if isinstance(value, list) else value
             raise InputError(f"--{option}", shown, "another kind of file with it: this one states its own")
@@ -85,15 +85,15 @@ def quality_command(
     tasks = [load_task(name, library) for name in task or ()]
     by_file = next((t.path for t in tasks if t.path is not None), None) if "task" in reader.options else None
     frictions: list[float | None] = [None] if not friction else list(friction)
-    read = [list(reader.read(file, ReadOptions(f, by_file, problem, unit))) for f in frictions]
-    if measures is None and out is None and len(read[0]) == 1 and len(read) == 1 and len(tasks) <= 1:
-        item = read[0][0]
+    readings = [list(reader.read(file, ReadOptions(f, by_file, problem, unit))) for f in frictions]
+    if measures is None and out is None and len(readings[0]) == 1 and len(readings) == 1 and len(tasks) <= 1:
+        item = readings[0][0]
         if tasks and by_file is None:
             item = replace(item, task=tasks[0].task, budget=common_budget(tasks, item.budget))
         _print_measures(item, PAGE_RTOL if rtol is None else rtol, torque_scale, as_json)
     else:
         target = None if out is None else writable(out, file, ending=".csv")
-        columns = measure_read(file, read, tasks, measures, torque_scale, TABLE_RTOL if rtol is None else rtol)
+        columns = measure_grasps(file, readings, tasks, measures, torque_scale, TABLE_RTOL if rtol is None else rtol)
         _write_table(columns, target, as_json)
     if reader is SOLUTION and measures is None and out is None:
         complete_file(file, problem)
@@ -101,7 +101,7 @@ def quality_command(
 
 @dataclass(frozen=True)
 class StatedTask:
-    """A task of the command line.
+    """Task named on the command line.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class StatedTask:
 
 
 def load_task(name: str, library: Path | None = None) -> StatedTask:
-    """Return the task of a solution file, of a problem script, or of that name in a library."""
+    """Load a task from a solution file, a problem script or, by name, a library."""
     path = Path(name)
     if path.suffix == ".py":
         problem = load_problem(path)
@@ -138,7 +138,7 @@ def _about(task: Task, origin: FloatArray | None) -> Task:
 
 
 def common_budget(tasks: Sequence[StatedTask], default: ForceBudget) -> ForceBudget:
-    """Return the one force budget of the tasks that state one; raise for several, and for one of certain contacts."""
+    """Return the force budget that all tasks share; raise if budgets differ or depend on contact frames."""
     budgets = [task.budget for task in tasks if task.budget is not None] or [default]
     if len({budget.kind for budget in budgets}) > 1 or budgets[0].depends_on_frames:
         kinds = " and ".join(dict.fromkeys(budget.kind for budget in budgets))
@@ -146,37 +146,37 @@ def common_budget(tasks: Sequence[StatedTask], default: ForceBudget) -> ForceBud
     return budgets[0]
 
 
-def measure_read(
+def measure_grasps(
     file: Path,
-    read: Sequence[Sequence[ReadGrasp]],
+    readings: Sequence[Sequence[ReadGrasp]],
     tasks: Sequence[StatedTask],
     measures: str | None,
     torque_scale: float | None,
     rtol: float,
 ) -> Columns:
-    """Return the table of measures of the grasps of a file, read once for each friction coefficient."""
+    """Compute the table of quality measures for a file's grasps, read once per friction coefficient."""
     from nlpgrasp.interop.grasp_tables import stack_grasps
     from nlpgrasp.quality.measure_table import DEFAULT, measure_columns
 
     origin = next((t.task.about for t in tasks if t.task.about is not None), None)
-    if read[0] and read[0][0].task is not None:
+    if readings[0] and readings[0][0].task is not None:
         origin = None  # that of the grasps
-    stacks = [stack for grasps in read for stack in stack_grasps(file.name, grasps, origin)]
-    if len(read) > 1 and stacks[0].contacts == stacks[len(stacks) // len(read)].contacts:
-        raise InputError("--friction", f"{len(read)} coefficients", "none: the contacts of this file state theirs")
-    budget = common_budget(tasks, read[0][0].budget)
+    stacks = [stack for grasps in readings for stack in stack_grasps(file.name, grasps, origin)]
+    if len(readings) > 1 and stacks[0].contacts == stacks[len(stacks) // len(readings)].contacts:
+        raise InputError("--friction", f"{len(readings)} coefficients", "none: the contacts of this file state theirs")
+    budget = common_budget(tasks, readings[0][0].budget)
     named: dict[str, Task] = {t.name: t.task for t in tasks}
     if len(named) < len(tasks):
         raise InputError("--task", "two tasks of one name", "each name once")
-    if not named and read[0][0].task is not None:
-        named = {"task": read[0][0].task}
+    if not named and readings[0][0].task is not None:
+        named = {"task": readings[0][0].task}
     default = DEFAULT if named else tuple(name for name in DEFAULT if name != "mu")
     names = default if measures is None else tuple(name.strip() for name in measures.split(","))
     return measure_columns(stacks, named or None, names, None, torque_scale, budget, rtol)
 
 
 def _write_table(columns: Columns, target: Path | None, as_json: bool) -> None:
-    """Write a table to a file, or to standard output as CSV or JSON lines."""
+    """Write a table of measures to a file, or to standard output as CSV or JSON lines."""
     text = columns.to_csv(target)
     if "torque_scale" in columns:
         typer.echo(f"torque scale {columns['torque_scale'][0]:.4g} m for all grasps", err=True)
@@ -190,7 +190,7 @@ def _write_table(columns: Columns, target: Path | None, as_json: bool) -> None:
 
 
 def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
-    """Compute and print the measures of one grasp."""
+    """Compute and print the quality measures of one grasp."""
     from nlpgrasp.solution.quality_record import measure_meaning
 
     grasp, task, budget = item.grasp, item.task, item.budget
@@ -224,7 +224,7 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
 
 
 def complete_file(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:
-    """Return a file's solution with its missing analyses, and add them to the file.
+    """Add missing analyses to a solution file, and return the solution.
 
     A file that cannot be written stays as it is. Messages go to standard error.
 

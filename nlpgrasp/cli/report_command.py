@@ -58,7 +58,7 @@ def report_command(
 
 
 def _report_problem(files: list[Path], out: Path | None, png: bool) -> None:
-    """Write the page of a script's problem."""
+    """Write the page that shows a script's problem."""
     from nlpgrasp.report.body_page import write_problem
 
     if len(files) > 1:

@@ -25,10 +25,10 @@ SetPath = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a set.")
 
 
 class SetGroup(TyperGroup):
-    """Group of commands in which a script's name stands for the command that makes its set."""
+    """Command group in which ``nlpgrasp set SCRIPT`` stands for ``nlpgrasp set make SCRIPT``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Return the arguments, the default command before those that begin with no command."""
+        """Parse the arguments, with the default command put first if they name no command."""
         if args and args[0] not in (*self.commands, *HELP):
             args = [MAKE, *args]
         return super().parse_args(ctx, args)
@@ -137,8 +137,8 @@ def export_set_command(
 def _progress_record(progress: ng.SetProgress) -> dict[str, object]:
     """Return the JSON record of a set's progress."""
     data = {"event": "progress", **vars(progress), "per_second": progress.per_second}
-    left = progress.seconds_left
-    return {**data, "seconds_left": left if isfinite(left) else None}
+    seconds_left = progress.seconds_left
+    return {**data, "seconds_left": seconds_left if isfinite(seconds_left) else None}
 
 
 def set_app() -> typer.Typer:

@@ -89,7 +89,7 @@ def _print_simulation(
 
 
 def _finish(simulation: ng.Simulation | ng.HandSimulation, picture: Path, as_json: bool) -> None:
-    """Print the path of the pictures; exit with 1 if the simulation contradicts the grasp."""
+    """Print the path of the pictures, and exit with code 1 if the simulation contradicts the grasp."""
     if not as_json:
         typer.echo(f"pictures written to {picture}")
     if not simulation.confirmed:
@@ -97,7 +97,10 @@ def _finish(simulation: ng.Simulation | ng.HandSimulation, picture: Path, as_jso
 
 
 def picture_of(file: Path, hand: Path | None) -> Path:
-    """Return the path of the pictures of a solution file; a simulation by a hand has another."""
+    """Return the default path of the pictures for a solution file.
+
+    The name tells whether a hand was simulated.
+    """
     return file.with_name(f"{file.stem}-simulation{'' if hand is None else '-hand'}.png")
 
 
@@ -109,7 +112,7 @@ def _simulate_by_hand(
     target: Path,
     as_json: bool,
 ) -> None:
-    """Simulate the squeeze by the hand's joints, and print and draw the result."""
+    """Simulate the squeeze by the hand's joints, print the result and draw the pictures."""
     from nlpgrasp.simulation.picture_strips import write_hand_strip
     from nlpgrasp.solution.squeeze_record import friction_warning, weak_squeeze_warning
 
@@ -124,7 +127,7 @@ def _simulate_by_hand(
 
 
 def _simulation_data(simulation: ng.Simulation) -> dict[str, object]:
-    """Return a simulation's trials and outcome as JSON data."""
+    """Return trials and outcome of a simulation as JSON data."""
     trials = [
         {
             "condition": trial.condition,

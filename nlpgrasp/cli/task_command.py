@@ -95,7 +95,7 @@ def show_command(
 
 
 def _describe_entry(entry: ng.TaskEntry) -> str:
-    """Return an entry and the extents of its ellipsoid as text."""
+    """Return a text that describes an entry and the extents of its ellipsoid."""
     import numpy as np
 
     from nlpgrasp.common.formatting import axis_labels
