@@ -40,7 +40,7 @@ class Comparison:
 
     @property
     def bounds(self) -> tuple[Bounds, ...]:
-        """Certified bounds of each solution; ``[0, 0]`` where there is no grasp."""
+        """Certified bounds on mu of each solution; ``[0, 0]`` without a grasp."""
         return tuple(r.mu for r in self.records)
 
     def __str__(self) -> str:
@@ -59,7 +59,9 @@ class Comparison:
 
 
 def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> Comparison:
-    """Compare solutions by their certified quality; differences within the certified gap are ties.
+    """Compare solutions by certified quality.
+
+    Solutions whose certified intervals overlap are ties.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
 
 
 def _check_solutions(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> dict[str, GraspSolution]:
-    """Return solutions by distinct names."""
+    """Return the validated solutions by distinct names."""
     if isinstance(solutions, Mapping):
         solution_by_name = dict(solutions)
     else:
@@ -98,8 +100,8 @@ def _check_solutions(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolu
         names = [getattr(s, "name", "") for s in items]
         solution_by_name = {}
         for name, item in zip(names, items, strict=True):
-            numbers = (f"{name} ({i})" for i in count(1))
-            candidates = chain([name] if names.count(name) == 1 else [], numbers)
+            numbered_names = (f"{name} ({i})" for i in count(1))
+            candidates = chain([name] if names.count(name) == 1 else [], numbered_names)
             solution_by_name[next(text for text in candidates if text not in solution_by_name)] = item
     if not solution_by_name:
         raise InputError("solutions", "none", "at least one solution")

@@ -1,4 +1,4 @@
-"""Experiment: a base problem with variations and seeds."""
+"""Plan of an experiment: a base problem with variations and seeds."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Variation: TypeAlias = Changes | GraspProblem | Callable[[], Changes | GraspProb
 
 @dataclass(frozen=True)
 class Experiment:
-    """A base problem and named variations of it, each solved with several seeds.
+    """Base problem with named variations, each solved with several seeds.
 
     Parameters
     ----------
@@ -117,15 +117,20 @@ class Experiment:
 
     @property
     def solves(self) -> tuple[SolveId, ...]:
-        """All solves, grouped by variation, as workers keep the programs of the last variation."""
+        """Identifiers of all solves, grouped by variation.
+
+        Workers keep the compiled programs of the last variation.
+        """
         return tuple(SolveId(name, seed) for name in self.names for seed in self.seeds)
 
     def deferred(self, name: str) -> bool:
-        """Return whether a variation is a function that is called where it is solved."""
+        """Return whether a variation is a function, which is called in the worker that solves it."""
         return name not in self._cases
 
     def case(self, name: str) -> Case:
-        """Return the problem and options of a variation; a deferred one is created now.
+        """Return problem and options of a variation.
+
+        A deferred variation is created by this call.
 
         Raises
         ------
@@ -135,7 +140,10 @@ class Experiment:
         return self.maker(name)()
 
     def maker(self, name: str) -> Callable[[], Case]:
-        """Return a function that creates the case of a variation without the rest of the experiment, for a worker."""
+        """Return a function that creates the case of a variation in a worker.
+
+        The function does not refer to the rest of the experiment.
+        """
         if self.deferred(name):
             return partial(create_case, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
         return partial(_return_case, self._cases[name])
@@ -159,7 +167,7 @@ class SolveId:
 
 
 def check_names(names: Sequence[object]) -> None:
-    """Refuse variation names that cannot be displayed or distinguished."""
+    """Raise if names of variations cannot be displayed or distinguished."""
     if not names:
         raise InputError("Experiment.variations", "none", "at least one variation")
     for name in names:
@@ -191,7 +199,10 @@ def check_seeds(seeds: object) -> tuple[int, ...]:
 
 
 def _return_case(case: Case) -> Case:
-    """Return the given case; with ``partial`` a picklable function that makes the case in a worker."""
+    """Return the given case.
+
+    With ``partial`` this is a picklable function that makes the case in a worker.
+    """
     return case
 
 
@@ -214,7 +225,7 @@ class Case:
     keeping: KeepOptions = ONE
 
     def to_dict(self) -> CaseData:
-        """Return the data that determine the result, as JSON data."""
+        """Return all data that determine the case's result, as JSON data."""
         problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
         options = {k: v for k, v in self.options.to_dict().items() if k != "workers"}
         data: CaseData = {"problem": problem, "starts": self.starts, "options": options}
@@ -224,7 +235,10 @@ class Case:
 
 
 class CaseData(TypedDict, total=False):
-    """JSON data of one variation; ``deferred`` alone if a function creates it."""
+    """JSON data of one variation.
+
+    A variation that a function creates has the entry ``deferred`` alone.
+    """
 
     deferred: bool
     problem: Json
@@ -235,7 +249,7 @@ class CaseData(TypedDict, total=False):
 
 
 def create_case(field: str, base: Case, variation: Variation) -> Case:
-    """Return the case of a variation.
+    """Create the case of a variation from the base case.
 
     Parameters
     ----------
@@ -270,20 +284,20 @@ def create_case(field: str, base: Case, variation: Variation) -> Case:
 
 
 def freeze_changes(changes: Changes) -> Changes:
-    """Return changes that can be read repeatedly: constraints from a generator as a tuple."""
+    """Return the changes with constraints from a generator as a tuple, so that they can be read repeatedly."""
     constraints = changes.get("constraints")
     return {**changes, "constraints": tuple(constraints)} if isinstance(constraints, Iterator) else changes
 
 
 def check_fields(field: str, changes: Changes) -> None:
-    """Refuse names that are not fields of a problem."""
+    """Raise if a changed name is not a field that a variation can replace."""
     unknown = [name for name in changes if name not in (*PROBLEM_FIELDS, *OTHER_FIELDS)]
     if unknown:
         raise InputError(f"{field}.{unknown[0]}", "a field that does not exist", ALLOWED_FIELDS)
 
 
 def _apply_fingers(base: GraspProblem, changes: Changes, parts: Changes) -> Changes:
-    """Return the parts with number of fingers and friction applied to contacts and hand."""
+    """Return the changed fields, with ``fingers`` and ``friction`` turned into contacts and hand."""
     if "fingers" not in changes and "friction" not in changes:
         return parts
     if "contacts" in parts:
@@ -311,7 +325,7 @@ def _apply_friction(model: ContactModel, friction: float) -> ContactModel:
 
 
 def _merge_base_options(field: str, base: SolveOptions, changes: object) -> SolveOptions:
-    """Return the options of a variation: all of them, or the named ones replaced."""
+    """Return the solver options of a variation: new ones, or the base options with some replaced."""
     if changes is None:
         return base
     if isinstance(changes, SolveOptions):
@@ -323,7 +337,7 @@ def _merge_base_options(field: str, base: SolveOptions, changes: object) -> Solv
 
 
 def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | None = None) -> dict[str, Changes]:
-    """Return variations that combine one level of each factor, named ``"level, level"``.
+    """Return all combinations of the factors' levels as variations, named ``"level, level"``.
 
     Constraints of several factors are concatenated, and mappings of different options merged; any other field may come
     from one factor only.
@@ -366,7 +380,7 @@ def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | 
 
 
 def _check_factor(field: str, factor: Mapping[str, Changes]) -> None:
-    """Refuse a factor that is not a mapping of levels to fields."""
+    """Raise if a factor is not a mapping of level names to changed fields."""
     if not isinstance(factor, Mapping) or not factor:
         raise InputError(field, factor, "a mapping of level names to fields, not empty")
     for name, changes in factor.items():
@@ -376,7 +390,7 @@ def _check_factor(field: str, factor: Mapping[str, Changes]) -> None:
 
 
 def _merge_levels(name: str, levels: list[Changes]) -> Changes:
-    """Return the fields of one level of each factor, merged."""
+    """Return the merged changes of one level per factor."""
     result: dict[str, object] = {}
     for changes in levels:
         for field_name, value in changes.items():
@@ -387,20 +401,20 @@ def _merge_levels(name: str, levels: list[Changes]) -> Changes:
             elif field_name == "options" and (merged_options := _merge_options(result[field_name], value)) is not None:
                 result[field_name] = merged_options
             else:
-                place = f"combinations[{name!r}].{field_name}"
-                raise InputError(place, "values of two factors", "values of one factor")
+                path = f"combinations[{name!r}].{field_name}"
+                raise InputError(path, "values of two factors", "values of one factor")
     return result
 
 
 def _merge_options(first: object, second: object) -> dict[str, object] | None:
-    """Return the merged mappings of options; None unless both are mappings with different options."""
+    """Merge two mappings of solver options; return ``None`` if either is no mapping or they share an option."""
     if isinstance(first, Mapping) and isinstance(second, Mapping) and not set(first) & set(second):
         return {**first, **second}
     return None
 
 
 def _is_chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
-    """Return whether the user's function chooses a combination."""
+    """Return whether the user's function keeps a combination of levels."""
     try:
         return bool(choose(*levels))
     except TypeError as error:
@@ -408,5 +422,5 @@ def _is_chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
 
 
 def _as_tuple(constraints: object) -> tuple[object, ...]:
-    """Return constraints as a tuple; a single one is allowed."""
+    """Return one or several constraints as a tuple."""
     return tuple(constraints) if isinstance(constraints, list | tuple) else (constraints,)

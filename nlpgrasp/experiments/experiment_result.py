@@ -1,4 +1,4 @@
-"""Result of an experiment over all variations, and its table."""
+"""Result of an experiment, and its table of solves."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Row: TypeAlias = dict[str, Cell]
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """Result of an experiment, by variation.
+    """Result of an experiment: the solves of each variation.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class ExperimentResult:
 
     @classmethod
     def load(cls, folder: str | Path) -> ExperimentResult:
-        """Read the result of an output folder, finished or not.
+        """Read the result of an experiment from its output folder, also an unfinished one.
 
         Raises
         ------
@@ -83,7 +83,10 @@ class ExperimentResult:
         records: dict[SolveId, SolveRecord],
         notes: Sequence[str],
     ) -> ExperimentResult:
-        """Return the result from the records of solves; solves without one are marked as not done."""
+        """Build the result from records of solves.
+
+        Solves without a record are marked as not done.
+        """
         by_variation: dict[str, list[SolveRecord]] = {}
         for solve in solves:
             record = records.get(solve) or SolveRecord(solve.variation, solve.seed, failure=NOT_DONE)
@@ -120,22 +123,22 @@ class ExperimentResult:
 
     @property
     def comparable(self) -> bool:
-        """Whether all solves measure mu by the same task and kind of force budget."""
+        """Whether all solves have the same task and kind of force budget, so that their mu can be compared."""
         return len({s.measured for s in self.solves if s.done}) <= 1
 
     def ranks(self) -> list[int]:
-        """Return for each variation 1 plus the number of certainly better ones."""
+        """Return the rank of each variation: 1 plus the number of certainly better ones."""
         return rank_intervals([v.mu for v in self.variations])
 
     def ties(self) -> list[tuple[str, ...]]:
-        """Return for each variation those with overlapping certified intervals."""
+        """Return the ties of each variation: names of others with overlapping certified intervals."""
         names = [v.name for v in self.variations]
         is_success = [v.mu.upper > 0.0 for v in self.variations]
         overlaps = overlapping_intervals([v.mu for v in self.variations])
         return [tuple(names[j] for j in indices if is_success[j]) for indices in overlaps]
 
     def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
-        """Return a solution from its file: that of a seed, or the best one.
+        """Load the solution of a variation: that of a seed, or the best one.
 
         A solution without a grasp states the reason.
 
@@ -153,7 +156,7 @@ class ExperimentResult:
         )
 
     def rows(self) -> list[Row]:
-        """Return the table as one mapping per solve, with the keys of ``COLUMNS``."""
+        """Return the table as one mapping per solve, with column names as keys."""
         output, rows = OutputFolder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:
@@ -179,8 +182,8 @@ class ExperimentResult:
             active = "; ".join(v.best.active) if v.best is not None else ""
             seconds = f"{v.seconds:.1f}" if v.done else ""
             rank_text, seeds = f"{rank}" if v.done else "", f"{v.agreeing}/{len(v.solves)}"
-            numbers = [v.found, v.gap_text, seeds, seconds, f"{successes}/{starts}"]
-            body.append([rank_text, v.name, *numbers, "; ".join(ties), active])
+            cells = [v.found, v.gap_text, seeds, seconds, f"{successes}/{starts}"]
+            body.append([rank_text, v.name, *cells, "; ".join(ties), active])
         lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
         lines += [*columns(heads, body), TABLE_NOTE]
         if not self.comparable:
@@ -213,28 +216,28 @@ class VariationResult:
 
     @property
     def best(self) -> SolveRecord | None:
-        """Record of the solve with the best certified bounds; None without any."""
+        """Record of the solve with the best certified bounds, or ``None`` if no solve has a grasp."""
         return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
 
     @cached_property
     def mu(self) -> Bounds:
-        """Certified bounds of the best grasp over all solves; ``[0, 0]`` without one."""
+        """Certified bounds on the best mu of all solves; ``[0, 0]`` without a grasp."""
         bounds = [s.mu for s in self.solves if s.success]
         return Bounds(max(b.lower for b in bounds), max(b.upper for b in bounds)) if bounds else NOTHING
 
     @property
     def best_possible(self) -> float:
-        """Certified bound on mu over all placements, the least of the solves' bounds; inf without one."""
+        """Certified upper bound on mu over all placements, the least of all solves; inf without a bound."""
         return min((s.best_possible for s in self.solves), default=math.inf)
 
     @property
     def gap(self) -> float:
-        """Relative optimality gap of the best grasp, an upper bound; inf without a global bound."""
+        """Upper bound on the relative optimality gap of the best grasp; inf without a global bound."""
         return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.mu.lower > 0.0 else math.inf
 
     @property
     def gap_text(self) -> str:
-        """The gap as tables show it, empty without one."""
+        """Text of the gap for tables; empty without a gap."""
         return format_gap(self.gap)
 
     @property
@@ -249,7 +252,7 @@ class VariationResult:
 
     @property
     def found(self) -> str:
-        """The certified interval, or the reason for having none, as text."""
+        """Text of the certified interval, or of the reason why there is none."""
         if self.best is not None:
             return str(self.mu)
         return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
@@ -271,12 +274,12 @@ class VariationResult:
 
 
 def rank_intervals(bounds: Sequence[Bounds]) -> list[int]:
-    """Return for each interval 1 plus the number of intervals wholly above it."""
+    """Return the rank of each interval: 1 plus the number of intervals wholly above it."""
     return [1 + sum(other.lower > interval.upper for other in bounds) for interval in bounds]
 
 
 def overlapping_intervals(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
-    """Return for each interval the indices of the others that it overlaps."""
+    """Return the indices of the other intervals that each interval overlaps."""
     return [
         tuple(j for j, b in enumerate(bounds) if j != i and a.lower <= b.upper and b.lower <= a.upper)
         for i, a in enumerate(bounds)
@@ -285,7 +288,7 @@ def overlapping_intervals(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
 
 @dataclass(frozen=True)
 class Entry:
-    """One solve with its rank and file.
+    """Entry of the table: one solve with rank and file.
 
     Parameters
     ----------
@@ -305,7 +308,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of an experiment's table.
+    """Column of an experiment's table.
 
     Parameters
     ----------
@@ -364,12 +367,12 @@ COLUMNS = (
 
 
 def _finite(value: float) -> float | None:
-    """Return a number for a table, None if it is not finite."""
+    """Return a number for a table, or ``None`` if it is not finite."""
     return value if math.isfinite(value) else None
 
 
 def _status_cell(record: SolveRecord) -> str:
-    """Return the status of a solve for the table."""
+    """Return the table's text for the status of a solve."""
     if record.status is None:
         return "not_done" if record.failure == NOT_DONE else "failed"
     return record.status.name.lower()
@@ -381,7 +384,7 @@ def row_of(entry: Entry) -> Row:
 
 
 def write_csv(rows: Sequence[Row], path: str | Path) -> Path:
-    """Write rows as CSV (RFC 4180, UTF-8) with numbers at full precision."""
+    """Write table rows as CSV (RFC 4180, UTF-8) with numbers at full precision."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, [column.name for column in COLUMNS])
     writer.writeheader()
@@ -390,7 +393,7 @@ def write_csv(rows: Sequence[Row], path: str | Path) -> Path:
 
 
 def write_parquet(rows: Sequence[Row], path: str | Path) -> Path:
-    """Write rows as Parquet (extra ``tables``).
+    """Write table rows as Parquet (extra ``tables``).
 
     Raises
     ------
@@ -408,7 +411,7 @@ def write_parquet(rows: Sequence[Row], path: str | Path) -> Path:
 
 
 def frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Return rows as a pandas frame (extra ``tables``).
+    """Return table rows as a pandas frame (extra ``tables``).
 
     Raises
     ------
@@ -423,7 +426,7 @@ def frame(rows: Sequence[Row]) -> pd.DataFrame:
 
 
 def _read_record(output: OutputFolder, solve: SolveId) -> SolveRecord | None:
-    """Return the record of a solve from its file; None without one."""
+    """Read the record of a solve from its solution file, or return ``None`` without a file."""
     solution = output.load(solve)
     if solution is None:
         return None
@@ -433,7 +436,7 @@ def _read_record(output: OutputFolder, solve: SolveId) -> SolveRecord | None:
 def read_records(
     output: OutputFolder, solves: Sequence[SolveId], plan: Plan
 ) -> tuple[dict[SolveId, SolveRecord], list[str]]:
-    """Return the records of the solves with a file, and a note for each unusable file.
+    """Read the records of all solves that have files, and return them with a note on each unusable file.
 
     All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
     """

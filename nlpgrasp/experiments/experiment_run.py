@@ -56,7 +56,7 @@ def run_experiment(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> ExperimentResult:
-    """Solve every variation with every seed, and write each finished solve to a file in ``out`` at once.
+    """Solve every variation with every seed, and write each solution to a file in ``out`` as soon as it is done.
 
     Then each grasp is certified under every other variation that it fits, and replaces a worse one there, so that no
     grasp of the table contradicts its ranking (docs/experiments.md).
@@ -110,7 +110,9 @@ def run_solves(
     progress: Progress | None,
     is_compared: bool = True,
 ) -> ExperimentResult:
-    """Run the missing solves of an experiment in a folder; exchange grasps between variations if ``is_compared``.
+    """Run the missing solves of an experiment in a folder.
+
+    If ``is_compared``, grasps are then exchanged between variations as warm starts.
 
     Raises
     ------
@@ -142,7 +144,7 @@ def run_solves(
 
 @dataclass
 class _Run:
-    """State of an experiment's run: records and notes so far."""
+    """Run of an experiment, with records and notes so far."""
 
     experiment: Experiment
     folder: OutputFolder
@@ -151,7 +153,7 @@ class _Run:
     notes: list[str] = field(default_factory=list)
 
     def missing(self) -> list[SolveId]:
-        """Read the results of earlier runs; return the remaining solves."""
+        """Read the results of earlier runs, and return the solves that are missing."""
         self.folder.remove_partial_files()
         records, self.notes = read_records(self.folder, self.experiment.solves, self.folder.plan())
         solved = {solve: record for solve, record in records.items() if record.done}
@@ -160,7 +162,7 @@ class _Run:
         return [solve for solve in self.experiment.solves if solve not in solved]
 
     def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> bool:
-        """Store each outcome as it arrives, and return whether all have arrived.
+        """Store each outcome when it arrives, and return whether all have arrived.
 
         It stops early when the user interrupts, writing fails or the cluster is lost.
         """
@@ -176,7 +178,10 @@ class _Run:
         return False
 
     def exchange_warm_starts(self, exchange: WarmStartExchange) -> None:
-        """Exchange grasps between the variations; after an error the solves' own results remain."""
+        """Exchange grasps between the variations as warm starts.
+
+        After an error the solves' own results remain.
+        """
         try:
             self.records |= exchange.exchange(self.records)
         except KeyboardInterrupt:
@@ -186,7 +191,7 @@ class _Run:
         self.notes += exchange.notes
 
     def result(self) -> ExperimentResult:
-        """Return the result so far."""
+        """Return the experiment's result so far."""
         name = str(self.experiment.name)
         return ExperimentResult.of(name, self.folder, self.experiment.solves, self.records, self.notes)
 
@@ -205,7 +210,10 @@ class _Run:
         self._add_record(solve, record)
 
     def _read_outcome(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
-        """Return the record of an outcome; one of another problem than its variation's is a failure."""
+        """Return the record of an outcome.
+
+        An outcome for another problem than earlier solves of the variation is a failure.
+        """
         failure = outcome.failure
         if outcome.text:
             try:
@@ -226,13 +234,15 @@ class _Run:
 
 
 class _WriteError(Exception):
-    """Error on writing a result."""
+    """Error raised when a result cannot be written."""
 
 
 def run_local(
     solves: Sequence[Key], factory: Callable[[Key], RunnableJob | None], workers: int
 ) -> Generator[tuple[Key, Outcome], None, None]:
-    """Run jobs in local worker processes; yield the key of each with its outcome when done, in any order.
+    """Run jobs in local worker processes, and yield key and outcome of each when it is done.
+
+    The order of outcomes is arbitrary.
 
     ``solves`` are the keys. The factory returns the job of a key when a worker is free; None leaves it out. At most one
     job per worker is active. When a worker process crashes, all workers end, and the job that crashed it is unknown:
@@ -255,7 +265,7 @@ def run_local(
 def _outcomes_until_crash(
     waiting: dict[Key, None], factory: Callable[[Key], RunnableJob | None], workers: int
 ) -> Generator[tuple[Key, Outcome], None, tuple[list[Key], str]]:
-    """Yield outcomes of waiting solves until all are done or a worker crashes.
+    """Yield outcomes of waiting jobs until all are done or a worker crashes.
 
     Returns the solves that were active then, which stay waiting, and how the worker ended, as text.
     """
@@ -284,7 +294,10 @@ def _outcomes_until_crash(
 
 
 def _run_job_quietly(job: RunnableJob) -> Outcome:
-    """Run a job in a worker; the parent reports a crash in one line."""
+    """Run a job in a worker without the fault handler's output.
+
+    The parent process reports a crash in one line.
+    """
     faulthandler.disable()
     return run_job(job)
 
@@ -292,7 +305,9 @@ def _run_job_quietly(job: RunnableJob) -> Outcome:
 def run_cluster(
     solves: Sequence[Key], factory: Callable[[Key], RunnableJob | None], client: Client
 ) -> Generator[tuple[Key, Outcome], None, None]:
-    """Run solves on a Dask cluster; yield each with its outcome when done, in any order.
+    """Run jobs on a Dask cluster, and yield key and outcome of each when it is done.
+
+    The order of outcomes is arbitrary.
 
     A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
     terminates several workers has failed (Dask's ``allowed-failures``).
@@ -326,12 +341,12 @@ def run_cluster(
 
 
 def _most_submitted(client: Client) -> int:
-    """Return the number of solves that may be submitted, for the cluster's current size."""
+    """Return the number of jobs that may be in the cluster at once, for its current size."""
     return max(LEAST_WINDOW, QUEUED_PER_WORKER * len(client.scheduler_info(n_workers=-1)["workers"]))
 
 
 def connect(address: str) -> Client:
-    """Return a client of a Dask scheduler.
+    """Connect to a Dask scheduler, and return the client.
 
     Raises
     ------
@@ -354,11 +369,11 @@ def connect(address: str) -> Client:
 
 
 class ClusterLostError(NlpgraspError):
-    """Error on losing the scheduler during a run."""
+    """Error raised when the scheduler is lost during a run."""
 
 
 def _future_outcome(future: ClusterFuture) -> Outcome:
-    """Return the outcome of a finished future of the cluster."""
+    """Return the outcome of a finished job of the cluster."""
     if future.status == "finished":
         result: Outcome = future.result()
         return result

@@ -1,4 +1,4 @@
-"""Output folder of an experiment: plan, and one atomically written file per solve.
+"""Output folder of an experiment: a plan, and one file per solve.
 
 ``experiment.json`` is the plan; ``solves/`` contains a solution file for each finished solve, and a small file with the
 reason for each failed one. For a solve whose answer is a grasp of another variation, ``own/`` contains its own result,
@@ -30,7 +30,7 @@ FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
 
 class Plan(TypedDict):
-    """JSON data of an experiment."""
+    """JSON data of an experiment's plan."""
 
     schema: str
     created_by: NotRequired[dict[str, str]]
@@ -40,7 +40,7 @@ class Plan(TypedDict):
 
 
 def plan_of(experiment: Experiment) -> Plan:
-    """Return the experiment as JSON data: everything that determines its results, and the version."""
+    """Return the plan of an experiment: all data that determine its results, and the package's version."""
     variations = {
         name: {"deferred": True} if experiment.deferred(name) else experiment.case(name).to_dict()
         for name in experiment.names
@@ -57,7 +57,7 @@ def plan_of(experiment: Experiment) -> Plan:
 
 
 def read_plan(text: str, source: str) -> Plan:
-    """Return the plan of a JSON text.
+    """Parse the plan of an experiment from JSON text.
 
     Raises
     ------
@@ -82,7 +82,9 @@ def read_plan(text: str, source: str) -> Plan:
 
 
 def check_same_experiment(old: Plan, new: Plan, path: str) -> None:
-    """Refuse to resume another experiment; variations and seeds may be added.
+    """Raise if a folder's plan belongs to another experiment.
+
+    Variations and seeds may be added.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def check_same_experiment(old: Plan, new: Plan, path: str) -> None:
 
 
 def _strip_case(case: CaseData) -> CaseData:
-    """Return a variation without the entries that older plans lack."""
+    """Return a variation's data without the entries that older plans lack."""
     stripped: CaseData = {**case}
     if "problem" in case:
         stripped["problem"] = strip_later_entries(case["problem"])
@@ -119,12 +121,12 @@ def _strip_case(case: CaseData) -> CaseData:
 
 
 def _differing_keys(first: Mapping[str, object], second: Mapping[str, object]) -> list[str]:
-    """Return the keys of the second mapping with different values."""
+    """Return the keys of the second mapping whose values differ from those of the first."""
     return [key for key, value in second.items() if first.get(key) != value]
 
 
 class OutputFolder:
-    """Output folder, locked by this process while open.
+    """Output folder of an experiment, locked while it is open.
 
     Parameters
     ----------
@@ -138,7 +140,7 @@ class OutputFolder:
         self._lock: TextIO | None = None
 
     def open(self, plan: Plan, resume: bool) -> None:
-        """Lock the folder for an experiment, and create it if missing.
+        """Create the folder if it is missing, check its plan, and lock it.
 
         Raises
         ------
@@ -173,7 +175,7 @@ class OutputFolder:
 
     @staticmethod
     def _is_leftover(path: Path) -> bool:
-        """Return whether a file may be left from a run that ended before its plan was written."""
+        """Return whether a file may stem from a run that ended before writing its plan."""
         is_empty_folder = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
         return is_empty_folder or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
 
@@ -191,7 +193,7 @@ class OutputFolder:
             raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
     def plan(self) -> Plan:
-        """Return the plan of the folder.
+        """Read the plan of the folder.
 
         Raises
         ------
@@ -210,11 +212,11 @@ class OutputFolder:
         return self.path / SOLVES / f"{file_name(solve.variation)}--seed{solve.seed}.json"
 
     def failure_file(self, solve: SolveId) -> Path:
-        """Return the path of the file with a solve's failure."""
+        """Return the path of the file that states why a solve failed."""
         return self.solution_file(solve).with_suffix(".failed.json")
 
     def write_solution(self, solve: SolveId, text: str) -> None:
-        """Write the solution of a finished solve.
+        """Write the solution file of a finished solve.
 
         Raises
         ------
@@ -230,12 +232,14 @@ class OutputFolder:
         return self.path / OWN_RESULTS / self.solution_file(solve).name
 
     def own_result_file(self, solve: SolveId) -> Path:
-        """Return the path of a solve's own result, without warm starts from other variations."""
+        """Return the path of a solve's result before the exchange of warm starts."""
         copy = self._own_copy(solve)
         return copy if copy.is_file() else self.solution_file(solve)
 
     def write_exchanged(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
-        """Write the solutions with grasps of other variations; restore the other solves' own results.
+        """Write the solutions that the exchange of warm starts changed, and restore the others.
+
+        Restored results are those from before any exchange.
 
         Parameters
         ----------
@@ -265,19 +269,19 @@ class OutputFolder:
         write_text(self.path / EXCHANGE_STATE, state)
 
     def exchange_state(self) -> str:
-        """Return the state on which exchanged solutions are based, empty without one."""
+        """Return the text that identifies the inputs of the last exchange, or an empty text."""
         try:
             return (self.path / EXCHANGE_STATE).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
             return ""
 
     def write_failure(self, solve: SolveId, message: str) -> None:
-        """Write the reason of a failed solve."""
+        """Write the failure file of a solve."""
         data = {"schema": FAILURE_SCHEMA, "variation": solve.variation, "seed": solve.seed, "message": message}
         write_text(self.failure_file(solve), json.dumps(data, indent=1) + "\n")
 
     def load(self, solve: SolveId) -> GraspSolution | None:
-        """Return the solution of a solve, or None without one.
+        """Load the solution of a solve, or return ``None`` if there is none.
 
         Raises
         ------
@@ -293,7 +297,7 @@ class OutputFolder:
         return solution
 
     def failure(self, solve: SolveId) -> str | None:
-        """Return the reason of a failed solve, or None without one."""
+        """Read the reason why a solve failed, or return ``None`` if it did not fail."""
         try:
             data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
             return single_line(str(data["message"])) or "failed"
@@ -303,7 +307,7 @@ class OutputFolder:
             return f"its failure file cannot be read: {type(error).__name__}"
 
     def remove_partial_files(self) -> None:
-        """Remove partly written files of an aborted run."""
+        """Remove partly written files that aborted runs left."""
         for stale in (p for name in ("", SOLVES, OWN_RESULTS) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
             with suppress(OSError):
                 os.unlink(stale)

@@ -1,4 +1,4 @@
-"""Jobs of worker processes: their protocol, outcome, and the job of one solve of an experiment."""
+"""Jobs of worker processes: protocol, outcome, and the job of one solve."""
 
 from __future__ import annotations
 
@@ -37,18 +37,21 @@ _solver_lock = threading.Lock()  # IPOPT's linear solver is not thread-safe
 
 
 class RunnableJob(Protocol):
-    """Interface of a job for a worker process."""
+    """Protocol of a job for a worker process."""
 
     @property
     def key(self) -> str:
         """Unique name of the job in the run."""
 
     def run(self) -> Outcome:
-        """Return the outcome of the job."""
+        """Run the job and return its outcome."""
 
 
 def run_job(job: RunnableJob) -> Outcome:
-    """Return the outcome of a job; errors become its message."""
+    """Run a job and return its outcome.
+
+    An error becomes the outcome's failure message.
+    """
     with _solver_lock:
         try:
             return job.run()
@@ -58,7 +61,7 @@ def run_job(job: RunnableJob) -> Outcome:
 
 @dataclass(frozen=True)
 class Job:
-    """One solve as data for a worker.
+    """Job of one solve of an experiment.
 
     Parameters
     ----------
@@ -80,7 +83,7 @@ class Job:
         return f"nlpgrasp-{self.payload.token}-{self.solve.seed}{suffix}"
 
     def run(self) -> Outcome:
-        """Return the outcome of a solve, or of improving a finished solution by offered grasps."""
+        """Solve the problem, or improve a finished solution by warm starts, and return the outcome."""
         lazy, offer, seed = self.payload.unpack(), self.offer, self.solve.seed
         compiled, starts = lazy.compiled, lazy.problem_with_options.starts
         if offer is not None:
@@ -115,7 +118,7 @@ class Outcome:
 
 
 class JobFactory:
-    """Factory of jobs, created on demand: only one variation is serialised at a time.
+    """Factory of jobs that serialises one variation at a time.
 
     Parameters
     ----------
@@ -153,7 +156,7 @@ class JobFactory:
 
 @dataclass(frozen=True)
 class WarmStartOffer:
-    """Finished solve with grasps of other variations as its warm starts.
+    """Finished solution, and grasps of other variations offered as warm starts for it.
 
     Parameters
     ----------
@@ -174,7 +177,10 @@ class WarmStartOffer:
 
 
 def _worker_case(maker: Callable[[], Case], compared: bool) -> Case:
-    """Return the created case with a solve's options; refuse one whose result cannot be written."""
+    """Create the case of a job in a worker, with options for a single process.
+
+    Raises if the case is not JSON data.
+    """
     case = maker()
     check_json(case.problem.to_dict())
     options = case.options.narrow()
@@ -189,7 +195,7 @@ def improve_solution(
     offers: Mapping[str, FoundGrasp],
     improve: bool,
 ) -> GraspSolution | None:
-    """Return a solution improved by the best of some known grasps, refined; None where none is better.
+    """Improve a solution by the best of the offered grasps, also refined; return ``None`` if no grasp is better.
 
     Each is certified under the compiled problem's own contacts, task, constraints and budget. One is taken if its
     certified upper bound exceeds the solution's by more than rounding, or by anything if the other problem's lower
@@ -234,14 +240,14 @@ def improve_solution(
 
 
 def _is_no_worse(bounds: Bounds, incumbent: Bounds) -> bool:
-    """Return whether no bound is below that of the best grasp known."""
+    """Return whether neither bound is below that of the incumbent."""
     return bounds.lower >= incumbent.lower and bounds.upper >= incumbent.upper
 
 
 def _choose_offer(
     compiled: CompiledProblem, index: int, incumbent: Bounds, offers: Mapping[str, FoundGrasp]
 ) -> tuple[WarmStart, StartGrasp] | None:
-    """Return the best offered grasp above the known bounds, as a warm start and certified as it is."""
+    """Return the best offered grasp above the incumbent, as a warm start and as a certified result, or ``None``."""
     best = None
     for warm_start, bounds_elsewhere in _screen_offers(compiled, offers, incumbent.upper):
         certified = certify_as_is(compiled, warm_start, index)
@@ -254,7 +260,7 @@ def _choose_offer(
 
 
 def _certify_above(compiled: CompiledProblem, grasp: StartGrasp, lower: float) -> StartGrasp:
-    """Return a grasp certified so tightly that its lower bound is above that of a worse one."""
+    """Certify a grasp tightly enough that its lower bound exceeds ``lower``, if its quality does."""
     rtol = compiled.options.final_rtol
     if lower > 0.0:
         rtol = min(rtol, max(0.5 * (grasp.record.mu.upper / lower - 1.0), LEAST_RTOL))
@@ -264,7 +270,10 @@ def _certify_above(compiled: CompiledProblem, grasp: StartGrasp, lower: float) -
 def _screen_offers(
     compiled: CompiledProblem, offers: Mapping[str, FoundGrasp], threshold: float
 ) -> Iterator[tuple[WarmStart, Bounds]]:
-    """Yield the grasps that fit the problem with a screened upper bound above ``threshold``, and their own mu."""
+    """Yield the offered grasps that fit the problem and may exceed ``threshold``, with their mu elsewhere.
+
+    An upper bound by screening decides; the largest comes first.
+    """
     adapted = []
     for origin, grasp in offers.items():
         warm_start = adapt_grasp(compiled, grasp, origin)
@@ -284,5 +293,5 @@ def _screen_offers(
 
 
 def _warm_start_normals(compiled: CompiledProblem, warm_start: WarmStart) -> FloatArray:
-    """Return a warm start's inward normals, those of the surface where it states none."""
+    """Return the inward normals of a warm start, from the surface for contacts that state none."""
     return np.where(np.isnan(warm_start.normals), compiled.inward_normals(warm_start.candidate), warm_start.normals)

@@ -1,4 +1,4 @@
-"""Solution of many problems in one call: a data set of grasps."""
+"""Solution of many problems in one call, with the distinct grasps of each in a file."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class ManySolved:
 
     @property
     def per_second(self) -> float:
-        """Grasps found per second of this call."""
+        """Number of grasps found per second of this call."""
         return self.new / self.seconds if self.seconds > 0.0 else 0.0
 
     def load(self, name: str) -> GraspSolution:
-        """Return the solution of a problem.
+        """Load the solution of a problem.
 
         Raises
         ------
@@ -94,7 +94,7 @@ def solve_many(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> ManySolved:
-    """Solve many problems in parallel, and write the distinct grasps of each to a file of one folder.
+    """Solve many problems in parallel, and write the distinct grasps of each to a file.
 
     The folder is that of an experiment (docs/experiments.md): ``solves/NAME--seed0.json`` is the solution file of a
     problem, written atomically once solved. An existing folder is resumed: problems with a file are not solved again,
@@ -152,7 +152,7 @@ def solve_many(
 
 
 def check_named_problems(problems: object) -> dict[str, GraspProblem | ProblemFactory]:
-    """Return problems by name, refusing other objects."""
+    """Return the validated problems by name."""
     allowed = "problems by name, or several problems of different names"
     if isinstance(problems, Mapping):
         problem_by_name = dict(problems)

@@ -1,4 +1,4 @@
-"""Record of one solve of an experiment, with digests for comparison."""
+"""Record of one solve of an experiment, and digests that tell which solves can be compared."""
 
 from __future__ import annotations
 
@@ -45,7 +45,10 @@ def problem_digest(problem: Json) -> str:
 
 
 def body_digest(body: Json) -> str:
-    """Return a digest of a body's JSON data, equal for equal bodies; empty where the data are incomplete."""
+    """Return a digest of a body's JSON data, or an empty text if the data are incomplete.
+
+    Equal bodies have equal digests.
+    """
     if body.get("type") != Mesh.kind:  # mesh data contain a fingerprint
         try:
             body_from_dict(body)
@@ -56,7 +59,7 @@ def body_digest(body: Json) -> str:
 
 
 def measure_digest(solution: GraspSolution) -> str:
-    """Return a digest of the measure of mu: task and kind of budget."""
+    """Return a digest of task and kind of force budget, which give mu its meaning."""
     text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -171,7 +174,7 @@ class SolveRecord:
 
     @property
     def done(self) -> bool:
-        """Whether there is a solution, with a grasp or without."""
+        """Whether the solve has a solution, with or without a grasp."""
         return self.status is not None
 
     @property
@@ -181,18 +184,18 @@ class SolveRecord:
 
     @property
     def origin(self) -> str:
-        """Variation and seed of a grasp of another solve, ``"smooth, seed 2"``; else empty."""
+        """Variation and seed from which the grasp was taken, such as ``"smooth, seed 2"``; empty if from this solve."""
         message = "" if self.best_start is None else self.best_start.message
         return message.removeprefix(WARM_START_PREFIX) if message.startswith(WARM_START_PREFIX) else ""
 
     @property
     def gap(self) -> float:
-        """Relative optimality gap of the grasp, an upper bound; inf without a global bound."""
+        """Upper bound on the relative optimality gap of the grasp; inf without a global bound."""
         return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.success else math.inf
 
     @property
     def gap_text(self) -> str:
-        """The gap as tables show it, empty without one."""
+        """Text of the gap for tables; empty without a gap."""
         return format_gap(self.gap)
 
     @property
@@ -202,7 +205,7 @@ class SolveRecord:
 
     @property
     def improvement_times(self) -> tuple[tuple[float, float], ...]:
-        """For each start: cumulative seconds, and the best certified lower bound so far."""
+        """Cumulative seconds and best certified lower bound so far, after each start."""
         points, elapsed, best = [], 0.0, 0.0
         for start in self.starts:
             elapsed += sum(start.seconds.values())
@@ -212,14 +215,17 @@ class SolveRecord:
 
 
 def format_gap(gap: float) -> str:
-    """Return a gap for a table: in per cent, above 100 % as a factor, "loose" if wide, empty if infinite."""
+    """Return a gap as text for a table: in per cent, or above 100 % as a factor.
+
+    A wide gap is "loose"; an infinite one is empty.
+    """
     if gap > LOOSE_GAP:
         return "loose" if math.isfinite(gap) else ""
     return f"{gap:.1%}" if gap <= 1.0 else f"{format_upper(1.0 + gap, 2)} times"
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
-    """Return the active inequality constraints, each once with its fingers: ``"table, fingers 1, 2"``."""
+    """Return the names of the active inequality constraints with their fingers, such as ``"table, fingers 1, 2"``."""
     active: dict[str, list[tuple[int, ...]]] = {}
     for report in reports:
         if report.active and not report.is_equation:
@@ -230,8 +236,8 @@ def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
 
 
 def _format_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
-    """Return the name of a constraint with its fingers as text."""
+    """Return a constraint's name followed by its fingers, as text."""
     if not fingers:
         return name
-    numbers = ", ".join(" and ".join(map(str, group)) for group in fingers)
-    return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {numbers}"
+    finger_text = ", ".join(" and ".join(map(str, group)) for group in fingers)
+    return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {finger_text}"

@@ -1,4 +1,4 @@
-"""Warm starts between the variations of an experiment, after all solves are done.
+"""Exchange of warm starts between the variations of an experiment, after all solves are done.
 
 A grasp of one variation may be feasible for another: the same body with less friction, a larger task, more constraints
 or fewer contacts is more demanding. Each grasp is certified under every other variation that it fits, and replaces a
@@ -31,7 +31,7 @@ REFINED_TURNS, MOST_TURNS = 3, 20  # turns with refinement, and most turns
 
 @dataclass
 class WarmStartExchange:
-    """Exchange of grasps between an experiment's solves.
+    """Exchange of grasps as warm starts between an experiment's solves.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class WarmStartExchange:
     _offered: set[tuple[str, SolveId, int]] = field(default_factory=set)
 
     def exchange(self, records: dict[SolveId, SolveRecord]) -> dict[SolveId, SolveRecord]:
-        """Run the exchange between recorded solves, write the changed solutions, and return updated records.
+        """Exchange grasps between solves until nothing improves, write changed solutions, and return updated records.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class WarmStartExchange:
         }
 
     def _groups(self, records: dict[SolveId, SolveRecord], solves: Sequence[SolveId]) -> dict[str, str]:
-        """Return the body's digest for each variation that shares its body with another."""
+        """Return the digest of the body for each variation whose body another variation shares."""
         digests: dict[str, str] = {}
         for solve in solves:
             name = solve.variation
@@ -92,12 +92,12 @@ class WarmStartExchange:
         return {name: digest for name, digest in digests.items() if digest and count[digest] > 1}
 
     def _state(self, solves: Sequence[SolveId]) -> str:
-        """Return the exchange's inputs as text."""
+        """Return a text that identifies the inputs of the exchange."""
         digests = {str(s): hashlib.sha256(self.output.own_result_file(s).read_bytes()).hexdigest() for s in solves}
         return json.dumps({"schema": SCHEMA, "nlpgrasp": __version__, "solves": digests}, indent=1) + "\n"
 
     def _turn(self, turn: int, groups: dict[str, str]) -> dict[SolveId, str]:
-        """Offer every new grasp to every other variation that it may fit; return the changed solutions."""
+        """Offer each new grasp to the other variations with the same body, and return the changed solutions."""
         offer_by_solve: dict[SolveId, WarmStartOffer] = {}
         for name in groups:
             best = self._best(name)
@@ -119,7 +119,7 @@ class WarmStartExchange:
         return texts
 
     def _best(self, name: str) -> SolveId:
-        """Return the solve of a variation with the best grasp, the first among equals."""
+        """Return the solve with the best grasp of a variation, the first of equal ones."""
         solves = [solve for solve in self._solutions if solve.variation == name]
         return max(solves, key=lambda s: self._rank(self._solutions[s]))
 
@@ -128,15 +128,15 @@ class WarmStartExchange:
         return (solution.mu.upper, solution.mu.lower) if solution.success else (0.0, 0.0)
 
     def _grasps_for(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
-        """Return the grasps of other variations with the same body that a variation has not yet tried."""
+        """Return the grasps of other variations on the same body that a variation has not tried yet."""
         contacts = len(self._solutions[best].problem["contacts"])
         offers = dict[str, FoundGrasp]()
         for solve, solution in self._solutions.items():
-            other, entry = solve.variation, (name, solve, self._version[solve])
-            if other == name or groups.get(other) != groups[name] or entry in self._offered:
+            source, entry = solve.variation, (name, solve, self._version[solve])
+            if source == name or groups.get(source) != groups[name] or entry in self._offered:
                 continue
             if solution.success and len(solution.require_grasp()) <= contacts:
                 self._offered.add(entry)
-                origin = f"{WARM_START_PREFIX}{other}, seed {solve.seed}"
+                origin = f"{WARM_START_PREFIX}{source}, seed {solve.seed}"
                 offers[origin] = FoundGrasp(solution.require_grasp(), solution.faces, solution.mu, hand=solution.hand)
         return offers
