@@ -20,7 +20,7 @@ from nlpgrasp.tasks import Task
 
 
 class Need(Enum):
-    """Required content of a solution for an export format."""
+    """Content that an export format requires of a solution."""
 
     NOTHING = "nothing"  # or the format has an error message of its own
     GRASP = "a grasp"
@@ -29,7 +29,7 @@ class Need(Enum):
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Options of an export beside the solution.
+    """Options of an export.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ExportOptions:
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """An export format of solutions.
+    """Format to which solutions are exported.
 
     Parameters
     ----------
@@ -98,7 +98,9 @@ class ExportFormat:
             raise InputError("ExportFormat.write", self.write, "a function of a solution and ExportOptions")
 
     def export(self, solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
-        """Return the content of a file of this format; text in UTF-8.
+        """Return a solution as the content of a file of this format.
+
+        Text is encoded in UTF-8.
 
         Raises
         ------
@@ -123,7 +125,7 @@ class ExportFormat:
 
 @dataclass(frozen=True)
 class ReadGrasp:
-    """An imported grasp with its task and force budget.
+    """Imported grasp with task and force budget.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ class ReadGrasp:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options of an import beside the file.
+    """Options of an import.
 
     Parameters
     ----------
@@ -164,7 +166,7 @@ class ReadOptions:
 
 @dataclass(frozen=True)
 class ReadFormat:
-    """An import format of grasps.
+    """Format from which grasps are imported.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Array formats of grasps, with the names and shapes of public dexterous-grasping benchmarks."""
+"""Export of grasps as arrays, with names and shapes of public dexterous-grasping benchmarks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # pose: position and quaternion 
 
 
 def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
-    """Return the kept grasps as the bytes of an ``.npz`` file, best first, with the arrays of docs/interop.md.
+    """Return the kept grasps as the bytes of an ``.npz`` file, best first.
+
+    docs/interop.md lists the arrays.
 
     Parameters
     ----------
@@ -59,7 +61,7 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
 
 
 def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
-    """Return the answer as the bytes of one grasp's ``.npy`` file of DexGraspBench: a pickled dictionary.
+    """Return the answer as the bytes of an ``.npy`` file of DexGraspBench, which holds a pickled dictionary.
 
     Its fields are those that https://github.com/JYChen18/DexGraspBench evaluates: ``pregrasp_qpos``, ``grasp_qpos`` and
     ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``. Additional fields for other readers:

@@ -1,4 +1,4 @@
-"""CSV tables of contacts: export, and import with checks."""
+"""Export and checked import of contacts as CSV tables."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ Row = dict[str, str | None]  # the text of each column
 
 
 def contacts_csv(solution: GraspSolution) -> str:
-    """Return the contacts of a solution as CSV text: positions, inward normals, contact models, body frame, SI units.
+    """Return the contacts of a solution as CSV text, in the body frame and SI units.
+
+    Columns are positions, inward normals and contact models.
 
     Of several kept grasps all are written: the column ``grasp`` numbers them, best first, and ``mu`` is the certified
     lower bound of each. Of parallel jaws, ``grip_force`` and ``grip_force_with_margin`` are normal forces of each jaw,
@@ -49,8 +51,9 @@ def contacts_csv(solution: GraspSolution) -> str:
     space, has_several = answer.space, bool(solution.others)
     grasps = [(answer, solution.faces, solution.mu, grip_fields(solution))]
     if has_several:
-        kept = [(grasp, grip_fields(solution.with_answer(grasp))) for grasp in solution.grasps]
-        grasps = [(grasp.grasp, grasp.faces, grasp.mu, grip) for grasp, grip in kept]
+        grips = [grip_fields(solution.with_answer(grasp)) for grasp in solution.grasps]
+        pairs = zip(solution.grasps, grips, strict=True)
+        grasps = [(kept.grasp, kept.faces, kept.mu, grip) for kept, grip in pairs]
     forces = (GRIP, SAFE_GRIP) if any(grip for *_, grip in grasps) else ()
     text = io.StringIO(newline="")
     writer = csv.writer(text)
@@ -58,8 +61,8 @@ def contacts_csv(solution: GraspSolution) -> str:
     writer.writerow(
         [*first_heads, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION, *forces]
     )
-    for number, (grasp, faces, mu, grip) in enumerate(grasps):
-        first_cells = [number, mu.lower] if has_several else []
+    for index, (grasp, faces, mu, grip) in enumerate(grasps):
+        first_cells = [index, mu.lower] if has_several else []
         entries = zip(grasp.points, grasp.normals, faces, grasp.contacts, strict=True)
         for i, (point, normal, face, model) in enumerate(entries):
             coefficients = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
@@ -69,7 +72,7 @@ def contacts_csv(solution: GraspSolution) -> str:
 
 
 def read_contacts_csv(path: str | Path, friction: float | None = None, body: Body | None = None) -> Grasp:
-    """Return the grasp of a table of contacts, with the mean position as torque origin.
+    """Read the grasp of a table of contacts, with the mean contact position as torque origin.
 
     Parameters
     ----------
@@ -100,7 +103,9 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
 
 
 def _read_grasps(path: str | Path, friction: float | None, body: Body | None, unit: str = "m") -> dict[str, Grasp]:
-    """Return the grasps of a table by the value of its column ``grasp``; a table without it has one.
+    """Read the grasps of a table of contacts, by the value of the column ``grasp``.
+
+    A table without this column has one grasp.
 
     Their order is that of their first rows.
     """
@@ -127,7 +132,7 @@ def _read_grasps(path: str | Path, friction: float | None, body: Body | None, un
 
 
 def _csv_rows(path: str | Path) -> tuple[list[str], list[Row]]:
-    """Return header and rows of a CSV table."""
+    """Read header and rows of a CSV table."""
     try:
         reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
         return list(reader.fieldnames or []), list(reader)
@@ -138,7 +143,7 @@ def _csv_rows(path: str | Path) -> tuple[list[str], list[Row]]:
 
 
 def _parquet_rows(path: str | Path) -> tuple[list[str], list[Row]]:
-    """Return header and rows of a Parquet table, as text that reads back exactly."""
+    """Read header and rows of a Parquet table, with numbers as text of full precision."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -155,7 +160,7 @@ def _parquet_rows(path: str | Path) -> tuple[list[str], list[Row]]:
 
 
 def _contact_rows(path: str | Path) -> list[Row]:
-    """Return the nonempty rows of a table with the columns of contacts."""
+    """Read the rows of a table of contacts, and check its columns."""
     name = str(path)
     header, rows = (_parquet_rows if Path(path).suffix.lower() == ".parquet" else _csv_rows)(path)
     columns = [c.strip() for c in header if c]
@@ -174,7 +179,7 @@ def _contact_rows(path: str | Path) -> list[Row]:
 
 
 def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> FloatArray:
-    """Return the normals of a table, (m, space), scaled to unit length; refuse those that are far from it."""
+    """Return the normals of a table, (m, space), scaled to unit length; raise if lengths are far from 1."""
     normals = np.array([[_read_number(name, i, row, c) for c in columns] for i, row in enumerate(rows)])
     lengths = np.linalg.norm(normals, axis=1)
     worst = int(np.argmax(np.abs(lengths - 1.0)))
@@ -195,7 +200,7 @@ def _read_number(name: str, index: int, row: Row, column: str) -> float:
 
 
 def point_contact(field: str, friction: float | None, torsion: float | None) -> ContactModel:
-    """Return the model of a contact point: soft with torsion, with friction, or frictionless.
+    """Return the contact model for a friction and a torsion coefficient: soft, frictional or frictionless.
 
     Raises
     ------
@@ -213,7 +218,7 @@ def point_contact(field: str, friction: float | None, torsion: float | None) -> 
 
 
 def _contact_model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
-    """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
+    """Return the contact model of a table row: soft, frictional or frictionless."""
     coefficients = {c: _read_number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
     row_name = f"{name}: row {index + 2}"
     model = point_contact(row_name, coefficients.get(FRICTION, friction), coefficients.get(TORSION))
@@ -226,7 +231,9 @@ def _contact_model(name: str, index: int, row: Row, friction: float | None) -> C
 
 
 def check_inward(name: str, grasp: Grasp, body: Body | None, rows: Sequence[int]) -> None:
-    """Refuse normals that point out of the body; without a body, warn of those that all seem to.
+    """Raise if a normal points out of the body.
+
+    Without a body, warn if all normals seem to point outwards.
 
     Parameters
     ----------
@@ -258,18 +265,18 @@ def check_inward(name: str, grasp: Grasp, body: Body | None, rows: Sequence[int]
 
 
 def warn_frictionless(name: str, is_unstated: Sequence[bool], items: str = "rows") -> None:
-    """Warn of rows or grasps without friction and model, which are assumed frictionless."""
+    """Warn of rows or grasps without a friction coefficient, which are taken to be frictionless."""
     rows = [str(i + 2) for i, is_missing in enumerate(is_unstated) if is_missing]
     if not rows:
         return
-    place = "" if len(rows) == len(is_unstated) else f" in {items} {', '.join(rows)}"
-    defect = f"no {FRICTION} stated{place}"
+    location = "" if len(rows) == len(is_unstated) else f" in {items} {', '.join(rows)}"
+    defect = f"no {FRICTION} stated{location}"
     text = f"{name}: {defect}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
     warn(text)
 
 
 def stated_body(solution: GraspSolution) -> Body | None:
-    """Return the body of a solution; None if its file does not contain it (a mesh, a function)."""
+    """Return the body of a solution, or ``None`` if the file does not contain it, as for a mesh or a function."""
     try:
         return body_from_dict(solution.body)
     except InputError:
@@ -277,7 +284,7 @@ def stated_body(solution: GraspSolution) -> Body | None:
 
 
 def _read_contacts_table(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps of a table, with task and body of a solution file if given."""
+    """Yield the grasps of a table of contacts, with the task of a solution file if one is given."""
     task_solution = None if options.task is None else GraspSolution.load(options.task)
     grasps = _read_grasps(
         path, options.friction, None if task_solution is None else stated_body(task_solution), options.unit
@@ -287,7 +294,7 @@ def _read_contacts_table(path: Path, options: ReadOptions) -> Iterator[ReadGrasp
 
 
 def _with_task(task: Path | None, task_solution: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
-    """Return a grasp with task and torque origin of a solution file, if any."""
+    """Return an imported grasp with task, budget and torque origin of a solution file, if one is given."""
     if task_solution is None:
         return ReadGrasp(name, grasp, None, force_budget("l2"))
     if task_solution.grasp is None:

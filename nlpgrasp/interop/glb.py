@@ -1,4 +1,4 @@
-"""Binary glTF (GLB) export of a grasp: body, hand, contacts with friction cones, normals."""
+"""Binary glTF (GLB) export of a grasp as a 3D scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # shares of the body's size
 
 
 def glb(solution: GraspSolution) -> bytes:
-    """Return the scene as the bytes of a GLB file; metres, body frame, with the body's y axis.
+    """Return the 3D scene of a grasp as the bytes of a GLB file, in metres and the body frame.
+
+    Shown are body, hand, contacts, normals and friction cones; the axes are the body's.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def _paint(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimesh.T
 
 
 def _cone_pose(point: FloatArray, normal: FloatArray, height: float) -> FloatArray:
-    """Return the pose of a cone along z with its apex at the contact and its base away from the body."""
+    """Return the pose, (4, 4), of a drawn friction cone with its apex at the contact and its base outside the body."""
     pose = np.eye(4)
     pose[:3, :3] = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal)[:3, :3]
     pose[:3, 3] = point - height * normal

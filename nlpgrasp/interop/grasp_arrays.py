@@ -1,4 +1,4 @@
-"""Import of grasps from arrays: npz files, npy records of public benchmarks, and mappings of arrays."""
+"""Import of grasps from npz files, npy records of public benchmarks, and mappings of arrays."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Arrays = Mapping[str, ArrayLike]
 
 
 def grasps_of_arrays(name: str, arrays: Arrays, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps of a mapping of arrays.
+    """Yield the grasps that a mapping of arrays states.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def grasps_of_arrays(name: str, arrays: Arrays, options: ReadOptions) -> Iterato
 
 
 def _coordinates(name: str, arrays: Arrays, keys: tuple[str, ...]) -> FloatArray:
-    """Return points or normals of grasps, (b, k, space), possibly with NaN."""
+    """Return the points or normals of grasps, (b, k, space), possibly with NaN."""
     key = next((key for key in keys if key in arrays), None)
     if key is None:
         raise InputError(name, f"arrays {', '.join(map(str, arrays)) or 'none'}", f"an array {keys[0]}, (b, k, 3)")
@@ -98,17 +98,17 @@ def _coordinates(name: str, arrays: Arrays, keys: tuple[str, ...]) -> FloatArray
 
 
 def _unit_normals(field: str, normals: FloatArray) -> FloatArray:
-    """Return normals (k, space) scaled to unit length; refuse those that are far from it."""
+    """Return normals (k, space) scaled to unit length; raise if lengths are far from 1."""
     lengths = np.linalg.norm(normals, axis=1)
     is_off = ~(np.abs(lengths - 1.0) <= UNIT_TOLERANCE)  # true for NaN
     if np.any(is_off):
-        first = int(np.argmax(is_off))
-        raise InputError(f"{field}, contact {first}", f"a normal of length {lengths[first]:.4g}", "unit, inward")
+        index = int(np.argmax(is_off))
+        raise InputError(f"{field}, contact {index}", f"a normal of length {lengths[index]:.4g}", "unit, inward")
     return np.asarray(normals / lengths[:, None])
 
 
 def _coefficients(name: str, arrays: Arrays, key: str, shape: tuple[int, ...]) -> FloatArray | None:
-    """Return a friction coefficient of each contact, (b, k); None if not stated."""
+    """Return the array of a friction coefficient for each contact, (b, k), or ``None`` if there is none."""
     if key not in arrays:
         return None
     values = np.asarray(arrays[key])
@@ -118,12 +118,12 @@ def _coefficients(name: str, arrays: Arrays, key: str, shape: tuple[int, ...]) -
 
 
 def _models(field: str, count: int, stated: Mapping[str, FloatArray], friction: float | None) -> list[ContactModel]:
-    """Return the contact models of a grasp with stated coefficients, (count,) each, or else the given friction."""
+    """Return the contact models of a grasp from its friction coefficients, or else from the default friction."""
     models = []
     for i in range(count):
         values = {key: float(column[i]) for key, column in stated.items()}
-        place = f"{field}, contact {i}"
-        models.append(point_contact(place, values.get("friction", friction), values.get("torsional_friction")))
+        friction_of_contact = values.get("friction", friction)
+        models.append(point_contact(f"{field}, contact {i}", friction_of_contact, values.get("torsional_friction")))
     return models
 
 
@@ -136,7 +136,10 @@ def _ids(name: str, arrays: Arrays, count: int) -> list[str]:
 
 
 def _grasps_of_postures(name: str, arrays: Arrays, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps of a problem's hand in postures: palm position, quaternion w, x, y, z, and joints."""
+    """Yield the grasps of a problem's hand in postures that arrays state.
+
+    A posture is palm position, quaternion w, x, y, z, and joint positions.
+    """
     problem = problem_of_hand(options)
     hand = problem.hand
     joints = [joint.name for joint in hand.tree.robot.free_joints] if isinstance(hand, URDFHand) else []
@@ -158,17 +161,17 @@ def _grasps_of_postures(name: str, arrays: Arrays, options: ReadOptions) -> Iter
 
 
 class _RecordUnpickler(pickle.Unpickler):
-    """Unpickler of numpy records: plain data and arrays, nothing that executes code."""
+    """Unpickler restricted to plain data and numpy arrays, which executes no code."""
 
     def find_class(self, module: str, name: str) -> object:
-        """Return a constructor of arrays; refuse everything else."""
+        """Return a constructor of arrays; raise for every other name."""
         if (module, name) not in ALLOWED_PICKLED:
             raise pickle.UnpicklingError(f"it refers to {module}.{name}")
         return super().find_class(module, name)
 
 
 def _read_record(name: str, file: BinaryIO) -> Arrays:
-    """Return the mapping that an npy file holds, without executing anything of it."""
+    """Read the mapping of arrays in an npy file without executing code."""
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     _, _, kind = read_header(file)

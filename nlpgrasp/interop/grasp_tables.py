@@ -1,4 +1,4 @@
-"""Stacks of grasps from files of any import format, and from arrays."""
+"""Import of stacks of grasps from files of any import format, and from arrays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def read_grasps(
     torque_origin: ArrayLike | None = None,
     problem: GraspProblem | None = None,
 ) -> GraspStack:
-    """Return the grasps of a file or of arrays as a stack, with their ids.
+    """Read the grasps of a file or of arrays as one stack.
 
     Parameters
     ----------
@@ -62,8 +62,12 @@ def read_grasps(
     """
     stacks = read_grasp_stacks(source, friction=friction, unit=unit, torque_origin=torque_origin, problem=problem)
     if len(stacks) > 1:
-        numbers = sorted({len(stack.contacts) for stack in stacks})
-        kinds = f"{numbers[0]} to {numbers[-1]} contacts" if len(numbers) > 1 else "contacts of several models"
+        contact_counts = sorted({len(stack.contacts) for stack in stacks})
+        kinds = (
+            f"{contact_counts[0]} to {contact_counts[-1]} contacts"
+            if len(contact_counts) > 1
+            else "contacts of several models"
+        )
         allowed = "grasps of the same contacts; nlpgrasp.interop.read_grasp_stacks returns a stack for each kind"
         raise InputError(_name(source), f"grasps of {kinds}", allowed)
     return stacks[0]
@@ -77,7 +81,7 @@ def read_grasp_stacks(
     torque_origin: ArrayLike | None = None,
     problem: GraspProblem | None = None,
 ) -> tuple[GraspStack, ...]:
-    """Return the grasps of a file or of arrays, a stack for each number and kind of contacts.
+    """Read the grasps of a file or of arrays as stacks, one for each sequence of contact models.
 
     Parameters are those of ``read_grasps``; ``ng.measure`` takes the result.
     """
@@ -96,7 +100,7 @@ def read_grasp_stacks(
 def stack_grasps(
     name: str, grasps: Sequence[ReadGrasp], torque_origin: ArrayLike | None = None
 ) -> tuple[GraspStack, ...]:
-    """Return stacks of grasps with the same contact models, in the order of their first grasps.
+    """Group imported grasps with the same contact models into stacks, in the order of the stacks' first grasps.
 
     Parameters
     ----------
@@ -112,10 +116,10 @@ def stack_grasps(
     spaces = {read.grasp.space for read in grasps}
     if len(spaces) > 1:
         raise InputError(name, "grasps in the plane and in space", "one of them")
-    first = grasps[0]
-    origin = first.grasp.torque_origin if first.task is not None else np.zeros(first.grasp.space)
+    first_grasp, has_task = grasps[0].grasp, grasps[0].task is not None
+    origin = first_grasp.torque_origin if has_task else np.zeros(first_grasp.space)
     if torque_origin is not None:
-        origin = array("torque_origin", torque_origin, (first.grasp.space,))
+        origin = array("torque_origin", torque_origin, (first_grasp.space,))
     groups: dict[tuple[ContactModel, ...], list[ReadGrasp]] = {}
     for read in grasps:
         groups.setdefault(read.grasp.contacts, []).append(read)
@@ -128,5 +132,5 @@ def stack_grasps(
 
 
 def _name(source: str | Path | Mapping[str, ArrayLike]) -> str:
-    """Return the name of a source, for messages."""
+    """Return the name of a file or of arrays, for messages."""
     return "arrays" if isinstance(source, Mapping) else Path(source).name

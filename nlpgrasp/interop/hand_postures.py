@@ -1,4 +1,4 @@
-"""Import of grasps stated as hand postures: contacts where the fingertips meet the body."""
+"""Import of grasps stated as hand postures, with contacts where fingertips touch the body."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TOUCH_DISTANCE = 2e-3  # metres: largest distance of a touching fingertip from t
 
 
 def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = TOUCH_DISTANCE) -> Grasp:
-    """Return the contacts between round fingertips and the body in a posture, at the body's nearest points.
+    """Return the grasp of a posture: contacts at the body's nearest points to touching round fingertips.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = T
 
 
 def nearest_points(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the body's nearest points, outward normals there, (m, space) each, and signed distances, (m,).
+    """Return nearest points on a body, their outward normals, (m, space) each, and signed distances, (m,).
 
     The result is exact for a mesh; for other bodies it is the nearest found by Newton steps onto each face.
     """
@@ -81,7 +81,7 @@ def nearest_points(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _tip_centres(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
-    """Return the fingertips' centres in the body's frame."""
+    """Return the centres of the fingertips in a posture, body frame."""
     joints = _joint_positions(hand, posture.joints, posture.name)
     position, quaternion, q = ca.SX.sym("p", 3), ca.SX.sym("quaternion", 4), ca.SX.sym("q", len(joints))
     if any(tip.slides or tip.standoff == 0.0 for _, tip in hand.tips):
@@ -92,7 +92,7 @@ def _tip_centres(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
 
 
 def _joint_positions(hand: URDFHand, positions: Mapping[str, float], name: str) -> FloatArray:
-    """Return the free joints' positions; mimic joints may be missing."""
+    """Return the positions of the free joints; mimic joints may be missing."""
     free_joints = [joint.name for joint in hand.tree.robot.free_joints]
     missing = [joint for joint in free_joints if joint not in positions]
     joints = hand.tree.joint_positions(np.zeros(len(free_joints)))
@@ -104,7 +104,7 @@ def _joint_positions(hand: URDFHand, positions: Mapping[str, float], name: str) 
 
 
 def problem_of_hand(options: ReadOptions) -> GraspProblem:
-    """Return the problem whose hand takes the postures of a file; raise without one."""
+    """Return the problem whose hand is in the postures of a file; raise if none is given."""
     if options.problem is None:
         raise InputError("--problem", "nothing", "the script of a problem whose hand the file's postures are for")
     problem = options.problem()

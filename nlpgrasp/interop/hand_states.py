@@ -1,4 +1,4 @@
-"""Pose and joints of a hand before, in and after closing, with warnings for exports."""
+"""States of a hand (pregrasp, grasp, squeeze) for exports, with warnings."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MOST_NAMES = 3  # most grasps named in a warning
 
 @dataclass(frozen=True)
 class HandStates:
-    """Pose and joints of a hand in pregrasp, grasp and squeeze.
+    """Pose, joint positions and efforts of a hand in pregrasp, grasp and squeeze.
 
     Parameters
     ----------
@@ -114,7 +114,10 @@ class HandStates:
         return _jaw_states(solution, hand, tuple(joints) or (FINGER_JOINT,))
 
     def row(self, state: str) -> FloatArray:
-        """Return pose and joints, (7 + j,), ``state`` "pregrasp", "grasp" or "squeeze"; NaN without a squeeze."""
+        """Return palm pose and joint positions of a state, (7 + j,).
+
+        ``state`` is "pregrasp", "grasp" or "squeeze"; joints are NaN for a missing squeeze.
+        """
         pose = self.open_pose if state == "pregrasp" else self.pose
         positions = self.open_joints if state == "pregrasp" else self.joints
         if state == "squeeze":
@@ -123,17 +126,20 @@ class HandStates:
         return np.concatenate([pose, [positions[name] for name in self.joints]])
 
     def effort_row(self) -> FloatArray:
-        """Return the joint torques of the squeeze, (j,): 0 for joints that move no contact; NaN if unknown."""
+        """Return the joint torques of the squeeze, (j,).
+
+        They are 0 for joints that move no contact, and NaN if unknown.
+        """
         return np.array([self.efforts.get(name, np.nan if self.no_squeeze else 0.0) for name in self.joints])
 
     def gripper_frame(self) -> dict[str, FloatArray]:
-        """Return axes and tool centre point of parallel jaws in their own frame, (3,) each; empty for other hands."""
+        """Return axes and tool centre point of parallel jaws, (3,) each, gripper's frame; empty for other hands."""
         if self.closing is None or self.approach is None or self.tcp is None:
             return {}
         return {"closing_axis": self.closing, "approach_axis": self.approach, "tcp": self.tcp}
 
     def _select_joints(self, names: Sequence[str]) -> HandStates:
-        """Return the states with the named joints alone, in their order; with all if none are named."""
+        """Return the states of the named joints alone, in the order of the names; of all joints without names."""
         unknown = [name for name in names if name not in self.joints]
         if unknown:
             raise InputError("--joint", unknown[0], "joints of the hand: " + ", ".join(self.joints))
@@ -180,7 +186,9 @@ def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
 
 
 def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> HandStates:
-    """Return the states of parallel jaws, whose joints share the opening evenly and close with the force to set.
+    """Return the states of parallel jaws.
+
+    The joints share the opening evenly and close with the force to set.
 
     Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
     """
@@ -207,7 +215,9 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
 
 
 def _closing_force(solution: GraspSolution) -> tuple[float, str]:
-    """Return the normal force of each jaw to set, newtons, and why there is none, as text; one of them is empty.
+    """Return the normal force to set for each jaw, newtons, and the reason why there is none.
+
+    Either the force is 0 or the reason is empty.
 
     The least grip force, with as much of its margin as the limit allows; of files without one, that of the squeeze.
     """
@@ -221,7 +231,7 @@ def _closing_force(solution: GraspSolution) -> tuple[float, str]:
 
 
 def grip_fields(solution: GraspSolution) -> dict[str, float]:
-    """Return grip force and grip force with margin of parallel jaws, newtons, by name; empty where not known."""
+    """Return the known grip forces of parallel jaws, newtons, by name: without and with margin."""
     grip = solution.grip
     values = {} if grip is None else {GRIP: grip.force.upper, SAFE_GRIP: grip.with_margin.upper}
     return {name: value for name, value in values.items() if np.isfinite(value)}
@@ -233,7 +243,7 @@ def _pose_vector(data: Json) -> FloatArray:
 
 
 def states_of_grasps(solution: GraspSolution, joints: Sequence[str]) -> list[tuple[GraspSolution, HandStates]]:
-    """Return every kept grasp as a solution of its own, best first, with its hand states."""
+    """Return a solution for each kept grasp, best first, with the hand's states."""
     if solution.grasp is None:
         HandStates.of(solution, joints)  # raises the error
     solutions = [solution.with_answer(grasp) for grasp in solution.grasps]
@@ -241,7 +251,7 @@ def states_of_grasps(solution: GraspSolution, joints: Sequence[str]) -> list[tup
 
 
 def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
-    """Warn where options name a gripper whose known axes differ from those of the pose.
+    """Warn if options name a gripper whose known axes differ from those of the exported pose.
 
     The sign of the closing axis does not matter: the jaws of such a gripper are symmetric.
 
@@ -254,14 +264,15 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
     if hand.closing is None or hand.approach is None:
         return
     for name in filter(None, (options.gripper, *options.joints)):
-        for part, known in KNOWN_GRIPPERS.items():
+        for part, known_gripper in KNOWN_GRIPPERS.items():
             if part not in name.lower():
                 continue
-            gripper = known if isinstance(known, ParallelJaw) else jaws(known)
+            gripper = known_gripper if isinstance(known_gripper, ParallelJaw) else jaws(known_gripper)
             cosines = [abs(float(gripper.axes[:, 0] @ hand.closing)), float(gripper.axes[:, 2] @ hand.approach)]
             if not min(cosines) >= 1.0 - PARALLEL_TOLERANCE:
                 remedy = f'ng.ParallelJaw(..., closing_axis="{gripper.closing_axis}")'
-                remedy = remedy if isinstance(known, ParallelJaw) else f'ng.hands.jaws("{known}") or {remedy}'
+                if not isinstance(known_gripper, ParallelJaw):
+                    remedy = f'ng.hands.jaws("{known_gripper}") or {remedy}'
                 axes = f"closes along its {gripper.closing_axis} axis and approaches along {gripper.approach_axis}"
                 pose = f"the exported pose along {axis_name(hand.closing)} and {axis_name(hand.approach)}"
                 warn(f"{name} {axes}, {pose} of the gripper's frame: solve with {remedy}")
@@ -288,18 +299,18 @@ def warn_of_approaches(hands: Mapping[str, HandStates]) -> None:
     """Warn of grasps without a free straight approach, in formats that have no field for it."""
     blocked = {name: hand.blocked for name, hand in hands.items() if hand.blocked}
     if blocked:
-        first = next(iter(blocked.values()))
+        reason = next(iter(blocked.values()))
         grasps = _format_names(list(blocked))
-        warn(f"the straight way in of {grasps} is not free, so the pregrasp may not be reached: {first}")
+        warn(f"the straight way in of {grasps} is not free, so the pregrasp may not be reached: {reason}")
 
 
 def approach_warning(hand: HandStates) -> str:
-    """Return the reason why approach or pregrasp is unreliable, as text; empty where both are fine."""
+    """Return the reason why approach or pregrasp is unreliable, as text; empty if both are fine."""
     return hand.blocked or ("" if hand.has_pregrasp else "no pregrasp is stated: its joints are those of the grasp")
 
 
 def axes_comment(hand: HandStates) -> str:
-    """Return axes and tool centre point in a gripper's own frame as comment lines; empty for other hands."""
+    """Return axes and tool centre point in the gripper's frame as comment lines; empty for other hands."""
     vectors = {name: [round(x, 9) for x in (v + 0.0).tolist()] for name, v in hand.gripper_frame().items()}
     return "".join(f"# {name} of the gripper's frame: {vector}\n" for name, vector in vectors.items())
 
@@ -311,12 +322,15 @@ def _format_names(names: list[str]) -> str:
 
 
 def object_file(solution: GraspSolution, file: str | None) -> str:
-    """Return the given file of the body, else the name of its mesh file, else its type."""
+    """Return the file of the body: the given one, or else the name of the mesh file, or else the body's type."""
     return file or str(solution.body.get("source") or solution.body.get("type", "body"))
 
 
 def object_scale(solution: GraspSolution, file: str | None) -> float:
-    """Return metres per unit of the file's coordinates: unit and scale of the body's own mesh file, else 1."""
+    """Return the length in metres of one unit of the exported object's file.
+
+    It is known for the body's own mesh file, and 1 otherwise.
+    """
     mesh_file, unit = solution.body.get("source"), solution.body.get("unit")
     if unit not in UNITS or (file is not None and Path(file).name != mesh_file):
         return 1.0

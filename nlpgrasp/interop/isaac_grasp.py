@@ -56,7 +56,7 @@ class IsaacGrasp:
 
 
 def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions | None = None) -> str:
-    """Return solutions as the text of an isaac_grasp file.
+    """Return the grasps of solutions as the text of an isaac_grasp file.
 
     ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
     names in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Additional fields
@@ -179,7 +179,7 @@ def _read_joints(field: str, data: object) -> dict[str, float]:
 
 
 def _kept_grasps_text(solution: GraspSolution, options: ExportOptions) -> str:
-    """Return the text of a file with all kept grasps; without a grasp, raise the format's error."""
+    """Return all kept grasps as the text of an isaac_grasp file; raise without a grasp."""
     if solution.grasp is None:
         return isaac_grasp({"grasp_0": solution}, options)
     solutions = {f"grasp_{i}": solution.with_answer(grasp) for i, grasp in enumerate(solution.grasps)}

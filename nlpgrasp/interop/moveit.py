@@ -1,4 +1,4 @@
-"""MoveIt export: ``moveit_msgs/Grasp`` messages in YAML with postures, efforts, pose, approach and retreat.
+"""Export of grasps as ``moveit_msgs/Grasp`` messages for MoveIt.
 
 Field names are those of https://github.com/moveit/moveit_msgs (``msg/Grasp.msg``, ``msg/GripperTranslation.msg``) and
 of the ROS 2 messages in them. Omitted fields have their defaults: stamps, velocities of points.
@@ -60,8 +60,8 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     states = {f"grasp_{i}": state for i, state in enumerate(states_of_grasps(solution, export_options.joints))}
     messages = [_message(name, grasp_solution, hand, export_options) for name, (grasp_solution, hand) in states.items()]
     hands = {name: hand for name, (_, hand) in states.items()}
-    first = hands["grasp_0"]
-    warn_of_axes(first, export_options)
+    best_hand = hands["grasp_0"]
+    warn_of_axes(best_hand, export_options)
     warn_of_squeezes(hands, "its grasp_posture has no effort")
     warn_of_approaches(hands)
     blocked = {name: reason for name, hand in hands.items() if (reason := approach_warning(hand))}
@@ -69,11 +69,11 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
     grips = {name: line for name, (grasp_solution, _) in states.items() if (line := grasp_solution.grip_line())}
     forces = "".join(f"# {name}: {line}\n" for name, line in grips.items())
-    return f"{axes_comment(first)}{forces}{comments}{text}"
+    return f"{axes_comment(best_hand)}{forces}{comments}{text}"
 
 
 def _message(name: str, solution: GraspSolution, hand: HandStates, options: ExportOptions) -> Json:
-    """Return the message of one grasp."""
+    """Return one grasp as the data of a ``moveit_msgs/Grasp`` message."""
     if hand.approach is None:
         raise InputError(name, "no direction of approach", "a solution of this version, whose hand states it")
     body_frame, hand_frame = options.object or OBJECT_FRAME, options.gripper or hand.frame
@@ -97,7 +97,10 @@ def _message(name: str, solution: GraspSolution, hand: HandStates, options: Expo
 
 
 def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Json:
-    """Return a ``trajectory_msgs/JointTrajectory`` of one point; joints without a stated torque have effort 0."""
+    """Return a ``trajectory_msgs/JointTrajectory`` of one point.
+
+    Joints without a stated torque have effort 0.
+    """
     point = {
         "positions": [float(position) for position in positions.values()],
         "velocities": [],
@@ -109,7 +112,7 @@ def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Js
 
 
 def _translation(frame: str, direction: FloatArray) -> Json:
-    """Return a ``moveit_msgs/GripperTranslation`` along a direction."""
+    """Return the data of a ``moveit_msgs/GripperTranslation`` along a direction."""
     vector = dict(zip("xyz", (direction + 0.0).tolist(), strict=True))
     return {
         "direction": {"header": {"frame_id": frame}, "vector": vector},

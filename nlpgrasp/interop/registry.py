@@ -95,12 +95,12 @@ def register_reader(added: ReadFormat) -> None:
 
 
 def formats() -> tuple[ExportFormat, ...]:
-    """Return all export formats, in the order of registration."""
+    """Return all registered export formats, in the order of registration."""
     return tuple(_formats.values())
 
 
 def format_named(name: str) -> ExportFormat:
-    """Return an export format by its name.
+    """Return the export format of a name.
 
     Raises
     ------
@@ -114,7 +114,10 @@ def format_named(name: str) -> ExportFormat:
 
 
 def reader_of(path: str | Path) -> ReadFormat:
-    """Return the import format of a file, by its extension; that of solution files where no other matches."""
+    """Return the import format of a file by its extension.
+
+    The default is the format of solution files.
+    """
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 

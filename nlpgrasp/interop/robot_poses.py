@@ -1,4 +1,4 @@
-"""Poses of a gripper's tool centre point for a robot: approach, grasp and retreat of every kept grasp."""
+"""Poses of a gripper's tool centre point for a robot: approach, grasp and retreat."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ COORDINATES = ("x", "y", "z", "qw", "qx", "qy", "qz", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class ToolPose:
-    """Pose of a gripper's tool centre point: the middle between the pads, with the axes of the gripper's own frame.
+    """Pose of a gripper's tool centre point, with the axes of the gripper's frame.
+
+    The tool centre point is the middle between the pads.
 
     ``str`` is the pose as robot controllers write it, ``p[x, y, z, rx, ry, rz]``: metres, and the rotation vector.
 
@@ -47,7 +49,7 @@ class ToolPose:
 
     @property
     def quaternion_wxyz(self) -> FloatArray:
-        """Orientation as a unit quaternion, (4,), w first and at least zero."""
+        """Orientation as a unit quaternion w, x, y, z, (4,), with w at least zero."""
         return quaternion_wxyz(self.matrix[:3, :3])
 
     @property
@@ -56,16 +58,16 @@ class ToolPose:
         return np.asarray(Rotation.from_matrix(self.matrix[:3, :3]).as_rotvec())
 
     def __str__(self) -> str:
-        numbers = [*self.position.tolist(), *self.rotation_vector.tolist()]
-        return "p[" + ", ".join(f"{value + 0.0:.7g}" for value in np.round(numbers, 9)) + "]"
+        values = [*self.position.tolist(), *self.rotation_vector.tolist()]
+        return "p[" + ", ".join(f"{value + 0.0:.7g}" for value in np.round(values, 9)) + "]"
 
     @property
     def row(self) -> list[float]:
-        """Position, quaternion and rotation vector, the columns of a table."""
+        """Position, quaternion and rotation vector as the cells of a table row."""
         return [*self.position.tolist(), *self.quaternion_wxyz.tolist(), *self.rotation_vector.tolist()]
 
     def to_dict(self) -> Json:
-        """Return the pose as JSON data: matrix, position, quaternion, rotation vector and text."""
+        """Return the pose as JSON data in several forms: matrix, quaternion, rotation vector and text."""
         return {
             "matrix": self.matrix.tolist(),
             "position": self.position.tolist(),
@@ -77,7 +79,7 @@ class ToolPose:
 
 @dataclass(frozen=True)
 class RobotPoses:
-    """Poses with which a robot takes a part: approach, grasp and retreat, with opening and force.
+    """Poses in which a robot grasps a part: approach, grasp and retreat, with opening and force.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ class RobotPoses:
 
     @property
     def is_free(self) -> bool:
-        """Whether the way in is free."""
+        """Whether the approach is unobstructed."""
         return self.way_in == FREE
 
     def to_dict(self) -> Json:
@@ -127,7 +129,7 @@ def robot_poses(
     distance: float = START_DISTANCE,
     retreat: float = LIFT_DISTANCE,
 ) -> tuple[RobotPoses, ...]:
-    """Return the poses of the tool centre point for every kept grasp of a parallel gripper, best first.
+    """Return the robot poses of every kept grasp of a parallel gripper, best first.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def robot_poses(
         Without such a grasp, on a frame that is no pose, and on lengths below zero.
     """
     gripper = require_jaws(solution, "a grasp found with an ng.ParallelJaw in space")
-    body = np.eye(4) if frame is None else pose_matrix("frame", frame)
+    part_pose = np.eye(4) if frame is None else pose_matrix("frame", frame)
     lengths = number("distance", distance, at_least=0.0), number("retreat", retreat, at_least=0.0)
     to_tcp = np.eye(4)
     to_tcp[:3, 3] = gripper.tool_centre_point
@@ -156,7 +158,7 @@ def robot_poses(
     def poses_of(answer: GraspSolution) -> RobotPoses:
         hand, grip = answer.hand or {}, answer.grip
         tools = {
-            phase.name: ToolPose(body @ phase.palm_frame @ to_tcp)
+            phase.name: ToolPose(part_pose @ phase.palm_frame @ to_tcp)
             for phase in jaw_phases(hand, gripper.opening, *lengths)
         }
         return RobotPoses(
@@ -171,26 +173,29 @@ def robot_poses(
             mu=answer.mu.lower,
         )
 
-    return tuple(poses_of(solution.with_answer(found)) for found in solution.grasps)
+    return tuple(poses_of(solution.with_answer(grasp)) for grasp in solution.grasps)
 
 
 def _poses_table(solution: GraspSolution, options: ExportOptions) -> str:
-    """Return the poses of all kept grasps as CSV text; every row states its frame."""
+    """Return the robot poses of all kept grasps as CSV text.
+
+    Every row states its frame.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     heads = [f"{name}_{coordinate}" for name in (APPROACH, GRASP, RETREAT) for coordinate in COORDINATES]
-    numbers = ("opened", "opening", "force", "clearance")
-    writer.writerow([GRASP, "frame", "way_in", *numbers, "mu", *heads])
+    settings = ("opened", "opening", "force", "clearance")
+    writer.writerow([GRASP, "frame", "way_in", *settings, "mu", *heads])
     frame = PART_FRAME if options.frame is None else CELL_FRAME
     for i, poses in enumerate(robot_poses(solution, options.frame)):
-        values = ["" if (value := getattr(poses, name)) is None else value for name in numbers]
-        rows = [*poses.approach.row, *poses.grasp.row, *poses.retreat.row]
-        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *rows])
+        values = ["" if (value := getattr(poses, name)) is None else value for name in settings]
+        coordinates = [*poses.approach.row, *poses.grasp.row, *poses.retreat.row]
+        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *coordinates])
     return text.getvalue()
 
 
 def _poses_json(solution: GraspSolution, options: ExportOptions) -> str:
-    """Return the poses of all kept grasps as JSON text, with the frames they are in."""
+    """Return the robot poses of all kept grasps as JSON text, with their frames."""
     gripper = require_jaws(solution, "a grasp found with an ng.ParallelJaw in space")
     data = {
         "frame": PART_FRAME if options.frame is None else CELL_FRAME,
