@@ -1,1 +1,4 @@
-"""Benchmarks of speed and quality (``make bench``); ratios are of times in the same run on the same machine."""
+"""Benchmarks of speed and quality (``make bench``).
+
+Ratios compare times of the same run on the same machine.
+"""

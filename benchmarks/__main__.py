@@ -1,4 +1,4 @@
-"""Command line of the benchmarks: ``python -m benchmarks [NAME[:PART] ...]``, all without names."""
+"""Command line of the benchmarks: ``python -m benchmarks [NAME[:PART] ...]``; without names all are run."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Quality along the way: random slides against dense certificates, followed task paths, and moves of a hand.
+"""Certified quality along motions: slides of a finger, followed task paths, and finger moves of a hand.
 
 ``along:slides``, ``along:paths`` and ``along:hands`` print one table each.
 """
@@ -29,32 +29,32 @@ def slides():
     print(f"slides, {SLIDES} a body: certified bounds against random places of each path (aim: none below)")
     print(f"{'body':10} {'below':>5} {'widest':>7} {'stations':>8} {'s':>6}")
     for kind in BODIES:
-        begun, below, widths, stations = time.process_time(), 0, [], []
+        start_time, below, widths, stations = time.process_time(), 0, [], []
         for seed in range(SLIDES):
             body, path, others, task, budget, slid = random_slide(kind, seed)
             least = least_on_surface(body, path, others, task, budget, np.random.default_rng(seed))
             below += slid.bounds.lower > least * (1.0 + 1e-9)
             widths.append(slid.bounds.gap if slid.bounds.lower > 0.0 else 0.0)
             stations.append(slid.stations)
-        seconds = (time.process_time() - begun) / SLIDES
+        seconds = (time.process_time() - start_time) / SLIDES
         print(f"{kind:10} {below:5d} {max(widths):7.1%} {np.mean(stations):8.1f} {seconds:6.2f}", flush=True)
 
 
-def paths(numbers=PATHS):
+def paths(indices=PATHS):
     print("followed paths of 8 steps against cold solves of 6 starts (aim: 0.98 at least, 35 % of the CPU time)")
     print(f"{'path':>4} {'body':10} {'contacts':>8} {'turn':>5} {'least':>6} {'share':>6} {'lost':>4}")
     results = []
-    for number in map(int, numbers):
-        path, result = random_path(number), compared(number, COLD_AT)
+    for index in map(int, indices):
+        path, result = random_path(index), compared(index, COLD_AT)
         results.append(result)
-        turn, share = abs(np.degrees(path.turn)), result.seconds / result.cold_seconds
+        turn, time_ratio = abs(np.degrees(path.turn)), result.seconds / result.cold_seconds
         print(
-            f"{number:4d} {type(path.body).__name__:10} {path.contacts:8d} {turn:5.0f} {result.ratio:6.3f}"
-            f" {share:6.0%} {result.lost:4d}",
+            f"{index:4d} {type(path.body).__name__:10} {path.contacts:8d} {turn:5.0f} {result.ratio:6.3f}"
+            f" {time_ratio:6.0%} {result.lost:4d}",
             flush=True,
         )
-    share = sum(result.seconds for result in results) / sum(result.cold_seconds for result in results)
-    print(f"all: least {min(result.ratio for result in results):.3f}, share of time {share:.0%}")
+    time_ratio = sum(result.seconds for result in results) / sum(result.cold_seconds for result in results)
+    print(f"all: least {min(result.ratio for result in results):.3f}, share of time {time_ratio:.0%}")
 
 
 def hands():
@@ -66,12 +66,12 @@ def hands():
     near = ng.Workspace(ng.BoxRegion([-MIDDLE, -1.0, -1.0], [MIDDLE, 1.0, 1.0]))
     pick = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=[near])
     for seed in HAND_SEEDS:
-        begun = time.process_time()
+        start_time = time.process_time()
         plan = ng.fine_manipulation(pick, goal, starts=1, seed=seed, options=options)
         longest = 1e3 * max((move.length for move in plan.moves), default=0.0)
-        held = min((move.least for move in plan.moves), default=np.inf)
+        least_quality = min((move.least for move in plan.moves), default=np.inf)
         print(
             f"{seed:4d} {plan.pick.mu.lower:7.4f} {plan.goal.mu.lower:7.4f} {len(plan.moves):5d} {longest:10.1f}"
-            f" {held:6.3f} {time.process_time() - begun:5.0f}  {'; '.join(plan.unreached)}",
+            f" {least_quality:6.3f} {time.process_time() - start_time:5.0f}  {'; '.join(plan.unreached)}",
             flush=True,
         )

@@ -1,4 +1,4 @@
-"""Baseline: 60 problems with three seeds of eight starts, compared with the stored results in baseline.json.
+"""Regression baseline: 60 problems, three seeds of eight starts, compared with results stored in baseline.json.
 
 ``baseline`` compares with the stored file, ``baseline:store`` writes it, ``baseline:jaw`` compares one group.
 Each solve has its own process. CPU seconds are relative to a fixed piece of work timed in the same run.
@@ -31,7 +31,7 @@ def run(part=None):
     jobs = [(i, seed) for i, _, _ in selected for seed in range(SEEDS)]
     os.environ |= {"OMP_NUM_THREADS": "1", "NLPGRASP_CACHE": "off"}
     with multiprocessing.get_context("spawn").Pool(os.cpu_count(), maxtasksperchild=1) as pool:
-        results = pool.map(solved, jobs, chunksize=1)
+        results = pool.map(solve_job, jobs, chunksize=1)
     rows = [
         {"group": group, "name": name, "seeds": results[n * SEEDS : (n + 1) * SEEDS]}
         for n, (_, group, name) in enumerate(selected)
@@ -43,24 +43,24 @@ def run(part=None):
 
 
 def work_unit():
-    """Return the least CPU seconds of a fixed piece of work."""
+    """Return the CPU seconds of a fixed computation, the least of some runs, as a measure of the machine's speed."""
     matrix, seconds = np.random.default_rng(0).normal(size=(60, 60)), np.inf
     for _ in range(5):
-        begin = time.process_time()
+        start_time = time.process_time()
         for _ in range(100):
             np.linalg.svd(matrix)
             sum(i * i for i in range(20000))
-        seconds = min(seconds, time.process_time() - begin)
+        seconds = min(seconds, time.process_time() - start_time)
     return seconds
 
 
-def solved(job):
-    """Return result and cost of a default solve of a job, problem number and seed, as JSON data."""
-    number, seed = job
-    problem = list(baseline_problems())[number][2]
-    begin = time.process_time()
+def solve_job(job):
+    """Solve the problem of a job (problem index, seed), and return result and cost as JSON data."""
+    index, seed = job
+    problem = list(baseline_problems())[index][2]
+    start_time = time.process_time()
     solution = ng.solve(problem, starts=STARTS, seed=seed, options=ng.SolveOptions(workers=1))
-    cpu_seconds = time.process_time() - begin
+    cpu_seconds = time.process_time() - start_time
     stages = {name: s for name, s in solution.solver["seconds"].items() if name not in OWN_STAGES and s >= 0.001}
     return {
         "status": solution.status.name,
@@ -79,7 +79,7 @@ def rounded(value, digits=DIGITS):
 
 
 def compare(stored, measured):
-    """Print mu, gap, CPU time and IPOPT calls against the stored ones, by group, stages, and problems that lost."""
+    """Print mu, bound, CPU time and IPOPT calls relative to stored ones by group, and problems that got worse."""
     stored_rows = {row["name"]: row for row in stored["problems"]}
     for row in measured["problems"]:  # seeds that only one of both has are left out
         stored_row = stored_rows.get(row["name"], row)
@@ -104,7 +104,7 @@ def compare(stored, measured):
             f"{group}: mu over before, median {np.median(mu):.4f}, least {mu.min():.4f}, below"
             f" {WORSE:g} in {np.sum(mu < WORSE)} of {len(mu)}{bound_text}; CPU {np.median(seconds[:, 0]):.2f} to"
             f" {np.median(seconds[:, 1]):.2f} s, median ratio {np.median(seconds[:, 1] / seconds[:, 0]):.2f}; IPOPT"
-            f" {calls[0]:.0f} to {calls[1]:.0f} calls; {ends(pairs)}"
+            f" {calls[0]:.0f} to {calls[1]:.0f} calls; {format_status_changes(pairs)}"
         )
     rows = [(stored_rows[row["name"]], row) for row in measured["problems"] if row["name"] in stored_rows]
     stored_row, measured_means = (stage_means([pair[i] for pair in rows]) for i in (0, 1))
@@ -124,13 +124,13 @@ def compare(stored, measured):
 
 
 def stage_means(rows):
-    """Return the mean seconds of each stage over all solves of problems."""
+    """Return the mean seconds of each stage over all solves."""
     solves = [solve["stages"] for row in rows for solve in row["seeds"]]
     names = dict.fromkeys(name for stages in solves for name in stages)
     return {name: sum(stages.get(name, 0.0) for stages in solves) / len(solves) for name in names}
 
 
-def ends(pairs):
-    """Return the changes of the solves' status as text."""
+def format_status_changes(pairs):
+    """Return a text that lists the solves whose status changed."""
     changed = [f"{a['status']} to {b['status']}" for a, b in pairs if a["status"] != b["status"]]
     return "; ".join(changed) if changed else "all ended as before"

@@ -1,4 +1,4 @@
-"""The 60 problems of the baseline, by group."""
+"""Problems of the regression baseline, by group."""
 
 import numpy as np
 
@@ -12,24 +12,33 @@ ANALYTIC, MESHES, HANDS = (*range(7), *range(13, 20)), (*range(7, 13), *range(20
 FRICTION, SOFT = ng.FrictionContact(0.5), ng.SoftContact(0.6, 0.005)
 ELLIPTIC = ng.SoftContact(0.6, 0.005, "elliptic")
 BOX, ELLIPSOID = ng.Box([0.08, 0.05, 0.04]), ng.Ellipsoid([0.04, 0.03, 0.025])
-MEAT_CAN, SCREWDRIVER, STRAWBERRY = 2, 4, 3  # numbers of shared meshes
+MEAT_CAN, SCREWDRIVER, STRAWBERRY = 2, 4, 3  # indices of shared meshes
 
 
 def baseline_problems():
-    """Yield group, name and problem in a fixed order, None for a problem with a missing mesh."""
+    """Yield group, name and problem in a fixed order.
+
+    The problem is ``None`` if its mesh is missing.
+    """
     groups = {"analytic": ANALYTIC, "mesh": MESHES, "hand": HANDS}
-    for group, numbers in groups.items():
-        for number in numbers:
-            name, problem = random_problem(number)
-            yield group, f"{number} {name}", problem
-    others = {"jaw": jaws, "budget": budgets, "constraint": constraints, "planar": planar, "contact": contacts}
-    for group, problems in others.items():
+    for group, indices in groups.items():
+        for index in indices:
+            name, problem = random_problem(index)
+            yield group, f"{index} {name}", problem
+    problems_by_group = {
+        "jaw": jaws,
+        "budget": budgets,
+        "constraint": constraints,
+        "planar": planar,
+        "contact": contacts,
+    }
+    for group, problems in problems_by_group.items():
         for name, problem in problems().items():
             yield group, name, problem
 
 
 def jaws():
-    """Return problems with two soft contacts of a parallel jaw."""
+    """Return problems with a parallel gripper and two soft contacts."""
     bodies = {
         "box": ng.Box([0.06, 0.04, 0.03]),
         "cylinder": ng.Cylinder(0.02, 0.08),
@@ -46,7 +55,7 @@ def jaws():
 
 
 def budgets():
-    """Return problems with force budgets other than the paper's, on an ellipsoid and a mesh."""
+    """Return problems with force budgets other than the L2 budget, on an ellipsoid and a mesh."""
     bodies = {"ellipsoid": ELLIPSOID, "strawberry": shared_mesh(STRAWBERRY)}
     return {
         f"{budget}, {name}": problem_of(body, [FRICTION] * 4, force_budget=budget)
@@ -102,15 +111,15 @@ def planar():
 
 
 def contacts():
-    """Return problems with soft contacts, box and elliptic model."""
+    """Return problems with soft contacts: the box model and the elliptic model."""
     return {
         "soft, box": problem_of(BOX, [SOFT] * 3),
         "elliptic, ellipsoid": problem_of(ELLIPSOID, [ELLIPTIC] * 3),
     }
 
 
-def problem_of(body, models, **more):
-    """Return a problem with a centred task and torques scaled by the body's size; None without a body."""
+def problem_of(body, models, **fields):
+    """Return a problem with a centred task whose torques scale with the body's size, or ``None`` without a body."""
     if body is None:
         return None
-    return ng.GraspProblem(body, models, ng.TaskEllipsoid(np.array([1.0] * 3 + [0.6 * body.size] * 3)), **more)
+    return ng.GraspProblem(body, models, ng.TaskEllipsoid(np.array([1.0] * 3 + [0.6 * body.size] * 3)), **fields)

@@ -1,4 +1,4 @@
-"""Global bound: gap against CPU time, hit rate of default solves, and their spread over seeds.
+"""Global bound: gap over CPU time, and how often default solves come near the best known grasp.
 
 Parts: ``gaps``, ``meshes``, ``hits``, ``peg``, ``brute``, ``hands``; ``best:hits:0:20`` runs the first 20 problems
 of the hit rate.
@@ -39,18 +39,18 @@ def run(part=None, first=0, last=HITS):
 
 
 def gap_over_time(problem, seconds, gap):
-    """Return the gaps after ``TIMES`` of CPU time, the seconds until the requested gap, and the bound."""
-    begin = time.process_time()
+    """Return the gaps after ``TIMES`` of CPU time, the CPU seconds of the search, and its result."""
+    start_time = time.process_time()
     gaps = []
 
     def watch(upper, mu, nodes):
-        elapsed = time.process_time() - begin
+        elapsed = time.process_time() - start_time
         while len(gaps) < len(TIMES) and elapsed >= TIMES[len(gaps)]:
             gaps.append(_gap(upper, mu.lower))
 
     best = ng.best_possible(problem, gap, seconds, watch)
     gaps += [_gap(best.upper, best.mu.lower)] * (sum(t <= seconds for t in TIMES) - len(gaps))
-    return gaps[: sum(t <= seconds for t in TIMES)], time.process_time() - begin, best
+    return gaps[: sum(t <= seconds for t in TIMES)], time.process_time() - start_time, best
 
 
 def _gap(upper, lower):
@@ -58,7 +58,7 @@ def _gap(upper, lower):
 
 
 def gaps():
-    """Print the gap against CPU time for problems with analytic bodies."""
+    """Print the gap over CPU time for problems with analytic bodies."""
     print(f"gap after {', '.join(f'{t:g}' for t in TIMES)} s of CPU time, or less where it was closed before")
     missed = 0
     for name, problem, target, seconds in gap_problems():
@@ -78,7 +78,7 @@ def _format_gaps(gaps):
 
 
 def meshes():
-    """Print the gap against CPU time for the shared meshes."""
+    """Print the gap over CPU time for the shared meshes."""
     if not MESHES.is_dir():
         print(f"skipped meshes: {MISSING}")
         return
@@ -89,21 +89,24 @@ def meshes():
         print(f"{path.name}: {_format_gaps(values)}; mu {search.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
 
 
-def hits(numbers):
-    """Print the quality of default solves relative to the best of branch and bound, brute force and all solves."""
+def hits(indices):
+    """Print the quality of default solves relative to the best known grasp.
+
+    The best known grasp is that of branch and bound, brute force and all solves.
+    """
     ratios, without_grasp, seconds = [], 0, []
-    for number in numbers:
-        name, problem = hit_problem(number)
+    for index in indices:
+        name, problem = hit_problem(index)
         values, cpu_seconds = solves(problem, range(SEEDS))
         _, _, search = gap_over_time(problem, LOOKED, FINE)
         case = Case(problem, lambda i, b=problem.body: b.face_names, lambda i, p: np.ones(len(p), dtype=bool))
-        brute_force = BruteForce(case, np.random.default_rng(number)).certified()[0]
+        brute_force = BruteForce(case, np.random.default_rng(index)).certified()[0]
         best_known = max(search.mu.lower, brute_force, *values)
         ratios += [value / best_known if best_known > 0.0 else 1.0 for value in values]
         without_grasp += sum(value <= 0.0 < best_known for value in values)
         seconds.append(cpu_seconds / SEEDS)
         print(
-            f"{number} {name}: solves {', '.join(f'{v:.4f}' for v in values)} ({cpu_seconds / SEEDS:.1f} s each); tree"
+            f"{index} {name}: solves {', '.join(f'{v:.4f}' for v in values)} ({cpu_seconds / SEEDS:.1f} s each); tree"
             f" {search.mu.lower:.4f} of {search.upper:.4f}, brute force {brute_force:.4f}"
             + "".join(f"  {s:.1%}" for s in ratios[-SEEDS:] if s < NEAR),
             flush=True,
@@ -119,8 +122,8 @@ def hits(numbers):
 
 
 def brute():
-    """Print the random problems in which brute force finds a grasp above the bound, and how often it comes near."""
-    comparisons = [comparison for number in range(MANY) if (comparison := compare(number)) is not None]
+    """Print the random problems in which brute force exceeds the bound, and how often it comes near the bound."""
+    comparisons = [comparison for index in range(MANY) if (comparison := compare(index)) is not None]
     for comparison in comparisons:
         if not comparison.holds:
             print(format_comparison(comparison))
@@ -129,14 +132,14 @@ def brute():
 
 
 def solves(problem, seeds):
-    """Return the certified mu of default solves by seed, and their total CPU seconds."""
-    begin = time.process_time()
+    """Return the certified mu of default solves for each seed, and their total CPU seconds."""
+    start_time = time.process_time()
     solutions = [ng.solve(problem, seed=seed, options=OPTIONS) for seed in seeds]
-    return [s.mu.lower if s.success else 0.0 for s in solutions], time.process_time() - begin
+    return [s.mu.lower if s.success else 0.0 for s in solutions], time.process_time() - start_time
 
 
 def pegs():
-    """Print the quality of default solves of the peg in a hole by seed."""
+    """Print the quality of default solves of the peg-in-hole problem for each seed."""
     values, cpu_seconds = solves(peg(), range(PEG_SEEDS))
     worst = min(values) / max(values)
     print(

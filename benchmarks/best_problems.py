@@ -16,9 +16,9 @@ def _contacts(count, friction=0.5):
     return [ng.FrictionContact(friction)] * count
 
 
-def _problem(body, contacts, task, **more):
-    """Return a problem whose contacts may be on edges, as in earlier tables."""
-    return ng.GraspProblem(body, contacts, task, edge_margin=0.0, **more)
+def _problem(body, contacts, task, **fields):
+    """Return a problem without an edge margin, as in earlier tables."""
+    return ng.GraspProblem(body, contacts, task, edge_margin=0.0, **fields)
 
 
 def gap_problems():
@@ -69,10 +69,10 @@ BODIES = {
 TASKS = ("ball", "unequal", "flat", "0 on the edge", "0 outside", "lift")
 
 
-def hit_problem(number):
-    """Return name and problem ``number``, of seven bodies, six tasks (three one-sided) and 3 to 5 contacts."""
-    rng = np.random.default_rng([11, number])
-    body_name, task_name = list(BODIES)[number % 7], TASKS[number // 2 % 6]
+def hit_problem(index):
+    """Return name and problem of an index, with one of seven bodies and six tasks, and 3 to 5 contacts."""
+    rng = np.random.default_rng([11, index])
+    body_name, task_name = list(BODIES)[index % 7], TASKS[index // 2 % 6]
     body, count, friction = BODIES[body_name], int(rng.integers(3, 6)), float(rng.choice([0.3, 0.6, 0.9]))
     task = _task(task_name, body, rng)
     name = f"{body_name}, {task_name}, {count} contacts, friction {friction}"

@@ -1,4 +1,4 @@
-"""Comparison with hand-written solvers from the same starts: SLSQP on sampled mu, and programs with random directions.
+"""Comparison with hand-written solvers from the same starts: SLSQP, and programs with random directions.
 
 (a) scipy's SLSQP on mu sampled in 200 random directions, with finite differences. (b) The vertex and the support
 program with 72 random directions instead of the roots of E6.
@@ -30,7 +30,7 @@ CASE = Case("ellipsoid", lambda: BODY, 4, (1.0, 1.0, 1.0, *[1.0 / BODY.size] * 3
 
 
 def slsqp(points, rng):
-    """Return the contacts found by SLSQP, projected onto the ellipsoid, and its estimate of mu."""
+    """Return the contacts of an SLSQP solve, projected onto the ellipsoid, and the solver's estimate of mu."""
     normals = -points / AXES**2
     start = Placement(points, normals / np.linalg.norm(normals, axis=1, keepdims=True), FACES)
     p, believed = by_slsqp.candidate(CASE, start, rng)
@@ -38,7 +38,7 @@ def slsqp(points, rng):
 
 
 def random_program(compiled, program, points, rng, transcription):
-    """Return the contacts found by a program with random directions, and its estimate of mu."""
+    """Return the contacts of a program with random directions, and the program's estimate of mu."""
     directions = random_directions(72, 6, rng)
     start = pack_variables(compiled, program.program, GraspCandidate(FACES, points))
     start[program.program.block("beta").range] = 0.1
@@ -48,7 +48,7 @@ def random_program(compiled, program, points, rng, transcription):
 
 
 def certified(compiled, points):
-    """Return certified bounds on mu of contacts."""
+    """Return certified bounds on mu of a grasp with given contact points."""
     return ng.mu(compiled.grasp(GraspCandidate(FACES, points)), TASK, 0.02)
 
 
@@ -71,9 +71,9 @@ def run():
             "vertex, random": lambda p, r: random_program(compiled, programs["vertex"], p, r, "vertex"),
             "support, random": lambda p, r: random_program(compiled, programs["support"], p, r, "support"),
         }.items():
-            begin = time.perf_counter()
+            start_time = time.perf_counter()
             candidate, believed = method(points, np.random.default_rng(index))
-            seconds = time.perf_counter() - begin
+            seconds = time.perf_counter() - start_time
             results[name].append((certified(compiled, candidate).lower, seconds, believed))
     reference = np.array(results["nlpgrasp"])
     print(f"{'':16} certified mu of each start          median   believed   seconds   mu / ours   time / ours")

@@ -1,4 +1,4 @@
-"""Default solves under constraints that couple contacts of different models, relative to the best known grasp.
+"""Quality of default solves under constraints that couple contacts of different models.
 
 Parts: ``random``, ``example``; ``coupled:random:0:10`` runs the first 10 problems.
 """
@@ -31,10 +31,10 @@ def run(part=None, first=0, last=PROBLEMS):
         parts[name]()
 
 
-def coupled_problem(number):
-    """Return name and problem ``number``, of six bodies, five couplings and 3 to 5 contacts of several models."""
-    rng = np.random.default_rng([5, number])
-    body_name, coupling = list(BODIES)[number % 6], COUPLINGS[number % 5]
+def coupled_problem(index):
+    """Return name and problem of an index, with one of six bodies and five couplings, and 3 to 5 unlike contacts."""
+    rng = np.random.default_rng([5, index])
+    body_name, coupling = list(BODIES)[index % 6], COUPLINGS[index % 5]
     body, count = BODIES[body_name], int(rng.integers(3, 6))
     friction = float(rng.choice([0.3, 0.5, 0.8]))
     contacts = [ng.FrictionContact(friction)] * (count - 1)
@@ -74,19 +74,19 @@ def _coupled(coupling, body, rng):
     return [ng.Workspace(halves[0], [0]), ng.Workspace(halves[1], [1]), ng.Spread(max=1.6 * size)]
 
 
-def random_problems(numbers):
-    """Print the quality of default solves of random problems relative to the best known."""
+def random_problems(indices):
+    """Print the quality of default solves of random problems relative to the best known grasp."""
     ratios = []
-    for number in numbers:
-        name, problem = coupled_problem(number)
-        begin = time.process_time()
+    for index in indices:
+        name, problem = coupled_problem(index)
+        start_time = time.process_time()
         values = [_value(ng.solve(problem, seed=seed, options=OPTIONS)) for seed in range(SEEDS)]
-        cpu_seconds = (time.process_time() - begin) / SEEDS
+        cpu_seconds = (time.process_time() - start_time) / SEEDS
         best_known = max(*values, _value(ng.solve(problem, MANY, ANOTHER, OPTIONS)))
         ratios += [value / best_known if best_known > 0.0 else 1.0 for value in values]
         remarks = "".join(f"  {ratio:.1%}" for ratio in ratios[-SEEDS:] if ratio < NEAR)
         print(
-            f"{number} {name}: {', '.join(f'{v:.4f}' for v in values)} of {best_known:.4f},"
+            f"{index} {name}: {', '.join(f'{v:.4f}' for v in values)} of {best_known:.4f},"
             f" {cpu_seconds:.1f} s{remarks}",
             flush=True,
         )
@@ -94,7 +94,7 @@ def random_problems(numbers):
 
 
 def example():
-    """Print mu by seed for a cylinder held within five centimetres by a point, two friction and a soft contact."""
+    """Print mu for each seed of a cylinder held by four unlike contacts within five centimetres."""
     contacts = [ng.PointContact(), ng.FrictionContact(0.5), ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.005)]
     task = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.01])
     constraints = [ng.Spread(max=0.05)]

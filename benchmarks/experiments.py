@@ -1,4 +1,4 @@
-"""Experiments: throughput of one and two workers and of a Dask cluster, overhead per solve, memory."""
+"""Throughput of experiments with one worker, two workers and a Dask cluster; overhead per solve, and memory."""
 
 import re
 import subprocess
@@ -22,12 +22,12 @@ def square():
     return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], [0, 0.5, 0]), name="square")
 
 
-def timed(experiment, **settings):
-    """Return the wall seconds of an experiment, and the sum over its solves."""
+def run_timed(experiment, **settings):
+    """Run an experiment, and return its wall seconds and the sum of its solves' seconds."""
     with tempfile.TemporaryDirectory() as folder:
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         result = ng.run_experiment(experiment, Path(folder) / "out", **settings)
-        seconds = time.perf_counter() - begin
+        seconds = time.perf_counter() - start_time
     if not result.complete:
         raise RuntimeError(str(result))
     return seconds, sum(s.seconds for s in result.solves)
@@ -36,8 +36,8 @@ def timed(experiment, **settings):
 def run():
     sweep = {f"friction {mu}": {"friction": mu} for mu in (0.3, 0.5, 0.7, 0.9)}
     sweep_experiment = ng.Experiment(problem(), sweep, seeds=range(SOLVES // 4), starts=1, options=OPTIONS)
-    one_worker, solve_seconds = timed(sweep_experiment, workers=1)
-    two_workers, _ = timed(sweep_experiment, workers=2)
+    one_worker, solve_seconds = run_timed(sweep_experiment, workers=1)
+    two_workers, _ = run_timed(sweep_experiment, workers=2)
     print(
         f"{SOLVES} solves: {one_worker:.1f} s with one worker, {two_workers:.1f} s with two:"
         f" {one_worker / two_workers:.2f} times (aim 1.8)"
@@ -47,7 +47,7 @@ def run():
         " start of the workers included"
     )
     with tempfile.TemporaryDirectory() as folder:
-        dask, _ = cluster(folder, lambda address: timed(sweep_experiment, scheduler=address))
+        dask, _ = cluster(folder, lambda address: run_timed(sweep_experiment, scheduler=address))
     print(f"Dask with two workers: {dask:.1f} s: {one_worker / dask:.2f} times one worker (aim 1.6)")
     small_experiment = ng.Experiment(square(), {"square": {}}, seeds=range(MANY), starts=1, options=QUICK)
     memory, times = [], []
@@ -57,7 +57,7 @@ def run():
         if len(times) % 50 == 0:
             memory.append([p.memory_info().rss / 2**20 for p in [psutil.Process(), *workers()]])
 
-    _, solving = timed(small_experiment, workers=1, progress=watch)
+    _, solving = run_timed(small_experiment, workers=1, progress=watch)
     overhead = (times[-1] - times[len(times) // 10]) / (len(times) - 1 - len(times) // 10) - solving / MANY
     print(f"{MANY} solves of {1e3 * solving / MANY:.0f} ms: {1e3 * overhead:.0f} ms overhead a solve (aim 50)")
     print(
@@ -66,12 +66,12 @@ def run():
 
 
 def workers():
-    """Return the worker processes."""
+    """Return the worker processes of this process."""
     return psutil.Process().children(recursive=True) or [psutil.Process()]
 
 
 def cluster(folder, function):
-    """Call ``function`` with the address of a Dask cluster of two workers."""
+    """Start a Dask cluster of two workers, call ``function`` with its address, and return the result."""
     python, quiet = [sys.executable, "-m"], ["--no-dashboard", "--host", "127.0.0.1"]
     settings = {"cwd": Path(__file__).resolve().parents[1], "stderr": subprocess.PIPE, "text": True}
     processes = [subprocess.Popen([*python, "distributed.cli.dask_scheduler", "--port", "0", *quiet], **settings)]

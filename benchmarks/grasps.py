@@ -1,4 +1,4 @@
-"""Distinct grasps per second on two cores by body, and the cost of keeping many over one."""
+"""Distinct grasps per second on two cores, and the extra cost of keeping many grasps."""
 
 import os
 import time
@@ -33,11 +33,11 @@ BODIES = {
 }
 
 
-def solved(problem, keep):
-    """Return a solution, and the wall seconds of the call."""
-    begin = time.perf_counter()
+def solve_timed(problem, keep):
+    """Solve a problem, and return the solution and the wall seconds of the call."""
+    start_time = time.perf_counter()
     solution = ng.solve(problem, starts=STARTS, keep=keep, options=ng.SolveOptions(workers=2))
-    return solution, time.perf_counter() - begin
+    return solution, time.perf_counter() - start_time
 
 
 def run(only=None):
@@ -46,11 +46,11 @@ def run(only=None):
     print("body        grasps  local optima  mu best  mu last  keep=1, s  keep=20, s   more  a second  file")
     for name in BODIES if only is None else only.split(","):
         problem = ng.GraspProblem(BODIES[name](), [ng.FrictionContact(0.6)] * 4, TASK, name=name)
-        solved(problem, 1)  # workers, and what they import
+        solve_timed(problem, 1)  # workers, and what they import
         single, multiple = [], []
         for _ in range(TURNS):
-            single.append(solved(problem, 1)[1])
-            solution, seconds = solved(problem, KEEP)
+            single.append(solve_timed(problem, 1)[1])
+            solution, seconds = solve_timed(problem, KEEP)
             multiple.append(seconds)
         grasps, single_seconds, seconds = solution.grasps, np.median(single), np.median(multiple)
         optima = sum(grasp_record.start is not None for grasp_record in grasps)

@@ -1,4 +1,4 @@
-"""Ferrari and Canny's epsilon and mu of a 16-joint hand under the shared and the L2 budget."""
+"""Epsilon of Ferrari and Canny and mu of a 16-joint hand's grasps under the shared and the L2 budget."""
 
 import time
 
@@ -26,7 +26,7 @@ ABOVE = 1.1  # target ratio of mu to that of the L2 answer, both under the share
 
 
 def bodies():
-    """Yield name, body, mean radius and target epsilon, None for meshes."""
+    """Yield name, body, mean radius and target epsilon; meshes have no target."""
     for name, (body, mesh, aim) in PRIMITIVES.items():
         yield name, body, _mean_radius(mesh, body.centroid), aim
     if MESHES.is_dir():
@@ -60,13 +60,13 @@ def run():
 
 
 def _solved(body, task, hand, budget, radius):
-    """Return mu under the shared budget, epsilon and CPU seconds of each seed."""
+    """Solve with each seed, and return mu under the shared budget, epsilon and CPU seconds."""
     problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand, force_budget=budget)
     results = []
     for seed in range(SEEDS):
-        begin = time.process_time()
+        start_time = time.process_time()
         solution = ng.solve(problem, starts=1, seed=seed, options=ng.SolveOptions(workers=1))
-        cpu_seconds = time.process_time() - begin
+        cpu_seconds = time.process_time() - start_time
         if solution.success:
             grasp = solution.grasp
             mu = ng.mu(grasp, task, 1e-3, force_budget="shared").upper

@@ -1,4 +1,4 @@
-"""Simulated grasps of four preset hands on six bodies in MuJoCo, pressed through their joints.
+"""MuJoCo trials of grasps of four preset hands on six bodies, squeezed by the joints.
 
 ``hand_simulation:shadow,panda:box`` takes these hands and bodies alone. The hands' files are those of the tests
 (``make robots``). A missing grasp counts as lost. Fingers press with 1 N, with 2 N, and with twice the force required
@@ -48,7 +48,7 @@ STILL = "0.5 mm, 0.5 deg"  # target median motion of the object by the squeeze
 
 @dataclass
 class Count:
-    """Counts of closings without a lost trial, and of trials held."""
+    """Counts of closings and trials, and of those in which the object was held."""
 
     closed: int = 0
     held: int = 0
@@ -56,7 +56,10 @@ class Count:
     strict: int = 0
 
     def add(self, simulation, condition):
-        """Add the trials of a condition, lost for a missing simulation, and return the number held as text."""
+        """Add the trials of a condition, and return the number of trials held as text.
+
+        Trials of a missing simulation count as lost.
+        """
         closings = DRAWS if condition == OFF else 1
         trial_count = len(AXES) * closings + (condition == AS_SOLVED)  # lifted as solved alone
         is_strict = (
@@ -93,8 +96,8 @@ def run(hands=None, bodies=None):
 
 
 def _row(name, path, hand, body, counts, moved):
-    """Solve and simulate one hand and body, add to the counts, and print the row."""
-    begin = time.perf_counter()
+    """Solve and simulate one hand and body, add the trials to the counts, and print a row."""
+    start_time = time.perf_counter()
     rough, smooth = (_solved(name, hand, body, friction) for friction in (ROUGH, SMOOTH))
     cells = [counts[f"squeeze of {force:g} N"].add(_press(rough, path, force), AS_SOLVED) for force in SQUEEZES]
     forces_requested = [_requested_force(solution) for solution in (rough, smooth)]
@@ -110,7 +113,7 @@ def _row(name, path, hand, body, counts, moved):
         control, movement = "lost" if rough_simulation.control_lost else "held", str(rough_simulation.squeezed)
     forces = ", ".join("-" if force is None else f"{force:.1f}" for force in forces_requested)
     row = f"{''.join(f'{cell:>7}' for cell in cells)}  {forces:17}  {control:7}  {movement:20}"
-    print(f"{name:22}{row}  {time.perf_counter() - begin:.0f}", flush=True)
+    print(f"{name:22}{row}  {time.perf_counter() - start_time:.0f}", flush=True)
 
 
 def _solved(name, hand, body, friction):
@@ -119,7 +122,10 @@ def _solved(name, hand, body, friction):
 
 
 def _requested_force(solution):
-    """Return the normal force per finger required by mu, newtons, at least 2 N and within joint efforts."""
+    """Return the normal force per finger that the push requires by mu, newtons.
+
+    The force is at least 2 N and within the joints' efforts.
+    """
     squeeze = solution.squeeze
     if squeeze is None:
         return None
@@ -129,7 +135,7 @@ def _requested_force(solution):
 
 
 def _press(solution, path, force):
-    """Return the simulation of a grasp; None without a grasp."""
+    """Simulate a grasp, or return ``None`` without a squeeze."""
     if solution.squeeze is None:
         return None
     return ng.simulate_hand(solution, path, ng.HandSceneOptions(mass=MASS, normal_force=force), push=PUSH)

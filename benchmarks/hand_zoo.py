@@ -1,4 +1,4 @@
-"""Grasps of public hands on three bodies: kinds of fingertips, seconds, mu, penetration by MuJoCo, pushes held.
+"""Grasps of public hands on three bodies: time, mu, penetration, and simulated pushes.
 
 ``hand_zoo:leap,barrett:cylinder`` takes these hands and bodies alone. Hands with a preset are loaded by it; the others
 have the fingertips that ``nlpgrasp hand`` proposes. Files are those of the tests (``make robots``) and of the folder
@@ -34,7 +34,7 @@ BODIES = {
 
 
 def outside(path):
-    """Return the path of a file among the hands from outside; skip where it is not there."""
+    """Return the path of a file among the shared hands; skip if it is missing."""
     file = OUTSIDE / path
     if not file.is_file():
         pytest.skip(MISSING)
@@ -42,7 +42,7 @@ def outside(path):
 
 
 def leaf_hand(path, palm=None):
-    """Return a hand with the fingertips that ``nlpgrasp hand`` proposes: leaf links, fitted to their shapes."""
+    """Load a hand with the fingertips that ``nlpgrasp hand`` proposes: leaf links, fitted to their shapes."""
     proposal = inspect_without_tips(path, palm, [0.0, 0.0, 1.0]).proposal
     return ng.URDFHand.load(path, [tip.link for tip in proposal.tips], palm=palm)
 
@@ -88,37 +88,37 @@ def run(hands=None, bodies=None):
 
 
 def _row(name, path, hand, body):
-    """Solve and simulate one hand and body, print the row, and return what is counted."""
+    """Solve and simulate one hand and body, print a row, and return the counts of successes."""
     contact = ng.SoftContact(FRICTION, TORSION) if hand.count == 2 else ng.FrictionContact(FRICTION)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[0.5 * body.size] * 3])
-    begin = time.perf_counter()
+    start_time = time.perf_counter()
     problem = ng.GraspProblem(body, contact, task, hand=hand, name=name)
     solution = ng.solve(problem, starts=STARTS, options=ng.SolveOptions(workers=1))
-    seconds = time.perf_counter() - begin
+    seconds = time.perf_counter() - start_time
     depth, gap = link_distances(solution, path, hand) if solution.squeeze is not None else (np.nan, np.nan)
-    held = "-"
+    held_count = "-"
     if solution.squeeze is not None:
         trials = ng.simulate_hand(solution, path, ng.HandSceneOptions(mass=0.1), push=PUSH).of(AS_SOLVED)
-        held = sum(trial.strict for trial in trials[:PUSHES])
+        held_count = sum(trial.strict for trial in trials[:PUSHES])
     tips = ",".join(sorted({tip.kind for _, tip in hand.tips}))
     print(
         f"{name:24}{tips:9}{seconds:7.1f}  {solution.status.name[:8]:9}{solution.mu.lower:<9.3g}{1e3 * depth:<18.2f}"
-        f"{1e3 * gap:<14.2f}{held}",
+        f"{1e3 * gap:<14.2f}{held_count}",
         flush=True,
     )
-    return np.array([1, solution.success, depth < DEEPEST, gap <= OFF_BODY, held == PUSHES])
+    return np.array([1, solution.success, depth < DEEPEST, gap <= OFF_BODY, held_count == PUSHES])
 
 
 def link_distances(solution, path, hand):
-    """Return the largest penetration of a link, and the largest distance of a fingertip's links, by MuJoCo, metres."""
+    """Return the largest penetration of a link and the largest distance of a fingertip, metres, by MuJoCo."""
     world = HandWorld(mjcf_with_hand(solution, path))
     world.begin(GRASP)
     geoms = {i: world.model.body(world.model.geom_bodyid[i]).name for i in range(world.model.ngeom)}
-    held = [i for i, body in geoms.items() if body == "object"]
+    object_geoms = [i for i, body in geoms.items() if body == "object"]
     distances = {}
     for i, body in geoms.items():
         if body.startswith(PREFIX) and not world.model.geom(i).name.startswith("fingertip"):
-            least = min(mujoco.mj_geomDistance(world.model, world.data, i, j, REACH, None) for j in held)
+            least = min(mujoco.mj_geomDistance(world.model, world.data, i, j, REACH, None) for j in object_geoms)
             group = hand.robot.rigid_groups[body.removeprefix(PREFIX)]
             distances[group] = min(least, distances.get(group, REACH))
     tips = [distances.get(hand.robot.rigid_groups[link], np.nan) for link, _ in hand.tips]

@@ -1,4 +1,4 @@
-"""Starts of a 16-joint hand on the shared meshes: stages, quality, and penetration of links."""
+"""Starts of a 16-joint hand on the shared meshes: time by stage, quality, and penetration of links."""
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def _mesh(path, hand):
 
 
 def _penetration(body, hand, values):
-    """Return the largest penetration of collision shapes and mesh, metres, at vertices of both."""
+    """Return the largest penetration between collision shapes and mesh, metres, at the vertices of both."""
     poses = np.asarray(hand.tree.link_function(values["joints"]).full())
     q = ng.hands.kinematics.rotation_matrix(values["palm_quaternion"])
     rotation = np.array([[float(q[i, j]) for j in range(3)] for i in range(3)])

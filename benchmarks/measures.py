@@ -1,4 +1,4 @@
-"""Quality measures of grasps: certificates, screening, finger forces against Clarabel, cones against pyramids."""
+"""Time and accuracy of quality measures and finger forces, against Clarabel and friction pyramids."""
 
 import time
 
@@ -14,9 +14,9 @@ BALL = ng.TaskEllipsoid([1.0] * 6)
 
 
 def timed(function):
-    begin = time.perf_counter()
+    start_time = time.perf_counter()
     result = function()
-    return result, time.perf_counter() - begin
+    return result, time.perf_counter() - start_time
 
 
 def random_grasps(count=30):
@@ -61,7 +61,7 @@ def screening():
 
 
 def conic_force(grasp, wrench, settings):
-    """Return the least forces of one wrench by Clarabel, as a user would write it."""
+    """Return the least finger forces for one wrench by Clarabel, as a user would write the program."""
     n = grasp.G.shape[1]
     rows, cones = [grasp.G], [clarabel.ZeroConeT(6)]
     for i, contact in enumerate(grasp.contacts):
@@ -99,11 +99,11 @@ def pyramids(grasps):
         seconds = np.median([s for _, s in certified])
         for m in edges:
             runs = [timed(lambda g=g, m=m: ng.ferrari_canny(g, m, force_budget=budget)) for g in grasps[k][:8]]
-            others = np.median([s for _, s in runs])
+            pyramid_seconds = np.median([s for _, s in runs])
             shortfall = np.median([1.0 - value / b.upper for (value, _), (b, _) in zip(runs, certified, strict=True)])
             print(
                 f"{budget}, {k} contacts: certified to {rtol:.1%} in {1e3 * seconds:.1f} ms; {m}-edge pyramids "
-                f"{1e3 * others:.1f} ms, {shortfall:.1%} low: {others / seconds:.1f} times as long"
+                f"{1e3 * pyramid_seconds:.1f} ms, {shortfall:.1%} low: {pyramid_seconds / seconds:.1f} times as long"
             )
 
     for k in (3, 4, 5):

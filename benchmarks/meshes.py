@@ -1,4 +1,4 @@
-"""Meshes with buried triangles: seconds to load; shared meshes: starts with four fingertips, quality and time."""
+"""Meshes: time to load buried triangles, and quality and time of starts on shared meshes."""
 
 from time import perf_counter
 
@@ -14,7 +14,7 @@ STARTS = 20
 
 
 def assembly(parts, divisions):
-    """Return a box with balls through its surface, one mesh of all their triangles."""
+    """Return one mesh with the triangles of a box and of balls through the box's surface."""
     rng = np.random.default_rng(0)
     balls = [trimesh.creation.icosphere(divisions, 0.006) for _ in range(parts)]
     for ball in balls:
@@ -23,7 +23,7 @@ def assembly(parts, divisions):
 
 
 def load_buried():
-    """Print how long parts with buried triangles take to load: their union alone, and the whole body."""
+    """Print the time to load meshes with buried triangles: the union alone, and the whole body."""
     for parts, divisions in ((40, 3), (10, 4)):
         mesh = assembly(parts, divisions)
         start = perf_counter()

@@ -1,4 +1,4 @@
-"""One timed call: ``python -m benchmarks.one_call BODY [hand]`` prints its stages as JSON."""
+"""One timed call: ``python -m benchmarks.one_call BODY [hand]`` prints the seconds of each stage as JSON."""
 
 import json
 import os
@@ -10,14 +10,14 @@ STATED = ("box", "ellipsoid")
 
 
 def main(name, with_hand):
-    """Time imports, reading, the first solve of one start and a second one, on one core."""
+    """Print the seconds of imports, reading, the first solve and a second one, each of one start on one core."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    took, last = {}, time.perf_counter()
+    took, stage_start = {}, time.perf_counter()
 
     def mark(stage):
-        nonlocal last
-        now = time.perf_counter()
-        took[stage], last = now - last, now
+        nonlocal stage_start
+        stage_end = time.perf_counter()
+        took[stage], stage_start = stage_end - stage_start, stage_end
 
     import nlpgrasp as ng
 

@@ -1,4 +1,4 @@
-"""Shared meshes and hands outside the repository, in the folder named by NLPGRASP_TEST_DATA."""
+"""Access to shared meshes and hands outside the repository, in the folder that NLPGRASP_TEST_DATA names."""
 
 import os
 import warnings
@@ -14,12 +14,14 @@ MISSING = "NLPGRASP_TEST_DATA names no folder with meshes/ and hands/"
 
 
 def load_mesh(path):
-    """Return a shared mesh: scans of the YCB set in metres, machined parts in inches."""
+    """Load a shared mesh: a scan of the YCB set in metres, or a machined part in inches."""
     return ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
 
 
 def hands_and_bodies(hand_table, body_table, hands, bodies, scan):
-    """Yield label, file, function that loads the hand, and body, for names given as text or all; name missing files.
+    """Yield label, file, loading function and body for each pair of a hand and a body.
+
+    Names are given as text, or all are taken; missing files are printed.
 
     Warnings about the files are ignored meanwhile: tests check what is said of them. ``scan`` is the body of MESHES.
     """

@@ -1,4 +1,4 @@
-"""Cost of a power grasp against its number of contacts, with a plot (docs/pictures/power_grasp_cost.png)."""
+"""Cost of a power grasp over the number of contacts, with a plot (docs/pictures/power_grasp_cost.png)."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def run():
     counts = range(4, 13)
     seconds = []
     for count in counts:
-        results, times = run_starts(held(count), STARTS)
+        results, times = run_starts(power_grasp_problem(count), STARTS)
         solved = [r for r in results if r.solved]
         seconds.append(times)
         best = max((r.record.mu.lower for r in solved), default=0.0)
@@ -38,8 +38,8 @@ def run():
     _plot(np.array(counts), seconds, fitted, slope)
 
 
-def held(count):
-    """Return the power grasp with a number of contacts: first the tips, then the middle and inner links."""
+def power_grasp_problem(count):
+    """Return the power grasp problem with a number of contacts, on fingertips first, then on inner links."""
     links = [f"{finger}_{part}" for part in ("tip", "middle", "proximal") for finger in FINGERS][:count]
     tips = {link: _tip(link) for link in links}
     hand = ng.URDFHand.load(HAND, tips, approach=[1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Default solves with and without the global bound: quality, KKT residuals, and cost of the last step.
+"""Default solves with and without the global bound: quality, KKT residuals, and cost of the last solver step.
 
 ``program:0:20`` runs the first 20 problems, ``program:hands`` those with a hand.
 """
@@ -19,20 +19,20 @@ WITH_A_HAND = (0, 3, 4, 9, 10)  # kinds of bodies with a hand: box, ellipsoid, c
 
 
 def run(first=0, last=PROBLEMS):
-    numbers = range(PROBLEMS - WITH_HAND, PROBLEMS) if first == "hands" else range(int(first), int(last))
+    indices = range(PROBLEMS - WITH_HAND, PROBLEMS) if first == "hands" else range(int(first), int(last))
     is_near, seconds, residuals, last_step_shares = [], [], [], []
-    for number in numbers:
-        name, problem = random_problem(number)
+    for index in indices:
+        name, problem = random_problem(index)
         if problem is None:
-            print(f"{number} {name}: skipped, {MISSING}")
+            print(f"{index} {name}: skipped, {MISSING}")
             continue
-        (default, spent), (alone, spent_alone) = (solved(problem, bound) for bound in (True, False))
+        (default, spent), (alone, spent_alone) = (solve_timed(problem, bound) for bound in (True, False))
         is_near.append(alone.mu.lower >= (1.0 - NEAR) * default.mu.lower)
         seconds.append((spent, spent_alone))
         last_step_shares.append(default.solver["seconds"]["last step"] / default.solver["seconds"]["total"])
         residuals += [kkt(problem, default), kkt(problem, alone)]
         print(
-            f"{number} {name}: default {default.mu.lower:.4f} ({spent:.1f} s of CPU), without the bound"
+            f"{index} {name}: default {default.mu.lower:.4f} ({spent:.1f} s of CPU), without the bound"
             f" {alone.mu.lower:.4f} ({spent_alone:.1f} s); KKT {residuals[-2]:.0e}, {residuals[-1]:.0e}; last step"
             f" {last_step_shares[-1]:.0%}{'' if is_near[-1] else f'  {alone.mu.lower / default.mu.lower:.1%}'}",
             flush=True,
@@ -45,15 +45,18 @@ def run(first=0, last=PROBLEMS):
     print(f"CPU seconds in the median: {medians[0]:.1f} and {medians[1]:.1f}")
 
 
-def solved(problem, bound):
-    """Return the solution of eight starts, with or without the bound, and its CPU seconds."""
-    begin = time.process_time()
+def solve_timed(problem, bound):
+    """Solve with or without the global bound, and return the solution and the CPU seconds."""
+    start_time = time.process_time()
     options = ng.SolveOptions(workers=1, rank="mu", joint_margin=0.0, global_bound=bound)
-    return ng.solve(problem, starts=STARTS, options=options), time.process_time() - begin
+    return ng.solve(problem, starts=STARTS, options=options), time.process_time() - start_time
 
 
 def kkt(problem, solution):
-    """Return the largest KKT residual by central differences; infinite, with the reason printed, if not stated."""
+    """Return the largest KKT residual by central differences.
+
+    It is infinite, and the reason is printed, if the solution states no small residual.
+    """
     if solution.kkt is None or not solution.kkt.is_small:
         print(f"    {solution.status.name.lower()}: {solution.kkt and solution.kkt.words}")
         return np.inf
@@ -61,11 +64,14 @@ def kkt(problem, solution):
     return max(residuals.stationarity, residuals.complementarity)
 
 
-def random_problem(number):
-    """Return name and random problem ``number``, None with a missing mesh."""
-    rng = np.random.default_rng(number)
-    has_hand = number >= PROBLEMS - WITH_HAND
-    kind = number % 13 if not has_hand else WITH_A_HAND[number % len(WITH_A_HAND)]
+def random_problem(index):
+    """Return name and random problem of an index.
+
+    The problem is ``None`` if its mesh is missing.
+    """
+    rng = np.random.default_rng(index)
+    has_hand = index >= PROBLEMS - WITH_HAND
+    kind = index % 13 if not has_hand else WITH_A_HAND[index % len(WITH_A_HAND)]
     body = analytic_body(ANALYTIC[kind], rng) if kind < len(ANALYTIC) else shared_mesh(kind - len(ANALYTIC))
     k, friction, is_centred = int(rng.integers(3, 6)), float(rng.uniform(0.3, 0.9)), bool(rng.integers(2))
     name = (
@@ -78,15 +84,15 @@ def random_problem(number):
     centre = np.zeros(6) if is_centred else np.concatenate([rng.normal(size=3), 0.2 * size * rng.normal(size=3)])
     centre[:3] *= 0.0 if is_centred else 1.2 / np.linalg.norm(centre[:3])
     task = ng.TaskEllipsoid(axes, center=centre)
-    contacts = [ng.FrictionContact(friction)] * ((4 if number % 2 else 3) if has_hand else k)
-    hand_model = None if not has_hand else four_finger_hand() if number % 2 else three_finger_hand()
+    contacts = [ng.FrictionContact(friction)] * ((4 if index % 2 else 3) if has_hand else k)
+    hand_model = None if not has_hand else four_finger_hand() if index % 2 else three_finger_hand()
     return f"{name}, {len(contacts)} contacts, {'centred' if is_centred else 'one-sided'}", ng.GraspProblem(
         body, contacts, task, hand=hand_model
     )
 
 
 def analytic_body(kind, rng):
-    """Return a body of random size and shape, 3 to 8 cm large."""
+    """Return an analytic body of random size, about 3 to 8 cm."""
     a, b, c = rng.uniform(0.02, 0.045, 3)
     outline = [[np.cos(t), np.sin(t)] for t in np.arange(5) * 2.0 * np.pi / 5.0]
     return {
@@ -100,10 +106,10 @@ def analytic_body(kind, rng):
     }[kind]()
 
 
-def shared_mesh(number):
-    """Return a shared mesh by number, None without it."""
+def shared_mesh(index):
+    """Load the shared mesh of an index, or return ``None`` if it is missing."""
     paths = sorted(MESHES.glob("*.stl"))
-    if number >= len(paths):
+    if index >= len(paths):
         return None
-    path = paths[number]
+    path = paths[index]
     return load_mesh(path)

@@ -1,4 +1,4 @@
-"""Reports of mesh grasps: time to write, size, and time until drawn in headless Chromium."""
+"""Reports of mesh grasps: time to write, file size, and time to draw in headless Chromium."""
 
 import shutil
 import statistics
@@ -23,9 +23,9 @@ def run():
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
         solution = ng.solve(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name), starts=1)
         with tempfile.TemporaryDirectory() as folder:
-            begin = time.perf_counter()
+            start_time = time.perf_counter()
             page = write_report({name: solution}, Path(folder) / "report.html")
-            seconds, size = time.perf_counter() - begin, page.stat().st_size / 1e6
+            seconds, size = time.perf_counter() - start_time, page.stat().st_size / 1e6
             ready_milliseconds = (
                 statistics.median(ready(page) for _ in range(REPEATS)) if shutil.which("chromedriver") else None
             )

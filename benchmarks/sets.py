@@ -1,4 +1,4 @@
-"""Sets of grasps: CPU seconds a distinct grasp of a 16-joint hand, by single solves and in a set, and bytes a grasp."""
+"""Sets of grasps of a 16-joint hand: CPU seconds per grasp against single solves, and bytes per grasp."""
 
 import os
 import tempfile
@@ -22,16 +22,16 @@ def problem():
 
 
 def single_solves(count):
-    """CPU seconds of a grasp by ``ng.solve`` and ``ng.simulate_hand`` in this process, its programs compiled."""
+    """Print the CPU seconds per grasp of single solves and simulations, with programs compiled before."""
     options, hand_problem = ng.SolveOptions(workers=1, global_bound=False), problem()
     ng.solve(hand_problem, starts=1, options=options)
     solving = simulating = 0.0
     for seed in range(1, count + 1):
-        begin = time.process_time()
+        start_time = time.process_time()
         solution = ng.solve(hand_problem, starts=1, seed=seed, options=options)
         middle = time.process_time()
         ng.simulate_hand(solution, FOUR)
-        solving, simulating = solving + middle - begin, simulating + time.process_time() - middle
+        solving, simulating = solving + middle - start_time, simulating + time.process_time() - middle
     total = (solving + simulating) / count
     print(
         f"one by one: {solving / count:.1f} CPU s to solve, {simulating / count:.1f} to simulate: {total:.1f} a grasp"
@@ -39,24 +39,24 @@ def single_solves(count):
 
 
 def grasp_set(count):
-    """CPU seconds and bytes of a grasp in a set."""
+    """Print the CPU seconds and bytes per grasp of a set."""
     with tempfile.TemporaryDirectory() as folder:
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         grasps = ng.make_set([problem()], count, Path(folder) / "set", folders=[FOUR.parent])
-        seconds = time.perf_counter() - begin
-        frame, found = grasps.frame(failures=True), len(grasps)
-        solving, simulating = (frame[name].sum() / found for name in ("cpu_seconds", "simulation_cpu_seconds"))
-        size = sum(file.stat().st_size for file in (grasps.path / "rows").iterdir()) / found
+        seconds = time.perf_counter() - start_time
+        frame, grasp_count = grasps.frame(failures=True), len(grasps)
+        solving, simulating = (frame[name].sum() / grasp_count for name in ("cpu_seconds", "simulation_cpu_seconds"))
+        size = sum(file.stat().st_size for file in (grasps.path / "rows").iterdir()) / grasp_count
         aim = f"aim {AIM:g}, {AIM * QUICKER:.1f} on a machine {QUICKER:g} times slower"
         cost = f"{solving:.1f} CPU s to solve, {simulating:.1f} to simulate: {solving + simulating:.1f} a grasp"
-        print(f"in a set of {found}: {cost} ({aim})", flush=True)
-        print(f"{60.0 * found / seconds:.1f} grasps a minute on {len(os.sched_getaffinity(0))} cores")
+        print(f"in a set of {grasp_count}: {cost} ({aim})", flush=True)
+        print(f"{60.0 * grasp_count / seconds:.1f} grasps a minute on {len(os.sched_getaffinity(0))} cores")
         print(f"{size:.0f} bytes a grasp (limit {LIMIT})")
         print(f"rows: {', '.join(f'{n} {s}' for s, n in grasps.counts().items() if n)}")
         print(f"simulated: {dict(grasps.frame()['verdict'].value_counts())}")
-        begin = time.process_time()
+        start_time = time.process_time()
         outcome = grasps.verify(workers=1)
-        print(f"{outcome}".splitlines()[0], f"in {(time.process_time() - begin) / found:.1f} CPU s a grasp")
+        print(f"{outcome}".splitlines()[0], f"in {(time.process_time() - start_time) / grasp_count:.1f} CPU s a grasp")
 
 
 def run(count=GRASPS):

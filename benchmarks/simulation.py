@@ -1,4 +1,4 @@
-"""Simulation of all scripts of problems/ in MuJoCo: held trials at 0.8 of certified mu, and the load at loss."""
+"""MuJoCo trials of all scripts of problems/: held at 0.8 of certified mu, and the load at which the body is lost."""
 
 import time
 from pathlib import Path
@@ -16,9 +16,9 @@ def run():
     lost_at, slips, turns = [], [], []
     for script in sorted(PROBLEMS.glob("*.py")):
         solution = ng.solve(load_problem(script), options=ng.SolveOptions())
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         simulation = ng.simulate(solution)
-        seconds = time.perf_counter() - begin
+        seconds = time.perf_counter() - start_time
         full_friction = [t for condition in simulation.conditions[:2] for t in simulation.of(condition)]
         other_conditions = [
             f"{sum(t.held for t in simulation.of(c))} of {len(simulation.of(c))}" for c in simulation.conditions[2:]

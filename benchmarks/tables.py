@@ -1,4 +1,4 @@
-"""Tables of grasps: certificates side by side for each budget, and one command for many tasks and frictions."""
+"""Tables of grasps: rate of certificates for each budget, and CPU time of one command for many tasks."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ def random_arrays(count, axes):
 
 
 def certificates(count):
-    """Rates of mu and epsilon of one stack."""
+    """Print the number of certificates per CPU second for mu and epsilon of one stack."""
     stack = ng.GraspStack(**random_arrays(count, (2.0, 1.0, 1.0)), contacts=ng.FrictionContact(0.5))
     ball = ng.TaskEllipsoid([1.0] * 6)
     measures = {
@@ -32,14 +32,14 @@ def certificates(count):
         "epsilon": lambda: ng.delta(stack, 0.5, RTOL, force_budget="shared"),
     }
     for name, measure in measures.items():
-        begin = time.process_time()
+        start_time = time.process_time()
         bounds = measure()
-        rate = count / (time.process_time() - begin)
+        rate = count / (time.process_time() - start_time)
         print(f"{name}: {rate:.0f} grasps a CPU second, {np.sum(bounds.lower > 0.0)} of {count} closed")
 
 
 def command():
-    """CPU seconds of one command: grasps, tasks and two frictions."""
+    """Print the CPU seconds of one command for many grasps, tasks and two friction coefficients."""
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder, "grasps.npz"), **random_arrays(TABLE, (0.04, 0.03, 0.03)))
         line = [sys.executable, "-m", "nlpgrasp", "quality", "grasps.npz", "--friction", "0.5", "--friction", "0.8"]
@@ -47,9 +47,9 @@ def command():
         line += [part for task in TASKS for part in ("--task", task)]
         code = f"import resource, subprocess; subprocess.run({line!r}, check=True, capture_output=True); "
         code += "used = resource.getrusage(resource.RUSAGE_CHILDREN); print(used.ru_utime + used.ru_stime)"
-        done = subprocess.run([sys.executable, "-c", code], cwd=folder, check=True, capture_output=True, text=True)
+        completed = subprocess.run([sys.executable, "-c", code], cwd=folder, check=True, capture_output=True, text=True)
         rows = len(Path(folder, "table.csv").read_text().splitlines()) - 1
-    print(f"{rows} rows of mu and epsilon by one command: {float(done.stdout):.1f} CPU seconds")
+    print(f"{rows} rows of mu and epsilon by one command: {float(completed.stdout):.1f} CPU seconds")
 
 
 def run(count=COUNT):

@@ -1,4 +1,4 @@
-"""Task ellipsoids of 100,000 wrenches, and a followed task of 20 steps against cold solves."""
+"""Time to fit task ellipsoids to 100,000 wrenches, and to follow a task over 20 steps against cold solves."""
 
 import time
 
@@ -22,20 +22,20 @@ def run():
         "heavy tails": rng.standard_t(2, (COUNT, 6)),
     }
     for name, wrenches in sets.items():
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         fit = ng.fit_ellipsoid(wrenches)
-        seconds = time.perf_counter() - begin
+        seconds = time.perf_counter() - start_time
         local = np.linalg.solve(fit.task.axes.T, (wrenches - fit.task.center).T)
         farthest = float(np.max(np.linalg.norm(local, axis=0)))
         print(f"{name}: {seconds:.2f} s, gap {fit.gap:.1e}, farthest point at {farthest:.12f} (aims 5 s, 1e-6, 1)")
     options = ng.SolveOptions(workers=1)
-    levels = np.linspace(0.15, 1.0, STEPS)
-    begin = time.perf_counter()
-    followed = ng.follow_task(filled, levels, starts=STARTS, options=options)
-    followed_seconds = time.perf_counter() - begin
-    begin = time.perf_counter()
-    cold = [ng.solve(filled(level), STARTS, options=options) for level in levels]
-    time_ratio = followed_seconds / (time.perf_counter() - begin)
+    parameters = np.linspace(0.15, 1.0, STEPS)
+    start_time = time.perf_counter()
+    followed = ng.follow_task(filled, parameters, starts=STARTS, options=options)
+    followed_seconds = time.perf_counter() - start_time
+    start_time = time.perf_counter()
+    cold = [ng.solve(filled(parameter), STARTS, options=options) for parameter in parameters]
+    time_ratio = followed_seconds / (time.perf_counter() - start_time)
     ratios = [
         step.solution.mu.lower / cold_solution.mu.lower
         for step, cold_solution in zip(followed.steps, cold, strict=True)

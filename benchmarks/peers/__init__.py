@@ -1,1 +1,1 @@
-"""The package beside what one would use instead: ``python -m benchmarks.peers``."""
+"""Comparison study of the package with other methods: ``python -m benchmarks.peers``."""

@@ -1,4 +1,7 @@
-"""Run the study: ``python -m benchmarks.peers [BODY ...]``; ``--tables`` only writes tables and picture anew."""
+"""Command line of the study: ``python -m benchmarks.peers [BODY ...]``.
+
+``--tables`` only writes tables and picture anew.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +20,15 @@ DOCS = ROOT / "docs"
 
 
 def main(arguments: list[str]) -> None:
-    """Run the study, or what the arguments leave of it."""
-    words = [word for word in arguments if word != "--tables"]
-    unknown = [word for word in words if word not in CASES]
+    """Run the study on all bodies or on the named ones, and write tables and picture."""
+    bodies = [argument for argument in arguments if argument != "--tables"]
+    unknown = [body for body in bodies if body not in CASES]
     if unknown:
         sys.exit(f"{unknown[0]} is no body of the study: {', '.join(CASES)}")
     if "--tables" not in arguments:
         # some of the bodies alone are a trial, and leave the study's file as it is
-        run(RESULTS if not words else ROOT / "build" / "peers.csv", words or tuple(CASES))
-    if not words:
+        run(RESULTS if not bodies else ROOT / "build" / "peers.csv", bodies or tuple(CASES))
+    if not bodies:
         rows = read(RESULTS)
         write_block(DOCS / "comparison.md", rows)
         print(by_method(rows))

@@ -1,4 +1,4 @@
-"""What a method answers, and what its process has used until then."""
+"""Answer of a method: contacts and CPU time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlpgrasp.common.validation import FloatArray
 
 @dataclass(frozen=True)
 class Answer:
-    """Where a method puts the contacts.
+    """Contacts that a method proposes, and the CPU time it took.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ class Answer:
     seconds: float
 
 
-def nothing(method: str) -> Answer:
+def no_answer(method: str) -> Answer:
     """Return the answer of a method that found no grasp."""
     return Answer(method, np.zeros((0, 3)), (), cpu_seconds())
 
 
 def cpu_seconds() -> float:
-    """Return the CPU time of this process and of its children that ended, seconds."""
+    """Return the CPU seconds of this process and of its ended children."""
     return float(sum(os.times()[:4]))

@@ -1,61 +1,70 @@
-"""Antipodal pairs by ray casting, as samplers for parallel jaws do, ranked by epsilon; more contacts one by one."""
+"""Sampler of antipodal pairs by ray casting, ranked by epsilon, with more contacts added greedily."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.peers.answer import Answer, cpu_seconds, nothing
+from benchmarks.peers.answer import Answer, cpu_seconds, no_answer
 from benchmarks.peers.cases import FRICTION, Case
 from benchmarks.peers.epsilon import epsilon, least_reach, pyramid_wrenches
-from benchmarks.peers.surface import nearest_faces, onto, random_points, triangles
+from benchmarks.peers.surface import nearest_faces, project, random_points, triangles
 from nlpgrasp.common.validation import FloatArray
 
 NAME = "antipodal sampler"
 RAYS, CHUNK, PAIRS, ADDED = 400, 50, 20, 400
-FEW = 24  # pairs whose hull is built
+HULLS = 24  # pairs whose hull is built
 
 
 def answers(case: Case, starts: int, budget: float) -> list[Answer]:
-    """Return the best pair, or the best of the pairs with the contacts added that reach farthest; no budget."""
+    """Return the best antipodal pair, extended greedily to the number of fingers.
+
+    ``budget`` is not used.
+    """
     del starts, budget
     rng = np.random.default_rng(3)
     points, normals = antipodal_pairs(case, rng)
     if not len(points):
-        return [nothing(NAME)]
+        return [no_answer(NAME)]
     if case.fingers > 2:
-        points, normals = _completed(case, points[:PAIRS], normals[:PAIRS], rng)
+        points, normals = _add_contacts(case, points[:PAIRS], normals[:PAIRS], rng)
     wrenches = pyramid_wrenches(case, points, normals)
-    few = np.argsort(-least_reach(wrenches))[:FEW]
-    best = few[int(np.argmax([epsilon(wrenches[i]) for i in few]))]
+    promising = np.argsort(-least_reach(wrenches))[:HULLS]
+    best = promising[int(np.argmax([epsilon(wrenches[i]) for i in promising]))]
     faces = nearest_faces(case.body, points[best])
-    return [Answer(NAME, onto(case.body, faces, points[best]), tuple(faces), cpu_seconds())]
+    return [Answer(NAME, project(case.body, faces, points[best]), tuple(faces), cpu_seconds())]
 
 
 def antipodal_pairs(case: Case, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return pairs whose line is in both friction cones, straightest first: points and inward normals (m, 2, 3)."""
-    drawn, inward, _ = random_points(case.body, RAYS, rng)
+    """Return antipodal pairs as points and inward normals, (m, 2, 3) each.
+
+    The line of a pair is in both friction cones; pairs nearest to the normals come first.
+    """
+    samples, inward, _ = random_points(case.body, RAYS, rng)
     across = np.cross(inward, rng.standard_normal(inward.shape))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     rays = inward + FRICTION * np.sqrt(rng.uniform(size=(len(inward), 1))) * across
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     corners = triangles(case.body)
-    length, hit = _first_hits(drawn, rays, corners, 1e-3 * case.body.size)
+    length, hit = _first_hits(samples, rays, corners, 1e-3 * case.body.size)
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-300)
-    met = np.isfinite(length)
+    is_hit = np.isfinite(length)
     cosine = np.zeros(len(rays))
-    cosine[met] = np.sum(rays[met] * outward[hit[met]], axis=1)
+    cosine[is_hit] = np.sum(rays[is_hit] * outward[hit[is_hit]], axis=1)
     good = np.flatnonzero(cosine >= 1.0 / np.sqrt(1.0 + FRICTION**2))
     straight = cosine[good] + np.sum(rays[good] * inward[good], axis=1)
     good = good[np.argsort(-straight)]
-    ends = drawn[good] + length[good, None] * rays[good]
-    return np.stack([drawn[good], ends], axis=1), np.stack([inward[good], -outward[hit[good]]], axis=1)
+    ends = samples[good] + length[good, None] * rays[good]
+    return np.stack([samples[good], ends], axis=1), np.stack([inward[good], -outward[hit[good]]], axis=1)
 
 
 def _first_hits(
     origins: FloatArray, rays: FloatArray, corners: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far each ray goes to its first triangle, (m,), inf without one, and which it is (Möller, Trumbore)."""
+    """Return distance and index of the first triangle that each ray hits, (m,) each (Möller and Trumbore).
+
+    The distance is inf without a hit.
+    """
     a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length, index = [], []
     for i in range(0, len(rays), CHUNK):
@@ -72,18 +81,18 @@ def _first_hits(
     return np.concatenate(length), np.concatenate(index)
 
 
-def _completed(
+def _add_contacts(
     case: Case, points: FloatArray, normals: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the pairs with contacts added one by one, each the one of many that reaches farthest: (m, k, 3)."""
-    drawn, inward, _ = random_points(case.body, ADDED, rng)
+    """Return grasps grown from pairs by adding contacts greedily: points and inward normals, (m, k, 3) each."""
+    samples, inward, _ = random_points(case.body, ADDED, rng)
     for _ in range(case.fingers - 2):
-        more: tuple[list[FloatArray], list[FloatArray]] = [], []
+        next_points, next_normals = list[FloatArray](), list[FloatArray]()
         for p, n in zip(points, normals, strict=True):
-            grown = np.concatenate([np.broadcast_to(p, (len(drawn), *p.shape)), drawn[:, None]], axis=1)
-            turned = np.concatenate([np.broadcast_to(n, (len(drawn), *n.shape)), inward[:, None]], axis=1)
-            best = int(np.argmax(least_reach(pyramid_wrenches(case, grown, turned))))
-            more[0].append(grown[best])
-            more[1].append(turned[best])
-        points, normals = np.stack(more[0]), np.stack(more[1])
+            extended = np.concatenate([np.broadcast_to(p, (len(samples), *p.shape)), samples[:, None]], axis=1)
+            extended_normals = np.concatenate([np.broadcast_to(n, (len(samples), *n.shape)), inward[:, None]], axis=1)
+            best = int(np.argmax(least_reach(pyramid_wrenches(case, extended, extended_normals))))
+            next_points.append(extended[best])
+            next_normals.append(extended_normals[best])
+        points, normals = np.stack(next_points), np.stack(next_normals)
     return points, normals

@@ -1,4 +1,4 @@
-"""scipy's SLSQP as one writes it by hand: mu in random directions, its own finite differences."""
+"""Grasps by scipy's SLSQP as a user would write it: mu in random directions, finite differences."""
 
 from __future__ import annotations
 
@@ -24,14 +24,17 @@ MARGIN = 0.02  # about the bounding box, over the body's size
 
 
 def answers(case: Case, starts: int, budget: float) -> list[Answer]:
-    """Return the best of the placements that its starts end at, by epsilon; no budget."""
+    """Return the grasp of the largest epsilon over all starts.
+
+    ``budget`` is not used.
+    """
     del budget
-    found = []
+    results = []
     for seed in range(starts):
         start = start_placement(case, seed)
         points, _ = candidate(case, start, np.random.default_rng(seed))
-        found.append(Answer(NAME, points, start.faces, cpu_seconds()))
-    return [best_of(case, found)]
+        results.append(Answer(NAME, points, start.faces, cpu_seconds()))
+    return [best_of(case, results)]
 
 
 def candidate(case: Case, start: Placement, rng: np.random.Generator) -> tuple[FloatArray, float]:
@@ -59,27 +62,32 @@ def candidate(case: Case, start: Placement, rng: np.random.Generator) -> tuple[F
     constraints: list[Any] = [
         {"type": "ineq", "fun": reach},
         {"type": "eq", "fun": partial(_distances, functions)},
-        {"type": "ineq", "fun": partial(_room, functions)},
+        {"type": "ineq", "fun": partial(_limit_distances, functions)},
     ]
-    if not len(_room(functions, np.append(start.points.ravel() / size, 0.0))):
+    if not len(_limit_distances(functions, np.append(start.points.ravel() / size, 0.0))):
         constraints.pop()
     x = np.append(start.points.ravel() / size, 0.0)
     low, high = case.body.bounds / size + [[-MARGIN], [MARGIN]]
     box = Bounds(np.append(np.tile(low, k), 0.0), np.append(np.tile(high, k), np.inf))
-    found = minimize(_less, x, method="SLSQP", bounds=box, constraints=constraints, options={"maxiter": ITERATIONS})
-    return found.x[:-1].reshape(k, 3) * size, float(found.x[-1])
+    result = minimize(
+        _objective, x, method="SLSQP", bounds=box, constraints=constraints, options={"maxiter": ITERATIONS}
+    )
+    return result.x[:-1].reshape(k, 3) * size, float(result.x[-1])
 
 
-def _less(x: FloatArray) -> float:
-    """Return -t."""
+def _objective(x: FloatArray) -> float:
+    """Return the objective -t."""
     return -float(x[-1])
 
 
 def _distances(functions: list[FaceFunction], x: FloatArray) -> FloatArray:
-    """Return how far each contact is from its face, (k,), in units of the body's size."""
+    """Return the distance of each contact from its face, (k,), in units of the body's size."""
     return np.array([f.values(p)[0] for f, p in zip(functions, x[:-1].reshape(-1, 3), strict=True)])
 
 
-def _room(functions: list[FaceFunction], x: FloatArray) -> FloatArray:
-    """Return how far each contact is inside its face's limits, in units of the body's size; none for one face."""
+def _limit_distances(functions: list[FaceFunction], x: FloatArray) -> FloatArray:
+    """Return the distances of contacts inside their faces' limits, in units of the body's size.
+
+    A body of one face has no limits.
+    """
     return np.concatenate([-f.values(p)[2] for f, p in zip(functions, x[:-1].reshape(-1, 3), strict=True)])

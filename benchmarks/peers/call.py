@@ -1,4 +1,4 @@
-"""One method on one body in a process of its own: ``python -m benchmarks.peers.call METHOD BODY STARTS BUDGET``."""
+"""Run of one method on one body: ``python -m benchmarks.peers.call METHOD BODY STARTS BUDGET``."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ METHODS = {
 """Module of each method, and the package that it needs beside the package's own dependencies."""
 
 
-def missing(method: str) -> str | None:
-    """Return the package that a method needs and that is not there."""
+def missing_package(method: str) -> str | None:
+    """Return the name of a package that a method needs and that is not installed, or ``None``."""
     return METHODS[method] if METHODS[method] and find_spec(METHODS[method]) is None else None
 
 
-def called(method: str, case: Case, starts: int, budget: float) -> list[Answer]:
-    """Return the answers of a cold process that runs one method on one body.
+def run_method(method: str, case: Case, starts: int, budget: float) -> list[Answer]:
+    """Run one method on one body in a new process, and return its answers.
 
     Raises
     ------
     RuntimeError
         With the last line it wrote, when it fails.
     """
-    words = [sys.executable, "-m", "benchmarks.peers.call", method, case.name, str(starts), repr(budget)]
+    arguments = [sys.executable, "-m", "benchmarks.peers.call", method, case.name, str(starts), repr(budget)]
     cold = {**os.environ, "NLPGRASP_CACHE": "off", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, env=cold, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{method} on {case.name}: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")
-    said = json.loads(done.stdout.splitlines()[-1])
-    return [Answer(a["method"], np.reshape(a["points"], (-1, 3)), tuple(a["faces"]), a["seconds"]) for a in said]
+    completed = subprocess.run(arguments, capture_output=True, text=True, cwd=ROOT, env=cold, check=False)
+    if completed.returncode:
+        raise RuntimeError(f"{method} on {case.name}: {(completed.stderr.strip().splitlines() or ['no word'])[-1]}")
+    data = json.loads(completed.stdout.splitlines()[-1])
+    return [Answer(a["method"], np.reshape(a["points"], (-1, 3)), tuple(a["faces"]), a["seconds"]) for a in data]
 
 
 def main(method: str, body: str, starts: int, budget: float) -> None:
-    """Write the answers of one method as JSON."""
-    found: list[Answer] = import_module(f"benchmarks.peers.{method}").answers(CASES[body], starts, budget)
-    said = [{"method": a.method, "points": a.points.tolist(), "faces": a.faces, "seconds": a.seconds} for a in found]
-    print(json.dumps(said))
+    """Run one method on one body, and print its answers as JSON."""
+    results: list[Answer] = import_module(f"benchmarks.peers.{method}").answers(CASES[body], starts, budget)
+    data = [{"method": a.method, "points": a.points.tolist(), "faces": a.faces, "seconds": a.seconds} for a in results]
+    print(json.dumps(data))
 
 
 if __name__ == "__main__":

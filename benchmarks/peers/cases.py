@@ -1,4 +1,4 @@
-"""The twelve bodies, with what is to be held against what."""
+"""Cases of the study: twelve bodies, each with contacts and a task."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TURN = (0.3, 0.3, 0.5, 0.2, 0.2, 1.0)
 
 @dataclass(frozen=True)
 class Case:
-    """One body with its contacts and its task.
+    """Case of the study: a body with contacts and a task.
 
     Parameters
     ----------
@@ -45,34 +45,34 @@ class Case:
 
     @cached_property
     def body(self) -> Body:
-        """The body, made when first asked for."""
+        """Body of the case, created at first use."""
         return self.make()
 
     @property
     def contacts(self) -> list[ContactModel]:
-        """One contact model a finger."""
+        """Contact models, one per finger."""
         if self.fingers == 2:
             return [ng.SoftContact(FRICTION, TORSION * self.body.size)] * 2
         return [ng.FrictionContact(FRICTION)] * self.fingers
 
     @property
     def axes(self) -> FloatArray:
-        """The task's semi-axes (6,), newtons and newton-metres."""
+        """Semi-axes of the task, (6,), newtons and newton-metres."""
         return np.asarray(np.array(self.shape) * np.array([1.0] * 3 + [self.body.size] * 3))
 
     @property
     def task(self) -> ng.TaskEllipsoid:
-        """The task, about the body's centroid."""
+        """Task about the body's centroid."""
         return ng.TaskEllipsoid(self.axes)
 
     @property
     def problem(self) -> ng.GraspProblem:
-        """What the package is asked; contacts may be on edges, as for all others."""
+        """Problem for ``ng.solve``, without an edge margin, as for all other methods."""
         return ng.GraspProblem(self.body, self.contacts, self.task, edge_margin=0.0, name=self.name)
 
 
 def _made(name: str) -> Body:
-    """Return what stands in for a mesh that is not there, made by trimesh."""
+    """Return a substitute made by trimesh for a missing mesh."""
     import trimesh
 
     make = trimesh.creation
@@ -92,7 +92,7 @@ def _made(name: str) -> Body:
 
 
 def _mesh(name: str, file: str, unit: str, fingers: int, shape: tuple[float, ...]) -> Case:
-    """Return a case of a mesh from a file, or of one made in its place."""
+    """Return the case of a mesh from a file, or of a substitute if the file is missing."""
     path = MESHES / file
     if path.is_file():
         return Case(name, lambda: ng.Mesh.load(path, unit=unit), fingers, shape, file)

@@ -1,4 +1,4 @@
-"""Ferrari and Canny's epsilon as one writes it oneself: friction pyramids, torques and forces in units of the task."""
+"""Epsilon of Ferrari and Canny as a user would write it, with friction pyramids and wrenches in units of the task."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EDGES, DIRECTIONS = 8, 128
 
 
 def pyramid_wrenches(case: Case, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the wrenches of the pyramids' edges, (b, m, 6), over the task's semi-axes.
+    """Return the wrenches of all friction pyramids' edges, (b, m, 6), divided by the task's semi-axes.
 
     Parameters
     ----------
@@ -35,7 +35,10 @@ def pyramid_wrenches(case: Case, points: FloatArray, normals: FloatArray) -> Flo
 
 
 def least_reach(wrenches: FloatArray) -> FloatArray:
-    """Return an upper bound on the epsilon of each grasp, (b, m, 6) to (b,): its least reach in some directions."""
+    """Return an upper bound on the epsilon of each grasp, (b,), from wrenches (b, m, 6).
+
+    The bound is the least support in some directions.
+    """
     y = np.random.default_rng(0).standard_normal((DIRECTIONS, 6))
     y = np.concatenate([y / np.linalg.norm(y, axis=1, keepdims=True), np.eye(6), -np.eye(6)])
     return np.asarray(np.min(np.max(wrenches @ y.T, axis=1), axis=1))
@@ -50,18 +53,18 @@ def epsilon(wrenches: FloatArray) -> float:
     return max(0.0, float(np.min(-hull.equations[:, -1])))
 
 
-def best_of(case: Case, found: Sequence[Answer]) -> Answer:
-    """Return the answer of several, all with their contacts on the body, whose epsilon is the largest."""
+def best_of(case: Case, answers: Sequence[Answer]) -> Answer:
+    """Return the answer with the largest epsilon after moving all contacts onto the body."""
 
     def value(answer: Answer) -> float:
         points, normals, _ = on_body(case, answer)
         return epsilon(pyramid_wrenches(case, points[None], normals[None])[0])
 
-    return replace(max(found, key=value), seconds=cpu_seconds())
+    return replace(max(answers, key=value), seconds=cpu_seconds())
 
 
 def _edges(contact: ContactModel) -> FloatArray:
-    """Return the edges of one contact's pyramid as columns, unit normal force, (n_i, m_i)."""
+    """Return the edges of a contact's friction pyramid as columns of unit normal force, (n_i, m_i)."""
     turn = 2.0 * np.pi * np.arange(EDGES) / EDGES
     slide = contact.coefficients["friction"]
     edges = np.stack([np.ones(EDGES), slide * np.cos(turn), slide * np.sin(turn)])

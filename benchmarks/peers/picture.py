@@ -1,4 +1,4 @@
-"""The study as a picture: what each method reaches on each body, over the CPU time it takes."""
+"""Picture of the study: quality of each method on each body over CPU time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SHAPES = "osD^vP"
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Write the picture as SVG: a point for each body, a large one for the median of each method."""
+    """Write the picture as SVG, with a point per body and a large point for the median of each method."""
     plt = pyplot("the study's picture")
     with plt.rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "peers", "font.family": "sans-serif", "font.size": 13}

@@ -1,4 +1,4 @@
-"""Random placements, the best of them by epsilon; what grasps start from that are moved afterwards.
+"""Random search by epsilon, and random initial placements for local methods.
 
 Vectorised: a bound on epsilon in fixed directions rejects nearly all of them before a hull is built.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.peers.answer import Answer, cpu_seconds, nothing
+from benchmarks.peers.answer import Answer, cpu_seconds, no_answer
 from benchmarks.peers.cases import Case
 from benchmarks.peers.epsilon import epsilon, least_reach, pyramid_wrenches
 from benchmarks.peers.surface import random_points
@@ -22,7 +22,7 @@ POOL, BATCH, SCREENED = 1024, 256, 64
 
 @dataclass(frozen=True)
 class Placement:
-    """Contacts on a body: points and inward normals (k, 3), metres, and their faces."""
+    """Contacts on a body: points and inward normals, (k, 3) each, metres, and faces."""
 
     points: FloatArray
     normals: FloatArray
@@ -30,10 +30,10 @@ class Placement:
 
 
 def answers(case: Case, starts: int, budget: float) -> list[Answer]:
-    """Return the best placement after ``budget`` seconds of CPU time, and after ten times as many."""
+    """Return the best random placements after ``budget`` seconds of CPU time and after ten times as many."""
     del starts
-    found: list[Answer] = []
-    best, held = 0.0, None
+    results: list[Answer] = []
+    best, best_placement = 0.0, None
     for wrenches, draw in _batches(case, BATCH):
         bound = least_reach(wrenches)
         for i in np.argsort(-bound):
@@ -41,24 +41,27 @@ def answers(case: Case, starts: int, budget: float) -> list[Answer]:
                 break
             value = epsilon(wrenches[i])
             if value > best:
-                best, held = value, draw(int(i))
-        for times in (1, MORE)[len(found) :]:
+                best, best_placement = value, draw(int(i))
+        for times in (1, MORE)[len(results) :]:
             if cpu_seconds() >= times * budget:
                 name = NAME if times == 1 else f"{NAME}, {times}x"
-                found.append(nothing(name) if held is None else Answer(name, held.points, held.faces, cpu_seconds()))
-        if len(found) == 2:
+                if best_placement is None:
+                    results.append(no_answer(name))
+                else:
+                    results.append(Answer(name, best_placement.points, best_placement.faces, cpu_seconds()))
+        if len(results) == 2:
             break
-    return found
+    return results
 
 
 def start_placement(case: Case, seed: int) -> Placement:
-    """Return the best of 64 random placements by a bound on epsilon: what a local method starts from."""
+    """Return an initial placement for a local method: the best of 64 random ones by a bound on epsilon."""
     wrenches, draw = next(_batches(case, SCREENED, seed))
     return draw(int(np.argmax(least_reach(wrenches))))
 
 
 class _Drawn:
-    """A batch of placements out of a pool of points."""
+    """Batch of random placements drawn from a pool of surface points."""
 
     def __init__(self, case: Case, count: int, rng: np.random.Generator) -> None:
         self.points, self.normals, self.faces = random_points(case.body, POOL, rng)
@@ -71,7 +74,7 @@ class _Drawn:
 
 
 def _batches(case: Case, count: int, seed: int = 0) -> Iterator[tuple[FloatArray, _Drawn]]:
-    """Yield batches without end: wrenches (count, m, 6) and the placements."""
+    """Yield random batches endlessly: wrenches, (count, m, 6), and placements."""
     rng = np.random.default_rng([2, seed])
     while True:
         draw = _Drawn(case, count, rng)

@@ -1,4 +1,4 @@
-"""The study's rows as a CSV file, one written as soon as it is there."""
+"""CSV file of the study's results."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.peers.cases import BALL, LIFT, TURN, Case
-from benchmarks.peers.judge import Judged
+from benchmarks.peers.judge import Evaluation
 
 COLUMNS = ("body", "source", "fingers", "task", "method", "mu", "epsilon", "cpu_seconds", "note", "points")
 TASKS: dict[tuple[float, ...], str] = {BALL: "ball", LIFT: "lift", TURN: "turn"}
@@ -16,7 +16,7 @@ RESULTS = Path(__file__).resolve().parents[1] / "results" / "peers.csv"
 
 @dataclass(frozen=True)
 class Row:
-    """What the tables need of one line of the file; lower bounds, and seconds of CPU time."""
+    """Line of the results file as the tables need it: lower bounds, and seconds of CPU time."""
 
     body: str
     source: str
@@ -29,24 +29,27 @@ class Row:
     note: str
 
 
-def begin(path: Path) -> None:
-    """Write a file that holds the columns' names alone."""
+def write_header(path: Path) -> None:
+    """Write a new results file that holds only the names of columns."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerow(COLUMNS)
 
 
-def append(path: Path, case: Case, found: Judged) -> None:
-    """Write one more line; contacts in metres to 17 digits, so that anyone can judge them again."""
-    points = ";".join(" ".join(repr(float(x)) for x in p) for p in found.points)
-    facts = [case.name, case.source, case.fingers, TASKS[case.shape], found.method]
-    numbers = [f"{found.mu:.6g}", f"{found.epsilon:.6g}", f"{found.seconds:.2f}"]
+def append(path: Path, case: Case, evaluation: Evaluation) -> None:
+    """Append the result of a method to the file.
+
+    Contacts are in metres with 17 digits, so that results can be evaluated again.
+    """
+    points = ";".join(" ".join(repr(float(x)) for x in p) for p in evaluation.points)
+    labels = [case.name, case.source, case.fingers, TASKS[case.shape], evaluation.method]
+    values = [f"{evaluation.mu:.6g}", f"{evaluation.epsilon:.6g}", f"{evaluation.seconds:.2f}"]
     with path.open("a", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerow([*facts, *numbers, found.note, points])
+        csv.writer(file, lineterminator="\n").writerow([*labels, *values, evaluation.note, points])
 
 
 def read(path: Path) -> list[Row]:
-    """Return the rows of a file."""
+    """Read the rows of a results file."""
     with path.open(newline="", encoding="utf-8") as file:
         return [
             Row(

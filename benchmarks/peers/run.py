@@ -1,14 +1,14 @@
-"""Every method on every body, one cold process after another."""
+"""Run of the study: every method on every body, each in a new process."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmarks.peers.call import METHODS, called, missing
+from benchmarks.peers.call import METHODS, missing_package, run_method
 from benchmarks.peers.cases import CASES
-from benchmarks.peers.judge import judged
-from benchmarks.peers.results import append, begin
+from benchmarks.peers.judge import evaluate
+from benchmarks.peers.results import append, write_header
 
 STARTS = 2
 
@@ -22,7 +22,7 @@ def run(
     budget: float | None = None,
     say: Callable[[str], None] = print,
 ) -> None:
-    """Write the file of results.
+    """Run methods on bodies, and write the results file.
 
     Parameters
     ----------
@@ -36,24 +36,24 @@ def run(
     say : callable
         Takes a line for each result.
     """
-    begin(path)
+    write_header(path)
     for method in methods:
-        if missing(method):
-            say(f"{method}: left out, no {missing(method)} here")
+        if missing_package(method):
+            say(f"{method}: left out, no {missing_package(method)} here")
     for body in bodies:
         case, allowed = CASES[body], budget
         say(f"{body}: {case.source}, {case.fingers} fingers")
         for method in methods:
-            if missing(method):
+            if missing_package(method):
                 continue
             try:
-                found = called(method, case, starts, 1.0 if allowed is None else allowed)
+                answers = run_method(method, case, starts, 1.0 if allowed is None else allowed)
             except RuntimeError as error:
                 say(f"  {error}")
                 continue
-            for answer in found:
-                row = judged(case, answer)
+            for answer in answers:
+                row = evaluate(case, answer)
                 append(path, case, row)
                 say(f"  {row.method:20} mu {row.mu:.4f}  epsilon {row.epsilon:.4f}  {row.seconds:6.1f} s  {row.note}")
             if method == "ours" and allowed is None:
-                allowed = found[0].seconds
+                allowed = answers[0].seconds

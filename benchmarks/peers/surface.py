@@ -1,4 +1,4 @@
-"""What every method is given: random points of a body, its surface with derivatives, and its triangles."""
+"""Access to a body's surface for all methods: random points, face functions with derivatives, and triangles."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from nlpgrasp.common.validation import FloatArray
 
 
 def random_points(body: Body, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, list[str]]:
-    """Return about ``count`` random points of a body (m, 3), metres, inward normals (m, 3), and their faces.
+    """Return about ``count`` random points of a body, their inward normals, (m, 3) each, metres, and faces.
 
     Uniform by area on meshes; as many on each face of other bodies.
     """
     if isinstance(body, ng.Mesh):
         points, outward = body.surface_samples(count, rng)
         return points, -outward, ["surface"] * count
-    found, normals, names = [], [], []
+    point_sets, normals, names = [], [], []
     for name in body.face_names:
         points = body.sample(name, -(-count // len(body.face_names)), rng)
-        found.append(points)
+        point_sets.append(points)
         normals.append(-body.evaluate(name, points)[2])
         names += [name] * len(points)
-    return np.concatenate(found), np.concatenate(normals), names
+    return np.concatenate(point_sets), np.concatenate(normals), names
 
 
 def nearest_faces(body: Body, points: FloatArray) -> list[str]:
-    """Return the face that each point (m, 3) is nearest to."""
-    away = []
+    """Return the name of the face nearest to each point (m, 3)."""
+    distances = []
     for name in body.face_names:
         h, slope, _, extent = body.evaluate(name, points)
-        away.append(np.abs(h / slope) + np.maximum(extent, 0.0))
-    return [body.face_names[i] for i in np.argmin(away, axis=0)]
+        distances.append(np.abs(h / slope) + np.maximum(extent, 0.0))
+    return [body.face_names[i] for i in np.argmin(distances, axis=0)]
 
 
-def onto(body: Body, faces: Sequence[str], points: FloatArray) -> FloatArray:
-    """Return points (k, 3) that are near the body moved onto it, each onto its face."""
+def project(body: Body, faces: Sequence[str], points: FloatArray) -> FloatArray:
+    """Project points (k, 3) near a body onto their faces."""
     if isinstance(body, ng.Mesh):
         return body.closest(points)[0]
     return np.concatenate([body.snap(name, p[None]) for name, p in zip(faces, points, strict=True)])
@@ -56,7 +56,7 @@ def triangles(body: Body) -> FloatArray:
 
 
 class FaceFunction:
-    """One face as numbers: with ``p`` in units of the body's size, ``h`` and ``extents`` too.
+    """Numerical function of a face, with lengths in units of the body's size.
 
     Parameters
     ----------
@@ -75,17 +75,17 @@ class FaceFunction:
         self._all = ca.Function("all", [p], [*values, *(ca.jacobian(v, p) for v in values)])
 
     def values(self, p: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return distance to the face, inward normal (3,) and extents (e,) at p (3,)."""
+        """Return distance to the face, inward normal (3,) and extents (e,) at a point ``p`` (3,)."""
         distance, normal, extents = (np.asarray(v.full()).ravel() for v in self._values(p * self._size))
         return float(distance[0]) / self._size, normal, extents / self._size
 
     def derivatives(self, p: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the same with their derivatives: (1,), (3,), (e,), (1, 3), (3, 3), (e, 3)."""
+        """Return distance, normal and extents with their derivatives: (1,), (3,), (e,), (1, 3), (3, 3), (e, 3)."""
         d, n, e, dd, dn, de = (np.asarray(v.full()) for v in self._all(p * self._size))
         return d.ravel() / self._size, n.ravel(), e.ravel() / self._size, dd, dn * self._size, de
 
 
 def face_functions(body: Body, faces: Sequence[str]) -> list[FaceFunction]:
-    """Return the function of each contact's face."""
-    made = {name: FaceFunction(body, name) for name in set(faces)}
-    return [made[name] for name in faces]
+    """Return the numerical function of each contact's face."""
+    functions = {name: FaceFunction(body, name) for name in set(faces)}
+    return [functions[name] for name in faces]

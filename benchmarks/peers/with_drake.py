@@ -1,4 +1,4 @@
-"""Drake with SNOPT (IPOPT where there is none): positions and forces in one program, as its users write grasps.
+"""Grasps by Drake with SNOPT or IPOPT: positions and forces in one program, as users of Drake write it.
 
 Maximise beta subject to, for each direction j of the task, forces in their exact cones with ``G(p) f_j = beta w_j`` and
 ``|f_j| <= 1``, and the contacts on the body. Forces stand in the body frame; first derivatives are exact.
@@ -26,21 +26,24 @@ Values = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 def answers(case: Case, starts: int, budget: float) -> list[Answer]:
-    """Return the best of the placements that its starts end at, by epsilon; no budget."""
+    """Return the grasp of the largest epsilon over all starts.
+
+    ``budget`` is not used.
+    """
     del budget
     solvers = import_module("pydrake.solvers")
     snopt = solvers.SnoptSolver()
     solver = snopt if snopt.available() and snopt.enabled() else solvers.IpoptSolver()
-    found = []
+    results = []
     for seed in range(starts):
         start = start_placement(case, seed)
         points = candidate(case, start, np.random.default_rng(seed), solver)
-        found.append(Answer(NAME, points, start.faces, cpu_seconds()))
-    return [best_of(case, found)]
+        results.append(Answer(NAME, points, start.faces, cpu_seconds()))
+    return [best_of(case, results)]
 
 
 def candidate(case: Case, start: Placement, rng: np.random.Generator, solver: Any) -> FloatArray:
-    """Return where one solve ends, (k, 3) metres."""
+    """Return the contact points of one solve, (k, 3), metres."""
     solvers = import_module("pydrake.solvers")
     program, k, size = solvers.MathematicalProgram(), case.fingers, case.body.size
     soft = isinstance(case.contacts[0], ng.SoftContact)
@@ -82,7 +85,7 @@ def candidate(case: Case, start: Placement, rng: np.random.Generator, solver: An
 
 
 class _Cones:
-    """One contact: on its face, within its limits, all of its forces in the friction cone."""
+    """Constraints of one contact: on its face, within the face's limits, and all forces in the friction cone."""
 
     def __init__(self, function: FaceFunction, case: Case, count: int) -> None:
         self._function, self._count = function, count
@@ -91,7 +94,10 @@ class _Cones:
         self._twist = coefficients.get("torsional_friction", 0.0) / case.body.size
 
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rows (r,) and their derivatives (r, 3 + m c): the first is 0, the others at least 0."""
+        """Return the constraint values (r,) and their derivatives (r, 3 + m c).
+
+        The first has to be 0, the others at least 0.
+        """
         d, n, e, dd, dn, de = self._function.derivatives(x[:3])
         f = x[3:].reshape(self._count, -1)
         force, width = f[:, :3], f.shape[1]
@@ -111,15 +117,15 @@ class _Cones:
             slope = np.zeros((self._count, x.size))
             slope[:, :3] = by_p
             for j in range(self._count):
-                at = 3 + j * width
-                slope[j, at : at + by_f.shape[1]] = by_f[j]
+                column = 3 + j * width
+                slope[j, column : column + by_f.shape[1]] = by_f[j]
             rows.append(value)
             slopes.append(slope)
         return np.concatenate(rows), np.vstack(slopes)
 
 
 class _Balance:
-    """The forces of one direction of the task add up to beta times its wrench."""
+    """Wrench balance in one direction of the task: forces add up to beta times the wrench."""
 
     def __init__(
         self, functions: list[FaceFunction], center: FloatArray, wrench: FloatArray, scale: FloatArray
@@ -127,33 +133,36 @@ class _Balance:
         self._functions, self._center, self._wrench, self._scale = functions, center, wrench, scale
 
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residual (6,) over the task's semi-axes and its derivatives (6, 3 k + k c + 1)."""
+        """Return the residual (6,), divided by the task's semi-axes, and its derivatives (6, 3 k + k c + 1)."""
         k = len(self._functions)
         p, f = x[: 3 * k].reshape(k, 3), x[3 * k : -1].reshape(k, -1)
         width = f.shape[1]
         total, slope = -x[-1] * self._wrench, np.zeros((6, x.size))
         slope[:, -1] = -self._wrench
         for i, function in enumerate(self._functions):
-            arm, force, at = p[i] - self._center, f[i, :3], 3 * k + width * i
+            arm, force, column = p[i] - self._center, f[i, :3], 3 * k + width * i
             total = total + np.concatenate([force, np.cross(arm, force)])
-            slope[:3, at : at + 3] = np.eye(3)
-            slope[3:, at : at + 3] = _cross(arm)
+            slope[:3, column : column + 3] = np.eye(3)
+            slope[3:, column : column + 3] = _cross(arm)
             slope[3:, 3 * i : 3 * i + 3] = -_cross(force)
             if width == 4:
                 _, n, _, _, dn, _ = function.derivatives(p[i])
                 total[3:] += f[i, 3] * n
-                slope[3:, at + 3] = n
+                slope[3:, column + 3] = n
                 slope[3:, 3 * i : 3 * i + 3] += f[i, 3] * dn
         return total / self._scale, slope / self._scale[:, None]
 
 
 def _cross(a: FloatArray) -> FloatArray:
-    """Return the matrix of ``b -> a x b``, (3, 3)."""
+    """Return the matrix of the cross product ``b -> a x b``, (3, 3)."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def _differentiated(function: Values) -> Callable[[Any], Any]:
-    """Return a function for Drake of numbers, or of its AutoDiffXd by the derivatives that ``function`` states."""
+    """Return a function for Drake that accepts numbers or AutoDiffXd.
+
+    ``function`` states values and derivatives.
+    """
     autodiff = import_module("pydrake.autodiffutils")
 
     def evaluated(x: Any) -> Any:

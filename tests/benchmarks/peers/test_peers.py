@@ -1,4 +1,4 @@
-"""The study of peers on one body, with what needs no further package, and its answers judged again."""
+"""The study of peers on one body, with what needs no further package, and its answers evaluate again."""
 
 import csv
 
@@ -9,8 +9,8 @@ import nlpgrasp as ng
 from benchmarks.peers import antipodal, by_slsqp, call, ours, random_search
 from benchmarks.peers.cases import BALL, CASES, Case
 from benchmarks.peers.epsilon import epsilon, least_reach, pyramid_wrenches
-from benchmarks.peers.judge import judged
-from benchmarks.peers.results import COLUMNS, append, begin, read
+from benchmarks.peers.judge import evaluate
+from benchmarks.peers.results import COLUMNS, append, read, write_header
 from benchmarks.peers.run import run
 from benchmarks.peers.surface import face_functions
 from benchmarks.peers.tables import BEGIN, END, by_body, by_method, write_block
@@ -40,7 +40,7 @@ def test_a_run_writes_a_row_a_method_whose_mu_is_that_of_the_package(tmp_path):
 def test_methods_without_further_packages_hold_a_cube():
     for method in (ours, by_slsqp, antipodal):
         (answer,) = method.answers(CASES["cube"], 1, 0.0)
-        row = judged(CASES["cube"], answer)
+        row = evaluate(CASES["cube"], answer)
         assert row.points.shape == (2, 3), row.note
         assert (row.mu > 0.0) == (row.note == "")
         assert row.method == method.NAME
@@ -58,13 +58,13 @@ def test_the_epsilon_of_a_ball_is_below_the_exact_one_and_its_bound_above():
     assert epsilon(wrenches[0]) == pytest.approx(pyramids, rel=1e-9)
     assert pyramids <= exact.upper
     assert least_reach(wrenches)[0] >= epsilon(wrenches[0])
-    judge = judged(case, random_search.Answer("start", start.points, start.faces, 0.0))
+    judge = evaluate(case, random_search.Answer("start", start.points, start.faces, 0.0))
     assert judge.epsilon == pytest.approx(exact.lower, rel=0.011)
 
 
 def test_what_leaves_the_body_is_worth_nothing():
     points = 1.01 * random_search.start_placement(PEBBLE, 0).points
-    row = judged(PEBBLE, random_search.Answer("lifted", points, ("surface",) * 2, 0.0))
+    row = evaluate(PEBBLE, random_search.Answer("lifted", points, ("surface",) * 2, 0.0))
     assert (row.mu, row.epsilon) == (0.0, 0.0)
     assert "off the body" in row.note
 
@@ -101,9 +101,9 @@ def test_a_missing_package_is_said_and_left_out(tmp_path, monkeypatch):
 
 
 def test_tables_name_every_method_and_body(tmp_path):
-    begin(tmp_path / "peers.csv")
+    write_header(tmp_path / "peers.csv")
     (answer,) = antipodal.answers(PEBBLE, 1, 0.0)
-    append(tmp_path / "peers.csv", PEBBLE, judged(PEBBLE, answer))
+    append(tmp_path / "peers.csv", PEBBLE, evaluate(PEBBLE, answer))
     rows = read(tmp_path / "peers.csv")
     assert "| antipodal sampler | 1 of 1 | 100% (100%) | 1 | 100% |" in by_method(rows)
     assert "pebble, 2 fingers, lift" in by_body(rows)
