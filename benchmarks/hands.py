@@ -38,9 +38,9 @@ def _mesh(path, hand):
     print(f"{path.name}:")
     results = _report(ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand))
     solved = [r for r in results if r.solved]
-    deepest = max(_penetration(body, hand, r.found.candidate.hand) for r in solved)
+    deepest = max(_penetration(body, hand, r.on_body.candidate.hand) for r in solved)
     lower = np.median([r.record.mu.lower for r in solved])
-    angle = np.degrees(np.median([r.found.surface.angles.max() for r in solved]))
+    angle = np.degrees(np.median([r.on_body.surface.angles.max() for r in solved]))
     print(f"  certified mu: median {lower:.3f}; normals off the smooth ones by at most (median) {angle:.0f} degrees")
     print(f"  deepest link in the mesh, all solved starts: {1e3 * deepest:.3f} mm (aim 0.5)")
 

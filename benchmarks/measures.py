@@ -28,7 +28,7 @@ def optimal_grasps():
     grasps = []
     for k in (3, 4, 5):
         problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * k, BALL)
-        grasps += [r.found.grasp for r in run_starts(problem, 2, rtol=0.5)[0]]
+        grasps += [r.on_body.grasp for r in run_starts(problem, 2, rtol=0.5)[0]]
     return grasps
 
 

@@ -51,6 +51,6 @@ def run():
             f"  seconds a start: median {np.median(seconds):.2f}, most {seconds.max():.2f} (target median 3); {stages}"
         )
         print(f"  function evaluations: {function_share(results):.0%} of IPOPT's time")
-        distance = np.median([r.found.surface.distances.max() for r in results]) * 1e3
-        angle = np.degrees(np.median([r.found.surface.angles.max() for r in results]))
+        distance = np.median([r.on_body.surface.distances.max() for r in results]) * 1e3
+        angle = np.degrees(np.median([r.on_body.surface.angles.max() for r in results]))
         print(f"  solver's surface to mesh: median of the largest {distance:.2f} mm, {angle:.0f} degrees")
