@@ -26,6 +26,7 @@ def run(part=""):
 
 
 def slides():
+    """Print certified bounds of random slides against the least quality at random positions."""
     print(f"slides, {SLIDES} a body: certified bounds against random places of each path (aim: none below)")
     print(f"{'body':10} {'below':>5} {'widest':>7} {'stations':>8} {'s':>6}")
     for kind in BODIES:
@@ -41,6 +42,7 @@ def slides():
 
 
 def paths(indices=PATHS):
+    """Print quality and CPU time of followed task paths relative to cold solves."""
     print("followed paths of 8 steps against cold solves of 6 starts (aim: 0.98 at least, 35 % of the CPU time)")
     print(f"{'path':>4} {'body':10} {'contacts':>8} {'turn':>5} {'least':>6} {'share':>6} {'lost':>4}")
     results = []
@@ -58,6 +60,7 @@ def paths(indices=PATHS):
 
 
 def hands():
+    """Print the finger moves of a hand from a pick-up to the best reachable grasp."""
     print("moves of a 16-joint hand from a pick-up at a box's middle to the best grasp within reach")
     print(f"{'seed':>4} {'picked':>7} {'reached':>7} {'moves':>5} {'longest mm':>10} {'held':>6} {'s':>5}  not reached")
     body, options = ng.Box(EXTENTS), ng.SolveOptions(workers=1, robust_offset=0.0, robust_friction=0.0)

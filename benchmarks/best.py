@@ -54,6 +54,7 @@ def gap_over_time(problem, seconds, gap):
 
 
 def _gap(upper, lower):
+    """Return the relative gap between an upper and a lower bound."""
     return upper / lower - 1.0 if lower > 0.0 else (0.0 if upper <= 1e-9 else np.inf)
 
 
@@ -74,6 +75,7 @@ def gaps():
 
 
 def _format_gaps(gaps):
+    """Return gaps as text in per cent."""
     return ", ".join(f"{gap:.2%}" for gap in gaps)
 
 

@@ -13,6 +13,7 @@ REGULAR = [[1.0, 0.0], [-0.5, np.sqrt(0.75)], [-0.5, -np.sqrt(0.75)]]
 
 
 def _contacts(count, friction=0.5):
+    """Return equal contacts with friction."""
     return [ng.FrictionContact(friction)] * count
 
 
@@ -80,6 +81,7 @@ def hit_problem(index):
 
 
 def _task(name, body, rng):
+    """Return the task of a name, scaled by the body and varied at random."""
     space = body.space
     turning = 1 if space == 2 else 3
     d = space + turning

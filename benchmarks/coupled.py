@@ -49,6 +49,7 @@ def coupled_problem(index):
 
 
 def _coupled(coupling, body, rng):
+    """Return the constraints of a coupling on a body."""
     lower, upper = np.array(body.bounds)
     size, axis = float(np.min(upper - lower)), int(np.argmax(upper - lower))
     centre, unit = 0.5 * (lower + upper), np.eye(body.space)[axis]
@@ -104,4 +105,5 @@ def example():
 
 
 def _value(solution):
+    """Return the certified mu of a solution, 0 without a grasp."""
     return solution.mu.lower if solution.success else 0.0

@@ -11,6 +11,7 @@ TARGET = {4: 0.72, 3: 0.475}
 
 
 def problem(k):
+    """Return the problem of an ellipsoid with k contacts."""
     return ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * k, ng.TaskEllipsoid([1.0] * 6))
 
 

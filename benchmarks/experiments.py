@@ -18,6 +18,7 @@ QUICK = ng.SolveOptions(rounds=2, rtol=0.1, final_rtol=0.05)
 
 
 def square():
+    """Return a small planar problem."""
     body = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], [0, 0.5, 0]), name="square")
 

@@ -18,6 +18,7 @@ def run(indices=(*range(COUNT), *FRESH)):
 
 
 def _run(title, indices, steps):
+    """Print time and quality of some paths relative to cold solves, and their summary."""
     results = []
     for index in indices:
         path, result = random_path(index), compared(index, steps)

@@ -32,6 +32,7 @@ PAIRS, TURNS = 100, 12  # of the brute-force sampler
 
 
 def moved(shape, *position):
+    """Translate a shape in place, and return it."""
     shape.apply_translation(position)
     return shape
 

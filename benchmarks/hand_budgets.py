@@ -38,6 +38,7 @@ def bodies():
 
 
 def _mean_radius(mesh, centre):
+    """Return the mean distance of a mesh surface from a centre, metres."""
     return float(np.mean(np.linalg.norm(mesh.sample(POINTS, seed=0) - centre, axis=1)))
 
 

@@ -117,6 +117,7 @@ def _row(name, path, hand, body, counts, moved):
 
 
 def _solved(name, hand, body, friction):
+    """Return the solution for a hand, a body and a friction coefficient."""
     contact = ng.SoftContact(friction, TORSION) if hand.count == 2 else ng.FrictionContact(friction)
     return ng.solve(ng.GraspProblem(body, contact, TASK, hand=hand, name=name), starts=STARTS, options=OPTIONS)
 

@@ -20,6 +20,7 @@ def run():
 
 
 def _report(problem):
+    """Run starts of a problem, print their times, and return their results."""
     results, seconds = run_starts(problem, STARTS)
     solved = np.array([r.solved for r in results])
     first_grasp = np.array([r.record.seconds["propose"] + r.record.seconds["first program"] for r in results])
@@ -33,6 +34,7 @@ def _report(problem):
 
 
 def _mesh(path, hand):
+    """Print quality and penetration of starts on one mesh."""
     body = load_mesh(path)
     task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
     print(f"{path.name}:")

@@ -15,6 +15,7 @@ KINDS = {**CLOUDS, "in a box": lambda rng, n, t: rng.uniform(-1, 1, (n, 6))}
 
 
 def volume(task):
+    """Return the product of a task's nonzero semi-axes."""
     return float(np.prod(np.linalg.svd(task.axes)[1][: np.linalg.matrix_rank(task.axes, 1e-6)]))
 
 

@@ -14,17 +14,20 @@ BALL = ng.TaskEllipsoid([1.0] * 6)
 
 
 def timed(function):
+    """Call a function, and return its result and the wall seconds."""
     start_time = time.perf_counter()
     result = function()
     return result, time.perf_counter() - start_time
 
 
 def random_grasps(count=30):
+    """Return random force-closed grasps by number of contacts."""
     rng = np.random.default_rng(0)
     return {k: [closed_ellipsoid_grasp(rng, k) for _ in range(count)] for k in (3, 4, 5)}
 
 
 def optimal_grasps():
+    """Return locally optimal grasps of an ellipsoid."""
     grasps = []
     for k in (3, 4, 5):
         problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * k, BALL)
@@ -33,6 +36,7 @@ def optimal_grasps():
 
 
 def certificates(grasps):
+    """Print the time of certificates of mu, delta and nu."""
     for k, batch in grasps.items():
         for name, measure in (("mu", lambda g: ng.mu(g, BALL, 0.01)), ("delta", lambda g: ng.delta(g, 0.5))):
             runs = [timed(lambda g=g, m=measure: m(g)) for g in batch]
@@ -51,6 +55,7 @@ def certificates(grasps):
 
 
 def screening():
+    """Print the time to screen 10,000 grasps for each budget."""
     rng = np.random.default_rng(0)
     grasps = [ellipsoid_grasp(rng, 4) for _ in range(10_000)]
     points, normals = (np.stack([getattr(g, n) for g in grasps]) for n in ("points", "normals"))
@@ -75,6 +80,7 @@ def conic_force(grasp, wrench, settings):
 
 
 def forces(grasps):
+    """Print the time of finger forces for 10,000 wrenches against Clarabel."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10  # for equally small residuals
@@ -94,6 +100,8 @@ def forces(grasps):
 
 
 def pyramids(grasps):
+    """Print time and error of friction pyramids against certified cones."""
+
     def show(budget, rtol, k, edges):
         certified = [timed(lambda g=g: ng.delta(g, rtol=rtol, force_budget=budget)) for g in grasps[k][:8]]
         seconds = np.median([s for _, s in certified])

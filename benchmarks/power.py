@@ -48,12 +48,14 @@ def power_grasp_problem(count):
 
 
 def _tip(link):
+    """Return the tip radius, or the patch on the side, of a link."""
     finger, part = link.split("_")
     lengths = LENGTHS.get(finger, OTHER_LENGTHS)
     return TIP_RADIUS if part == "tip" else side(lengths[part == "middle"])
 
 
 def _plot(counts, seconds, fitted, slope):
+    """Write the plot of seconds over the number of contacts."""
     figure, axes = plt.subplots(figsize=(6.0, 3.8), layout="constrained")
     axes.scatter(np.repeat(counts, STARTS), np.concatenate(seconds), s=14, color="0.6", label="starts")
     axes.plot(counts, [np.median(each) for each in seconds], "o-", color="C0", label="median")

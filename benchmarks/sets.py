@@ -16,6 +16,7 @@ LIMIT = 8000  # bytes a grasp
 
 
 def problem():
+    """Return the problem of an ellipsoid in a 16-joint hand."""
     return ng.GraspProblem(
         ng.Ellipsoid([0.04, 0.03, 0.03]), ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), name="ellipsoid"
     )

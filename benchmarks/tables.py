@@ -17,6 +17,7 @@ RTOL = 0.05
 
 
 def random_arrays(count, axes):
+    """Return points and normals of random grasps of an ellipsoid."""
     rng = np.random.default_rng(0)
     grasps = [ellipsoid_grasp(rng, 4, axes=axes) for _ in range(count)]
     return {name: np.stack([getattr(grasp, name) for grasp in grasps]) for name in ("points", "normals")}

@@ -189,6 +189,7 @@ def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> Flo
 
 
 def _read_number(name: str, index: int, row: Row, column: str) -> float:
+    """Return the number in a cell of a row; raise if it is not finite."""
     text = (row.get(column) or "").strip()
     try:
         value = float(text)

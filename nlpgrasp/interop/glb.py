@@ -50,6 +50,7 @@ def glb(solution: GraspSolution) -> bytes:
 
 
 def _paint(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimesh.Trimesh:
+    """Return the mesh with a colour and an opacity."""
     material = trimesh.visual.material.PBRMaterial(
         baseColorFactor=[*bytes.fromhex(colour[1:]), alpha],
         alphaMode="BLEND" if alpha < OPAQUE else "OPAQUE",

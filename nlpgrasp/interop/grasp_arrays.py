@@ -128,6 +128,7 @@ def _models(field: str, count: int, stated: Mapping[str, FloatArray], friction: 
 
 
 def _ids(name: str, arrays: Arrays, count: int) -> list[str]:
+    """Return the names of the grasps, by default their indices."""
     key = next((key for key in IDS if key in arrays), None)
     ids = [str(i) for i in range(count)] if key is None else [str(value) for value in np.atleast_1d(arrays[key])]
     if len(ids) != count:

@@ -316,6 +316,7 @@ def axes_comment(hand: HandStates) -> str:
 
 
 def _format_names(names: list[str]) -> str:
+    """Return names of grasps as text, at most some of them."""
     more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
     *first, last = [*names[:MOST_NAMES], *more]
     return f"{', '.join(first)} and {last}" if first else last

@@ -149,6 +149,7 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
 
 
 def _read_grasp(field: str, name: str, data: object, frame: str) -> IsaacGrasp:
+    """Parse one grasp of an isaac_grasp file."""
     if not isinstance(data, Mapping):
         raise InputError(field, data, "a mapping with position, orientation and cspace_position")
     orientation = data.get("orientation")
@@ -171,6 +172,7 @@ def _read_grasp(field: str, name: str, data: object, frame: str) -> IsaacGrasp:
 
 
 def _read_joints(field: str, data: object) -> dict[str, float]:
+    """Parse joint positions by name."""
     if data is None:
         return {}
     if not isinstance(data, Mapping):

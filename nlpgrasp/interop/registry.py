@@ -24,6 +24,7 @@ from nlpgrasp.solution.trajectory import trajectory
 
 
 def _write_scene(solution: GraspSolution, options: ExportOptions) -> str:
+    """Return the MuJoCo scene of a solution, with the hand of the options if any."""
     if options.hand is None:
         return mjcf(solution)
     return mjcf_with_hand(solution, options.hand, options.scene, options.progress)
@@ -44,10 +45,12 @@ SOLUTION = ReadFormat((".json",), ("problem",), _read_solution)
 
 
 def _write_trajectory(solution: GraspSolution, options: ExportOptions) -> str:
+    """Return the trajectory of a hand as CSV text."""
     return trajectory(solution, frame=options.frame).to_csv()
 
 
 def _write_trajectory_json(solution: GraspSolution, options: ExportOptions) -> str:
+    """Return the trajectory of a hand as JSON text."""
     return json.dumps(trajectory(solution, frame=options.frame).to_dict(), allow_nan=False) + "\n"
 
 

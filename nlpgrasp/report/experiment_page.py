@@ -174,7 +174,8 @@ def draw_mu(variations: Sequence[VariationResult]) -> Figure:
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.05 * max(v.mu.upper for v in variations))
     ax.grid(axis="x", color="0.9")
-    ax.set_xlabel(f"{_seed_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
+    measure = _measure_label(variations)
+    ax.set_xlabel(f"{measure}: certified interval of the best (bar), lower bound of each seed (dots)")
     return figure
 
 
@@ -189,7 +190,7 @@ def draw_time(variations: Sequence[VariationResult]) -> Figure:
             )
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("seconds in starts, one after another")
-    ax.set_ylabel(f"best {_seed_label(variations)} so far (certified lower bound)")
+    ax.set_ylabel(f"best {_measure_label(variations)} so far (certified lower bound)")
     ax.grid(color="0.9")
     _legend(ax, len(variations))
     return figure
@@ -205,7 +206,7 @@ def draw_experiment_convergence(variations: Sequence[VariationResult]) -> Figure
             ax.plot(np.maximum(remaining, LEAST_SHARE), ".-", color=f"C{i}", alpha=0.8, label=_shorten_name(v.name))
     ax.set_yscale("log")
     ax.set_xlabel("rounds of cutting planes, best start")
-    ax.set_ylabel(f"share of the final {_seed_label(variations)} still to gain")
+    ax.set_ylabel(f"share of the final {_measure_label(variations)} still to gain")
     ax.grid(color="0.9")
     if ax.lines:
         _legend(ax, len(variations))
@@ -250,14 +251,14 @@ def _write_plot(path: Path, draw: Draw, variations: Sequence[VariationResult]) -
         return write_figure(draw(variations), path)
 
 
-def _seed_label(variations: Sequence[VariationResult]) -> str:
+def _measure_label(variations: Sequence[VariationResult]) -> str:
     """Return the axis label of mu: the measure that all variations share."""
     kinds = {v.best.kind for v in variations if v.best is not None}
     return format_measure(kinds.pop() if len(kinds) == 1 else "")
 
 
 def _legend(ax: Axes, count: int) -> None:
-    """Add a legend that states the number of lines left out."""
+    """Add a legend whose title tells whether lines were left out."""
     title = f"best {MOST_LINES} of {count}" if count > MOST_LINES else None
     ax.legend(fontsize=8, title=title)
 

@@ -36,7 +36,7 @@ MOST_MARK_SIZE = 3.5  # largest size for discs and shafts, in shortest extents o
 PAD_RADIUS = 0.16  # radius of a drawn jaw pad, as a share of the body's size
 
 
-def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
+def jaw_shapes(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     """Return name and triangles (body frame) of each finger and the palm of a parallel gripper in its pose.
 
     Empty for planar grippers, without a ``finger_length``, and for files without a pose. Fingers whose width is not
@@ -76,7 +76,7 @@ def _transform_points(points: FloatArray, rotation: FloatArray, position: FloatA
 
 
 def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
-    """Return the viewer's scene of a solution, in metres and the body frame, or ``None`` without body and contacts.
+    """Return the viewer's scene of a solution, metres, body frame, or ``None`` with neither body nor contacts.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def grasp_tips(solution: GraspSolution) -> FloatArray:
 
 
 def body_surface(solution: GraspSolution) -> Triangles | None:
-    """Return the body's triangles from the drawing or else from the body's data, or ``None`` without both."""
+    """Return the body's triangles from the drawing or else from the body's data, or ``None`` if there is neither."""
     if solution.drawing is not None:
         return solution.drawing.body
     try:
@@ -178,7 +178,7 @@ def scene_shapes(
     tips = () if solution.hand is None else solution.hand.get("fingertips", ())
     links = () if solution.drawing is None else solution.drawing.links
     hand = [("tip" if name in tips else "link", name, shape) for name, shape in links if len(shape.faces)]
-    hand += [("link", name, shape) for name, shape in jaws(solution)]
+    hand += [("link", name, shape) for name, shape in jaw_shapes(solution)]
     obstacles = [("obstacle", name, shape) for name, shape in surroundings.obstacles]
     return [*([] if body is None else [("body", "body", body)]), *hand, *obstacles]
 
@@ -200,7 +200,7 @@ def _tip_radius(solution: GraspSolution) -> float:
 
 
 def _palm_point(solution: GraspSolution) -> FloatArray | None:
-    """Return the palm point (3,) of free fingertips, metres; None without one."""
+    """Return the palm point (3,) of free fingertips, metres, or ``None`` if the hand has none."""
     point = None if solution.hand is None else solution.hand.get("palm")
     return None if point is None else in_space(np.atleast_2d(np.asarray(point, dtype=float)))[0]
 

@@ -319,7 +319,7 @@ class Controls:
         self.force_text.content = self.format_forces(i, fraction)
 
     def format_forces(self, i: int, fraction: float) -> str:
-        """Return a fraction of a task wrench, and the finger forces for it, as Markdown."""
+        """Return a Markdown text on a fraction of a task wrench and the finger forces for it."""
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
         lines = [

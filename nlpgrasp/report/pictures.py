@@ -161,6 +161,7 @@ def _draw_solution_wrenches(solution: GraspSolution) -> Figure:
 
 
 def _draw_projections(projections: Sequence[WrenchProjection]) -> Figure:
+    """Draw projections of a wrench set and a task, one per panel."""
     columns = min(4, len(projections))
     rows = -(-len(projections) // columns)
     figure: Figure

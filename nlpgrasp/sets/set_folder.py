@@ -31,7 +31,7 @@ DAMAGED = ".damaged"  # appended to the name of a file that cannot be read
 
 @dataclass(frozen=True)
 class FinishedUnits:
-    """Finished problems and units in a folder at one time, by the file names of problems.
+    """Finished problems and units in a folder at one time.
 
     Parameters
     ----------

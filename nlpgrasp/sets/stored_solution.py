@@ -108,10 +108,12 @@ def _with_numbers(value: Any, numbers: Iterator[float]) -> Any:
 
 
 def _bytes(value: object) -> bytes:
+    """Return the value if it is bytes; raise otherwise."""
     if not isinstance(value, bytes):
         raise TypeError("no bytes")
     return value
 
 
 def _compact_json(data: object) -> str:
+    """Return data as JSON text without spaces."""
     return json.dumps(data, separators=(",", ":"), allow_nan=False)

@@ -41,7 +41,7 @@ def how_many_contacts(
     *,
     possible: Mapping[int, float] | None = None,
 ) -> ContactCurve:
-    """Solve a problem with different numbers of contacts, and return quality against number.
+    """Solve a problem with different numbers of contacts, and return the quality for each number.
 
     The grasps of each problem are warm starts for the others.
 
@@ -120,7 +120,7 @@ class ContactCurve:
 
     @property
     def shortfall(self) -> dict[int, float]:
-        """Relative deficit of the grasp with k contacts below the best known one with at most k, by k; at least 0."""
+        """Relative deficit of each grasp below the best known one with no more contacts, by number of contacts."""
         best_known = self.best_known
         return {
             k: 1.0 - solution.mu.lower / best_known[k] if best_known[k] > 0.0 else 0.0 for k, solution in self.solutions
@@ -168,7 +168,7 @@ class ContactCurve:
         return next((k for k, bound in self.best_possible.items() if bound * limit >= 1.0), None)
 
     def best(self, penalty: Penalty) -> int:
-        """Return the number of contacts with the largest difference of mu's lower bound and penalty.
+        """Return the number of contacts with the largest lower bound on mu minus penalty.
 
         Of equal ones it is the least.
 
@@ -187,9 +187,9 @@ class ContactCurve:
         return max(self.solutions, key=lambda pair: (self._penalised_interval(pair[1], penalty)[0], -pair[0]))[0]
 
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:
-        """Return the difference of mu and penalty by number of contacts, for both bounds on mu.
+        """Return bounds on mu minus penalty for each number of contacts.
 
-        A penalty that is a function of mu is evaluated at these ends alone.
+        A penalty that is a function of mu is evaluated at the two bounds on mu alone.
         """
         intervals = {k: sorted(self._penalised_interval(solution, penalty)) for k, solution in self.solutions}
         return {k: Bounds(low, high) for k, (low, high) in intervals.items()}

@@ -225,7 +225,7 @@ class TypeAssignment:
 
 @dataclass(frozen=True)
 class TypeUpgrade:
-    """Gain in mu from an assignment to the next larger one.
+    """Gain in mu from an assignment to one with dominating types.
 
     Parameters
     ----------

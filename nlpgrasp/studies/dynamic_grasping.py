@@ -367,9 +367,9 @@ class _StartBudget:
 
 
 def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
-    """Select the answer of a step: the warm start, unless the best start gains enough over it; or ``None``.
+    """Select the answer of a step: the warm start, unless the best start gains enough over it.
 
-    The warm start may be unchanged or refined.
+    The warm start may be unchanged or refined. The answer is ``None`` if no start has a grasp.
     """
     best = search.certify_best(rtol)
     if best is None:
@@ -409,7 +409,7 @@ def _with_moves(
     starts: tuple[StartGrasp, StartGrasp],
     task: Task,
 ) -> DynamicStep:
-    """Return a step with the finger moves from the previous grasp, certified for a task held meanwhile."""
+    """Return a step with the finger moves from the previous grasp, certified for a task to hold during the moves."""
     if problem.budget.depends_on_frames:
         return step
     source, target = (start.on_body for start in starts)

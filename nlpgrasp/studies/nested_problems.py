@@ -108,7 +108,7 @@ class _Family:
         return any(improved)
 
     def _transfer(self, source: int, target: int) -> bool:
-        """Run the best grasp of one search as a warm start of another, and return whether that one's best improved.
+        """Run the best grasp of one search as a warm start of another, and return whether the other's best improved.
 
         No grasp is transferred twice.
         """

@@ -84,7 +84,7 @@ class RigidMotion:
         return cls(times, matrices[:, :3, 3], matrices[:, :3, :3])
 
     def poses(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,), by default at the given ones.
+        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,), by default at ``times``.
 
         Raises
         ------

@@ -227,7 +227,7 @@ class TaskSet(Task):
 
     @property
     def is_sampled(self) -> bool:
-        """Whether the task is the hull of stored wrenches, as its support function is not in this process."""
+        """Whether the task is the hull of stored wrenches, in place of a support function unknown to this process."""
         return self._function.is_sampled
 
     def __repr__(self) -> str:

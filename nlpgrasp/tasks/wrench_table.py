@@ -90,7 +90,7 @@ class WrenchTable:
 
 
 def csv_table(path: Path) -> WrenchTable:
-    """Read a text file delimited by semicolons, tabs, commas or spaces.
+    """Read a table from a text file delimited by semicolons, tabs, commas or spaces.
 
     Raises
     ------
@@ -160,6 +160,7 @@ def _column(frame: Any, i: int) -> FloatArray:
 
 
 def _is_number(cell: str) -> bool:
+    """Return whether a cell is a number."""
     try:
         float(cell)
     except ValueError:
@@ -178,7 +179,7 @@ def _number_or_nan(cell: str | float) -> float:
 def columns_of(
     header: Sequence[str] | None, columns: object, width: int, table: str, wrench_size: int = 6
 ) -> list[int]:
-    """Return the indices of the columns f_x, f_y, f_z, m_x, m_y, m_z, or f_x, f_y, m_z.
+    """Return the indices of the wrench columns: f_x, f_y, f_z, m_x, m_y, m_z or, in the plane, f_x, f_y, m_z.
 
     Parameters
     ----------
@@ -237,7 +238,7 @@ def _column_indices(
 
 
 def _format_columns(names: Sequence[str], wrench_size: int) -> str:
-    """Return the names of a sensor's columns as text, only the first and the last of a complete wrench."""
+    """Return a sensor's column names as text, shortened to the first and the last for a complete wrench."""
     return f"{names[0]} ... {names[-1]}" if len(names) == wrench_size else ", ".join(names)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.spatial import in_space
-from nlpgrasp.report.grasp_scene import jaws
+from nlpgrasp.report.grasp_scene import jaw_shapes
 
 CONTACTS = np.array([[0.01, -0.02, 0.0], [0.01, 0.02, 0.005]])
 HAND = ng.ParallelJaw(opening=0.08, finger_length=0.1, finger_thickness=0.012)
@@ -24,7 +24,7 @@ def gripper_solution(hand=HAND, posture=None):
     "axes", [{}, {"closing_axis": "y"}, {"closing_axis": "-z", "approach_axis": "x", "tcp": (0.1, 0.02, 0.05)}]
 )
 def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
-    drawn = dict(jaws(gripper_solution(replace(HAND, **axes))))
+    drawn = dict(jaw_shapes(gripper_solution(replace(HAND, **axes))))
     approach = np.array(gripper_solution().hand["approach"]["direction"])
     closing = (CONTACTS[1] - CONTACTS[0]) / np.linalg.norm(CONTACTS[1] - CONTACTS[0])
     for name, point, out in (("jaw 0", CONTACTS[0], -closing), ("jaw 1", CONTACTS[1], closing)):
@@ -47,13 +47,13 @@ def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
     ids=["no length", "no pose", "no gripper", "no hand"],
 )
 def test_what_is_not_stated_is_not_drawn(solution):
-    assert jaws(solution) == []
+    assert jaw_shapes(solution) == []
 
 
 def test_stated_sizes_are_drawn():
     """Pads of 20 mm end 10 mm beyond the contacts; fingers are 16 mm wide, the palm as large as stated."""
     sized = ng.ParallelJaw(0.08, pad=(0.02, 0.012), finger=(0.1, 0.012, 0.016), palm_size=(0.14, 0.06, 0.05))
-    drawn = dict(jaws(gripper_solution(sized)))
+    drawn = dict(jaw_shapes(gripper_solution(sized)))
     approach = np.array(gripper_solution(sized).hand["approach"]["direction"])
     closing = (CONTACTS[1] - CONTACTS[0]) / np.linalg.norm(CONTACTS[1] - CONTACTS[0])
     frame = np.stack([closing, np.cross(approach, closing), approach], axis=1)

@@ -337,7 +337,7 @@ def parse_entry(content: str, path: Path) -> TaskEntry:
 
 
 def _entry(data: Json, folder: Path) -> TaskEntry:
-    """Return the entry of validated JSON data, with the wrenches of its file in a folder."""
+    """Build the entry from validated JSON data, and read its wrenches from a folder."""
     d = data["dimension"]
     axes = array("task.axes", data["task"]["axes"], (None, d))
     task = TaskEllipsoid.from_axes(axes, array("task.center", data["task"]["center"], (d,)))

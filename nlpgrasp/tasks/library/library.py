@@ -189,7 +189,7 @@ class TaskLibrary:
         return entry
 
     def merge(self, name: str, other: str | TaskEntry) -> TaskEntry:
-        """Merge the wrenches of another entry into an entry.
+        """Merge another entry's wrenches into the entry of this name.
 
         The other entry stays unchanged.
 
@@ -378,7 +378,7 @@ class WrenchInput:
         return cls(rows, wrench_input.about, wrench_input.source)
 
     def fit(self, probability: float | None) -> UpdatableFit:
-        """Return the minimum-volume fit of the wrenches or, for a probability, the covariance fit."""
+        """Return the minimum-volume fit of the wrenches or, if a probability is given, the covariance fit."""
         return (
             MinVolumeFit.of(self.rows) if probability is None else CovarianceFit.of(Moments.of(self.rows), probability)
         )

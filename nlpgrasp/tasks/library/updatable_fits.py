@@ -369,7 +369,7 @@ class Moments:
         return cls(len(rows), mean, deviations.T @ deviations)
 
     def plus(self, other: Moments) -> Moments:
-        """Return count, mean and scatter of the wrenches of both together.
+        """Return count, mean and scatter of both sets of wrenches together.
 
         Formulas of Chan, Golub and LeVeque (1983, doi:10.2307/2683386).
         """
