@@ -84,7 +84,7 @@ class ProgramFunctions:
             _embed(_face_jacobian(part)(self._x[part.position.range]), part, z.shape[0])
             for part in self.program.spline_surfaces
         ]
-        matrix = smooth(self._x, self._p, self._distances.first()[1])
+        matrix = smooth(self._x, self._p, self._distances.first[1])
         matrix = matrix + ca.vertcat(ca.MX(self._sx_count + distances, z.shape[0]), *faces)
         if self.program.slots is not None:
             matrix = ca.vertcat(self.program.slots.jacobian(self._x, self._p), matrix)
@@ -136,7 +136,7 @@ class ProgramFunctions:
         rows, linear = smooth(self._x, self._p)
         faces = [part.function(self._x[part.position.range]) for part in self.program.spline_surfaces]
         slots = ca.MX(0, 1) if self.program.slots is None else self.program.slots.rows(self._x, self._p)
-        return ca.vertcat(slots, rows, self._distances.first()[0], linear + ca.vertcat(*faces))
+        return ca.vertcat(slots, rows, self._distances.first[0], linear + ca.vertcat(*faces))
 
     @cached_property
     def _repeats(self) -> Repeats:
@@ -215,8 +215,9 @@ class DistanceConstraints:
             self._parts.append((part.function, columns, ca.DM(part.scales).T))
             begin += count
 
+    @cached_property
     def first(self) -> tuple[ca.MX, ca.MX]:
-        """Return the constraint values (m,) and their gradients in the points (3 m,)."""
+        """The constraint values (m,) and their gradients in the points (3 m,)."""
         values, slopes = [ca.MX(0, 1)], [ca.MX(0, 1)]
         for function, points, scales in self._parts:
             q = ca.MX.sym("q", 3)

@@ -133,17 +133,19 @@ def refine_by_newton(problem: Containment, u: FloatArray, steps: int) -> tuple[F
     value, gradient = problem.ratio(u)
     damping = np.ones(len(u))
     for _ in range(steps):
-        if not len(u) or np.max(np.linalg.norm(_tangential(gradient, u), axis=1)) <= STATIONARY:
+        moving = np.flatnonzero(_slope(gradient, u) > STATIONARY)
+        if not len(moving):
             break
-        trial = u + damping[:, None] * _newton_step(problem, u, gradient)
+        old, old_value, old_gradient = u[moving], value[moving], gradient[moving]
+        trial = old + damping[moving, None] * _newton_step(problem, old, old_gradient)
         trial /= np.linalg.norm(trial, axis=1, keepdims=True)
         trial_value, trial_gradient = problem.ratio(trial)
-        slopes = [np.linalg.norm(_tangential(g, v), axis=1) for g, v in ((trial_gradient, trial), (gradient, u))]
-        is_flatter = slopes[0] < slopes[1]
-        is_better = (trial_value < value) | (is_flatter & (trial_value <= value * (1.0 + 1e-12)))
-        u, gradient = (np.where(is_better[:, None], new, old) for new, old in ((trial, u), (trial_gradient, gradient)))
-        value = np.where(is_better, trial_value, value)
-        damping = np.where(is_better, np.minimum(1.0, 4.0 * damping), 0.25 * damping)
+        is_flatter = _slope(trial_gradient, trial) < _slope(old_gradient, old)
+        is_better = (trial_value < old_value) | (is_flatter & (trial_value <= old_value * (1.0 + 1e-12)))
+        better = moving[is_better]
+        u[better], value[better] = trial[is_better], trial_value[is_better]
+        gradient[better] = trial_gradient[is_better]
+        damping[moving] = np.where(is_better, np.minimum(1.0, 4.0 * damping[moving]), 0.25 * damping[moving])
     return u, value
 
 
@@ -184,9 +186,9 @@ def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArr
     return np.einsum("mab,mar->mbr", vectors, basis), values
 
 
-def _tangential(gradient: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the tangential parts of gradients (m, r) at unit vectors u."""
-    return np.asarray(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u)
+def _slope(gradient: FloatArray, u: FloatArray) -> FloatArray:
+    """Return the norms (m,) of the tangential parts of gradients (m, r) at unit vectors u (m, r)."""
+    return np.asarray(np.linalg.norm(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u, axis=1))
 
 
 def select_separated(u: FloatArray, order: NDArray[np.intp], cosine: float, limit: int) -> list[int]:
