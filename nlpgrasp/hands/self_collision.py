@@ -15,6 +15,7 @@ from itertools import combinations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.scalar_constraints import SELF_COLLISION, TIPS_APART, LinkSphere, ScalarConstraint
@@ -35,6 +36,7 @@ MAX_CORNERS = 64  # largest number of corners, and of normals, of a hull
 MIN_DISTANCE = 1e-12  # metres between the middles of hulls; nearer ones have no direction between them
 FIRST_DIRECTION = np.array([0.0, 0.0, 1.0])  # unit, the first separating direction
 EDGE_DIRECTIONS = directions_around(FIRST_DIRECTION, 60)  # beside the normals, for contact of edges with edges
+Indices = NDArray[np.intp]
 
 
 def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
@@ -43,18 +45,15 @@ def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
     """
     poses = _random_poses(tree, fits)
-    centres = {
-        link: np.einsum("bij,mj->bmi", poses[link][:, :3, :3], fit.centres) + poses[link][:, None, :3, 3]
-        for link, fit in fits.items()
-    }
+    spheres = {link: MovedSpheres.of(fit, poses[link]) for link, fit in fits.items()}
     link_pairs = list(_separated_pairs(tree, fits))
-    overlaps = _allowed_overlaps(tree, fits, poses, centres, link_pairs)
+    overlaps = _allowed_overlaps(tree, fits, poses, spheres, link_pairs)
     result = []
     for (a, b), overlap in zip(link_pairs, overlaps, strict=True):
         if not np.isfinite(overlap):
             continue
-        overlapping = _gaps(centres, fits, a, b) < -overlap
-        if np.mean(overlapping.any(axis=(1, 2))) <= ALWAYS_SHARE:
+        overlapping = spheres[a].gaps_near(spheres[b])[1] < -overlap
+        if np.sum(overlapping.any(axis=(1, 2))) <= ALWAYS_SHARE * SAMPLES:
             sphere_pairs = zip(*np.nonzero(overlapping.any(axis=0)), strict=True)
             result.append(LinkPair((a, b), float(overlap), tuple((int(i), int(j)) for i, j in sphere_pairs)))
     return tuple(result)
@@ -95,28 +94,64 @@ def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[
             yield a, b
 
 
-def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
-    """Return signed distances between spheres of two links, (samples, m, n), metres, negative where they overlap."""
-    products = centres[a] @ centres[b].transpose(0, 2, 1)
-    squares = [np.einsum("bmx,bmx->bm", centres[link], centres[link]) for link in (a, b)]
-    distances = np.sqrt(np.maximum(squares[0][:, :, None] + squares[1][:, None] - 2.0 * products, 0.0))
-    return np.asarray(distances - fits[a].radii[:, None] - fits[b].radii)
+@dataclass(frozen=True)
+class MovedSpheres:
+    """Spheres of a link in s postures, with a ball around them.
+
+    Parameters
+    ----------
+    centres : (s, m, 3) array
+        Metres, palm frame.
+    radii : (m,) array
+        Metres.
+    middles : (s, 3) array
+        Centres of the ball, metres.
+    reach : float
+        Its radius, metres.
+    """
+
+    centres: FloatArray
+    radii: FloatArray
+    middles: FloatArray
+    reach: float
+
+    @classmethod
+    def of(cls, fit: SphereFit, poses: FloatArray) -> MovedSpheres:
+        """Return the spheres of a link with the given poses (s, 4, 4)."""
+        middle = fit.centres.mean(axis=0) if len(fit.centres) else np.zeros(3)
+        reach = float(np.max(np.linalg.norm(fit.centres - middle, axis=1) + fit.radii, initial=-np.inf))
+        rotations, positions = poses[:, :3, :3], poses[:, :3, 3]
+        centres = np.einsum("sij,mj->smi", rotations, fit.centres) + positions[:, None]
+        return cls(centres, fit.radii, rotations @ middle + positions, reach)
+
+    def gaps_near(self, other: MovedSpheres) -> tuple[Indices, FloatArray]:
+        """Return the indices (n,) of postures in which two links' balls meet, and the gaps of their spheres there.
+
+        Gaps (n, m, m') are signed distances, metres, negative where spheres overlap.
+        """
+        near = np.flatnonzero(np.linalg.norm(self.middles - other.middles, axis=1) < self.reach + other.reach)
+        first, second = self.centres[near], other.centres[near]
+        squares = [np.einsum("smx,smx->sm", centres, centres) for centres in (first, second)]
+        products = first @ second.transpose(0, 2, 1)
+        distances = np.sqrt(np.maximum(squares[0][:, :, None] + squares[1][:, None] - 2.0 * products, 0.0))
+        return near, distances - self.radii[:, None] - other.radii
 
 
 def _allowed_overlaps(
     tree: LinkTree,
     fits: Mapping[str, SphereFit],
     poses: Mapping[str, FloatArray],
-    centres: Mapping[str, FloatArray],
+    spheres: Mapping[str, MovedSpheres],
     link_pairs: Sequence[tuple[str, str]],
 ) -> FloatArray:
     """Return the sphere overlap allowed for each pair of links, (c,), metres; infinite for pairs that never collide."""
 
     def make() -> dict[str, FloatArray]:
         hulls = {link: [ShapeHull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
-        values = [
-            _allowed_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in link_pairs
-        ]
+        values = []
+        for a, b in link_pairs:
+            near, gaps = spheres[a].gaps_near(spheres[b])
+            values.append(_allowed_overlap(hulls[a], hulls[b], poses[a][near], poses[b][near], gaps))
         return {"overlaps": np.array(values)}
 
     arrays = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
