@@ -34,6 +34,7 @@ STATIONARY = 1e-7  # solver units, change of the Lagrangian's gradient over a st
 NO_LOSS = 1e-9  # relative decrease that still counts as none
 SMALL_GAIN = 0.02  # predicted relative gain of a step without curvature below which curvature is used
 LEAST_GAIN, IDLE = 1e-4, 2  # relative gain below which a round is idle; idle rounds in a row that end a refinement
+REJECTED = 8  # rejected steps in a row that end a refinement, as at kinks
 FAIR = 0.5  # ratio of actual to predicted gain below which curvature is used
 
 
@@ -197,6 +198,7 @@ class _TrustRegionSearch:
         self.initial = result.point
         self.radius = RADIUS
         self.idle = 0  # rounds in a row that gained less than the least
+        self.rejected = 0  # steps in a row
         self.curvature: FloatArray | None = None  # reduced Hessian of the Lagrangian, (n, n)
         self.is_near = least == 0.0  # near the optimum, where steps need the curvature
         self.is_stale = True  # the curvature is of another point
@@ -204,7 +206,7 @@ class _TrustRegionSearch:
     @property
     def has_ended(self) -> bool:
         """Whether the least support ratio is not positive, or the last rounds gained too little."""
-        return self.result.point.value <= 0.0 or self.idle == IDLE
+        return self.result.point.value <= 0.0 or self.idle == IDLE or self.rejected == REJECTED
 
     def try_step(self) -> bool:
         """Try one step from the current point; return whether there was a step to try."""
@@ -253,6 +255,7 @@ class _TrustRegionSearch:
             self.idle = 0
         elif accepted or self.least > 0.0:  # the final refinement shortens its steps until one helps
             self.idle += 1
+        self.rejected = 0 if accepted else self.rejected + 1
         if accepted:
             self._accept(step, trial, cuts, length)
         else:

@@ -27,7 +27,7 @@ from nlpgrasp.tasks import Task
 
 SHRINK = 1e-4  # largest relative shrinking of support points, which avoids degeneracy and keeps them inside W
 ROUNDING = 1e-9  # relative guard against rounding of planes and supports
-SEEDS, DESCENT = 60, 20  # descents before the first hull, and their steps
+SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
 BATCH = 12  # most new points per round
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
 # points, and share of the target below which rounding then limits the lower bound
