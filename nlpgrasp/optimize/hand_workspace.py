@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
@@ -146,9 +145,21 @@ def _differing_points(points: FloatArray) -> NDArray[np.bool_]:
 
 
 def _grid_neighbours(tips: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the corner (3,) of a grid over points (b, 3), and the indices of the points nearest to each cell."""
+    """Return the lower corner (3,) of a grid over points (b, 3), and the indices of the points nearest to each cell.
+
+    Each point is compared with the cells around it, which are far fewer than all cells.
+    """
     corner = tips.min(axis=0) - NEAR
-    count = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)
-    centres = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1) + 0.5)
-    distances, nearest = cKDTree(tips).query(centres, PER_CELL, distance_upper_bound=NEAR)
-    return corner, np.where(np.isfinite(distances), nearest, NONE)
+    shape = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)
+    reach = int(np.ceil(NEAR / CELL + 0.5))
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = ((tips - corner) / CELL).astype(int)[:, None] + offsets
+    distances = np.linalg.norm(corner + CELL * (cells + 0.5) - tips[:, None], axis=2)
+    is_near = (distances < NEAR) & np.all((cells >= 0) & (cells < shape), axis=2)
+    point, cell = np.nonzero(is_near)[0], np.ravel_multi_index(tuple(cells[is_near].T), shape)
+    order = np.lexsort((distances[is_near], cell))
+    point, cell = point[order], cell[order]
+    rank = np.arange(len(cell)) - np.searchsorted(cell, cell)  # of a point among those near its cell
+    nearest = np.full((int(np.prod(shape)), PER_CELL), NONE)
+    nearest[cell[rank < PER_CELL], rank[rank < PER_CELL]] = point[rank < PER_CELL]
+    return corner, nearest.reshape(*shape, PER_CELL)

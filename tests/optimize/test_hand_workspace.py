@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import nlpgrasp as ng
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.hand_workspace import CELL, INSIDE, NEAR
+from nlpgrasp.optimize.hand_workspace import CELL, INSIDE, NEAR, NONE, PER_CELL, _grid_neighbours
 from tests.hands.urdf import four_finger_hand
 
 BODY = ng.Box([0.08, 0.04, 0.04])
@@ -71,3 +72,12 @@ def test_the_contacts_alone_keep_their_constraints(compiled):
     free = CompiledProblem(problem, ng.SolveOptions()).handless_variant
     assert free.problem.hand is None
     assert any(isinstance(c, ng.Spread) for c in free.problem.constraints)
+
+
+def test_neighbours_of_cells_are_those_of_a_search_tree(rng):
+    points = rng.normal(size=(300, 3)) * [0.02, 0.01, 0.005]
+    corner, nearest = _grid_neighbours(points)
+    centres = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, nearest.shape[:3]), indexing="ij"), axis=-1) + 0.5)
+    distances, expected = cKDTree(points).query(centres, PER_CELL, distance_upper_bound=NEAR)
+    assert np.array_equal(nearest, np.where(np.isfinite(distances), expected, NONE))
+    assert np.any(nearest == NONE)
