@@ -58,9 +58,9 @@ class ForceSet(ABC):
 
     @abstractmethod
     def cones(self) -> list[FloatArray]:
-        """Return matrices M such that x is in ``f B`` if every ``M (x, f)`` is in its cone.
+        """Return matrices M (r, n + 1) such that x is in ``f B`` if each ``M (x, f)`` is in a second-order cone.
 
-        The cone is second-order; for a matrix of one row, nonnegative numbers.
+        For a matrix of one row, that cone is the nonnegative numbers.
         """
 
 

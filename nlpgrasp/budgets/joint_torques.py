@@ -70,7 +70,7 @@ class JointTorqueLimits(ForceBudget):
         )
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise ``InputError`` for bilateral contacts, or if number or dimension of contacts is not the Jacobians'."""
+        """Raise ``InputError`` for bilateral contacts, or if contacts and Jacobians differ in number or dimension."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")

@@ -57,7 +57,10 @@ class SharedBudget(ForceBudget):
         return SharedSet(contacts, frames.shape[1])
 
     def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
-        """Return the largest work of a unit normal force of each contact; their maximum is the support function."""
+        """Return each contact's largest work with unit normal force (symbolic), or ``None`` without a closed form.
+
+        The support function is the maximum of these.
+        """
         parts = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else parts
 

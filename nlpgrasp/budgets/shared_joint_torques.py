@@ -67,7 +67,7 @@ class SharedJointTorqueLimits(ForceBudget):
         self.force_limit = None if force_limit is None else number(f"{name}.force_limit", force_limit, above=0.0)
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise ``InputError`` for bilateral contacts, or if number or dimension of contacts is not the Jacobians'."""
+        """Raise ``InputError`` for bilateral contacts, or if contacts and Jacobians differ in number or dimension."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             count = f"{len(self.jacobians)} of them"

@@ -115,7 +115,7 @@ class TorqueSet(ForceSet):
 
 
 def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
-    """Return the groups of contacts between which no torque limit is common."""
+    """Return the smallest groups of contacts, as indices, such that no torque limit involves two groups."""
     loads = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
     count, labels = connected_components(sparse.csr_matrix(loads @ loads.T), directed=False)
     return [np.flatnonzero(labels == g).tolist() for g in range(count)]
@@ -206,7 +206,10 @@ class EnumeratedTorqueSet:
         return force, prices
 
     def _stationary(self, sections: Sections, z: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work above given values, (m,), on the conic sections, and its forces."""
+        """Return the largest work (m,) along z (m, n) on the conic sections, and the forces (m, n) that do this work.
+
+        The work is -inf where no admissible point of a section exceeds the given value.
+        """
         origin, basis, inverse, offsets, squared_radius = sections
         g = np.einsum("mn,snd->msd", z, basis)
         directions = np.einsum("msd,sde->mse", g, inverse)
@@ -222,7 +225,10 @@ class EnumeratedTorqueSet:
         return admissible[indices, best], x[indices, best]
 
     def _add_extreme_points(self, active: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
-        """Add the extreme points, or the conic section, where given linear conditions are active."""
+        """Append the extreme points at which given linear conditions are active to ``points``.
+
+        Where these conditions leave a whole conic section, it is appended to ``sections``.
+        """
         A, b = self._linear[active] / self._scale[active, None], self._limits[active] / self._scale[active]
         if not np.any(b):
             return  # a face of the cone: its only extreme point is 0
@@ -357,7 +363,7 @@ def torque_rows(
     frames: FloatArray,
     contacts: Sequence[ContactModel],
 ) -> list[FloatArray]:
-    """Return the matrix (m_i, n_i) of each contact from force components to torques over limits."""
+    """Return each contact's matrix (m_i, n_i) that maps force components to ratios of joint torque to limit."""
     space = frames.shape[1]
     maps = [wrench_transform(np.zeros(space), f) @ c.basis(space) for f, c in zip(frames, contacts, strict=True)]
     return [(J.T / tau[:, None]) @ B[: len(J)] for J, tau, B in zip(jacobians, limits, maps, strict=True)]
