@@ -158,7 +158,7 @@ def demo_command(
         bool, typer.Option("--open/--no-open", help="Open the page in a browser, where there is one.")
     ] = True,
 ) -> None:
-    """Solve README's example, certify and verify the grasp, and open a page that shows it: seconds."""
+    """Solve README's example in seconds, certify and verify the grasp, and open a page that shows it."""
     page = out.with_suffix(".html")
     target, _ = writable(out), writable(page, out)
     typer.echo(INTRODUCTION)
@@ -185,6 +185,7 @@ def demo_command(
 def _root_command(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
+    """Print the version if asked."""  # the application states a help text of its own
     if version:
         typer.echo(f"nlpgrasp {__version__}")
         raise typer.Exit
@@ -264,7 +265,10 @@ def verify_command(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate."""
+    """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate.
+
+    Exit code: 0 if no check fails, 1 if one fails (with --strict also if one cannot be made), 2 on bad input.
+    """
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = None if script is None else load_problem(script)
     verification = ng.verify(file, rtol, folder or ())
@@ -280,7 +284,7 @@ def verify_command(
         raise typer.Exit(1)
 
 
-def export_placeholder() -> None:
+def export_placeholder() -> None:  # its docstring is the help text of ``export`` in the list of commands
     """Write a solution for other tools."""
 
 
@@ -320,9 +324,9 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
 
 
 def main() -> None:
-    """Run the command line.
+    """Run the command line and exit with code 0 if done, 1 if a result fails or is missing, 2 on bad input.
 
-    Bad input ends with one line on standard error and exit code 2.
+    Bad input ends with one line on standard error.
     """
     warnings.formatwarning = _format_warning
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them

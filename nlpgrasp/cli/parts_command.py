@@ -27,7 +27,7 @@ def parts_command(
     keep: Annotated[int, typer.Option("--keep", help="Grasps of each part, at most.")] = 20,
     quick: Annotated[bool, typer.Option("--quick", help="No bound on how good a grasp can be.")] = False,
 ) -> None:
-    """Solve all parts of a folder for a gripper, and write a page with a row a part. Ctrl-C keeps what is finished."""
+    """Solve all parts of a folder for a gripper, and write a page with one row per part. Ctrl-C keeps what is done."""
     make_problem, script_gripper = load_part_task(task)
     jaws = script_gripper if gripper is None else ng.hands.jaws(gripper)
     if jaws is None:

@@ -155,16 +155,31 @@ def measure_grasps(
     torque_scale: float | None,
     rtol: float,
 ) -> Columns:
-    """Compute the table of quality measures for a file's grasps, read once per friction coefficient."""
+    """Return the table of quality measures of a file's grasps, for each given friction coefficient.
+
+    Parameters
+    ----------
+    file : Path
+    readings : sequence of sequences of ReadGrasp
+        The file's grasps, read once for each friction coefficient.
+    tasks : sequence of StatedTask
+    measures : str or None
+        Names of the measures, separated by commas; None for the default ones.
+    torque_scale : float or None
+        Metres.
+    rtol : float
+        Relative width of the intervals.
+    """
     from nlpgrasp.interop.grasp_tables import stack_grasps
     from nlpgrasp.quality.measure_table import DEFAULT, measure_columns
 
     origin = next((t.task.about for t in tasks if t.task.about is not None), None)
     if readings[0] and readings[0][0].task is not None:
         origin = None  # that of the grasps
-    stacks = [stack for grasps in readings for stack in stack_grasps(file.name, grasps, origin)]
-    if len(readings) > 1 and stacks[0].contacts == stacks[len(stacks) // len(readings)].contacts:
+    stacks_by_friction = [stack_grasps(file.name, grasps, origin) for grasps in readings]
+    if len(readings) > 1 and stacks_by_friction[0][0].contacts == stacks_by_friction[1][0].contacts:
         raise InputError("--friction", f"{len(readings)} coefficients", "none: the contacts of this file state theirs")
+    stacks = [stack for stacks_of_reading in stacks_by_friction for stack in stacks_of_reading]
     budget = common_budget(tasks, readings[0][0].budget)
     named: dict[str, Task] = {t.name: t.task for t in tasks}
     if len(named) < len(tasks):
