@@ -73,6 +73,7 @@ class NoGraspError(NlpgraspError):
 
 
 def _shorten(value: object, limit: int = 120) -> str:
+    """Return a value as one line of text of at most ``limit`` characters."""
     plain = value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value
     text = plain if isinstance(plain, str) else repr(plain)
     text = " ".join(text.split())

@@ -1,9 +1,11 @@
 """Cache of expensive results in the user's cache folder, addressed by a hash of their inputs.
 
-An entry is a file named by the SHA-256 of all its inputs: content, settings, the code that computes it, and the
-versions of this package and its libraries. It begins with the SHA-256 of the rest, so that truncated or foreign files
-are detected and recomputed. Entries are written atomically, and two processes that write the same entry write the
-same bytes.
+An entry is a file named by the SHA-256 of its inputs: content, settings, the source of the module of the computing
+function, and the versions of this package and its libraries. The source of other modules is not part of it: a change
+there counts only with a new version of the package.
+
+An entry begins with the SHA-256 of the rest, so that truncated or foreign files are detected and recomputed. Entries
+are written atomically, and two processes that write the same entry write the same bytes.
 """
 
 from __future__ import annotations
@@ -59,7 +61,7 @@ def cached_arrays(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], m
     made_from : sequence of bytes and arrays
         All inputs of the result.
     make : callable
-        Returns the arrays by name; the source of its module is part of the key.
+        Returns the arrays by name. Of the package's code, the key depends on this function's module and the version.
     """
     cache_folder = folder()
     if cache_folder is None:

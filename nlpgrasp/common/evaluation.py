@@ -94,7 +94,7 @@ class BatchEvaluator:
 
 
 def _padded(values: FloatArray, size: int) -> FloatArray:
-    """Return the values (b, m) flattened and padded with zeros, (size m,)."""
+    """Return values (b, m) as one flat array (size m,), with zeros after them."""
     result = np.zeros(size * values.shape[1])
     result[: values.size] = values.ravel()
     return result

@@ -62,7 +62,7 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """Label of a constraint alone, without its expression and limits."""
+        """Plain ``Label`` with these fields, without the expression and limits of a constraint."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 

@@ -147,7 +147,7 @@ def _directions_on_line() -> list[FloatArray]:
 
 
 def _circle() -> list[FloatArray]:
-    """Return two shells of 12 directions in the plane."""
+    """Return two shells (12, 2) of evenly spaced unit directions in the plane, the second turned by 15 degrees."""
     angles = np.arange(12) * np.pi / 6.0
     first = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     offset = angles + np.pi / 12.0

@@ -156,10 +156,10 @@ def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
 
 
 def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
-    """Return which triangles (f, 3) to keep, and the numbers of removed copies and removed opposite triangles.
+    """Return the mask (f,) of triangles to keep, and the numbers of dropped copies and dropped opposite triangles.
 
-    Pairs of opposite triangles bound no volume. They are removed unless their area is negligible or all there is; where
-    the rest is open without them, the one of a pair that closes it stays.
+    Pairs of opposite triangles bound no volume. They are dropped unless their area is negligible or all there is; where
+    the rest is open without them, the triangle of a pair that closes it stays.
     """
     ordered = np.argsort(faces, axis=1, kind="stable")
     orientation = np.where(
@@ -184,9 +184,10 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
 def _closing_triangles(
     faces: IntArray, group: IntArray, is_kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
+    """Return the mask (f,) of triangles from opposite pairs that close open edges of the kept triangles.
 
-    An open edge with a single group of undecided triangles decides that group, then its other edges are examined.
+    A group has the same three vertices, and at most one triangle of it is chosen. An open edge with a single group of
+    undecided triangles decides that group, then the other edges of the chosen triangle are examined.
     """
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = np.sort(ends, axis=2) @ np.array([faces.max() + 1, 1])
