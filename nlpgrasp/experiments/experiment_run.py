@@ -164,7 +164,7 @@ class _Run:
     def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> bool:
         """Store each outcome when it arrives, and return whether all have arrived.
 
-        It stops early when the user interrupts, writing fails or the cluster is lost.
+        It stops early when the user interrupts, writing fails or the scheduler is lost, which becomes a note.
         """
         with closing(outcomes):
             try:
@@ -311,6 +311,11 @@ def run_cluster(
 
     A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
     terminates several workers has failed (Dask's ``allowed-failures``).
+
+    Raises
+    ------
+    ClusterLostError
+        When the scheduler is lost.
     """
     from distributed import as_completed
 

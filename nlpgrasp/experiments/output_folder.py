@@ -146,15 +146,25 @@ class OutputFolder:
         ------
         InputError
             When it is not a folder, cannot be written, holds another experiment or other files, is in use, or holds
-            this experiment and ``resume`` is false.
+            this experiment and ``resume`` is false. The folder is then not locked.
         """
         try:
             self._open(plan, resume)
         except OSError as error:
             self.close()
             raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
+        except InputError:
+            self.close()
+            raise
 
     def _open(self, plan: Plan, resume: bool) -> None:
+        """Open the folder as ``open`` does; an error may leave it locked.
+
+        Raises
+        ------
+        InputError, OSError
+            As in ``open``; ``OSError`` when a folder or the lock cannot be created.
+        """
         path = self.path
         if path.is_symlink() and not path.exists():
             raise InputError(f"out ({path})", "a link to nothing", "a folder")
@@ -237,9 +247,9 @@ class OutputFolder:
         return copy if copy.is_file() else self.solution_file(solve)
 
     def write_exchanged(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
-        """Write the solutions that the exchange of warm starts changed, and restore the others.
+        """Write the solutions that an exchange of warm starts changed.
 
-        Restored results are those from before any exchange.
+        The files of all other solves get back the result from before any exchange.
 
         Parameters
         ----------

@@ -270,9 +270,9 @@ def _certify_above(compiled: CompiledProblem, grasp: StartGrasp, lower: float) -
 def _screen_offers(
     compiled: CompiledProblem, offers: Mapping[str, FoundGrasp], threshold: float
 ) -> Iterator[tuple[WarmStart, Bounds]]:
-    """Yield the offered grasps that fit the problem and may exceed ``threshold``, with their mu elsewhere.
+    """Yield offered grasps whose mu may exceed ``threshold``, each with its bounds in the variation that found it.
 
-    An upper bound by screening decides; the largest comes first.
+    Grasps that do not fit the problem are left out. Upper bounds by screening decide; the largest comes first.
     """
     adapted = []
     for origin, grasp in offers.items():

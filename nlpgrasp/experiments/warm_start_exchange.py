@@ -13,6 +13,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.output_folder import OutputFolder
@@ -27,6 +28,14 @@ Run = Callable[[Sequence[SolveId], Callable[[SolveId], Job]], Generator[tuple[So
 
 SCHEMA = "nlpgrasp-handed-on/1"
 REFINED_TURNS, MOST_TURNS = 3, 20  # turns with refinement, and most turns
+
+
+class _OfferId(NamedTuple):
+    """Identity of an offer: the variation that receives it, and the version of a solve's solution that it offers."""
+
+    receiver: str
+    solve: SolveId
+    version: int
 
 
 @dataclass
@@ -48,7 +57,7 @@ class WarmStartExchange:
     notes: list[str] = field(default_factory=list)
     _solutions: dict[SolveId, GraspSolution] = field(default_factory=dict)
     _version: Counter[SolveId] = field(default_factory=Counter)
-    _offered: set[tuple[str, SolveId, int]] = field(default_factory=set)
+    _offered: set[_OfferId] = field(default_factory=set)
 
     def exchange(self, records: dict[SolveId, SolveRecord]) -> dict[SolveId, SolveRecord]:
         """Exchange grasps between solves until nothing improves, write changed solutions, and return updated records.
@@ -97,13 +106,24 @@ class WarmStartExchange:
         return json.dumps({"schema": SCHEMA, "nlpgrasp": __version__, "solves": digests}, indent=1) + "\n"
 
     def _turn(self, turn: int, groups: dict[str, str]) -> dict[SolveId, str]:
-        """Offer each new grasp to the other variations with the same body, and return the changed solutions."""
+        """Offer each new grasp to the other variations with the same body, and return changed solutions as JSON texts.
+
+        Parameters
+        ----------
+        turn : int
+            Number of earlier turns.
+        groups : dict of str to str
+            Digest of the body by variation.
+        """
         offer_by_solve: dict[SolveId, WarmStartOffer] = {}
         for name in groups:
-            best = self._best(name)
-            if offers := self._grasps_for(name, best, groups):
-                offer_by_solve[best] = WarmStartOffer(self._solutions[best], offers, turn < REFINED_TURNS, turn)
-        texts: dict[SolveId, str] = {}
+            best = self._best(name)  # the offers can improve a variation only where they beat its best solve
+            solution = self._solutions[best]
+            offers = self._new_offers(name, groups, contacts=len(solution.problem["contacts"]))
+            if offers:
+                improve = turn < REFINED_TURNS
+                offer_by_solve[best] = WarmStartOffer(solution=solution, offers=offers, improve=improve, turn=turn)
+        texts: dict[SolveId, str] = {}  # solution files of the improved solves
 
         def job_with_offer(solve: SolveId) -> Job:
             return replace(self.factory(solve), offer=offer_by_solve[solve])
@@ -127,16 +147,25 @@ class WarmStartExchange:
     def _rank(solution: GraspSolution) -> tuple[float, float]:
         return (solution.mu.upper, solution.mu.lower) if solution.success else (0.0, 0.0)
 
-    def _grasps_for(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
-        """Return the grasps of other variations on the same body that a variation has not tried yet."""
-        contacts = len(self._solutions[best].problem["contacts"])
+    def _new_offers(self, receiver: str, groups: dict[str, str], contacts: int) -> dict[str, FoundGrasp]:
+        """Return the grasps that a variation has not been offered yet, by their origin, and mark them as offered.
+
+        Parameters
+        ----------
+        receiver : str
+            Name of the variation.
+        groups : dict of str to str
+            Digest of the body by variation; only grasps on the same body are offered.
+        contacts : int
+            Number of contacts of the variation; grasps with more are not offered.
+        """
         offers = dict[str, FoundGrasp]()
         for solve, solution in self._solutions.items():
-            source, entry = solve.variation, (name, solve, self._version[solve])
-            if source == name or groups.get(source) != groups[name] or entry in self._offered:
+            source, offer = solve.variation, _OfferId(receiver, solve, self._version[solve])
+            if source == receiver or groups.get(source) != groups[receiver] or offer in self._offered:
                 continue
             if solution.success and len(solution.require_grasp()) <= contacts:
-                self._offered.add(entry)
+                self._offered.add(offer)
                 origin = f"{WARM_START_PREFIX}{source}, seed {solve.seed}"
                 offers[origin] = FoundGrasp(solution.require_grasp(), solution.faces, solution.mu, hand=solution.hand)
         return offers

@@ -14,6 +14,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
+from nlpgrasp.experiments import output_folder
 from tests.experiments.small import QUICK, SCRIPT, base, experiment
 from tests.quick import first
 
@@ -335,6 +336,20 @@ def test_files_too_large_for_the_system_are_listed(tmp_path):
     last = events(process.stdout)[-1]
     assert "File too large" in last["notes"][0]
     assert list((tmp_path / "out" / "solves").iterdir()) == []
+
+
+def test_a_folder_whose_plan_cannot_be_written_is_not_locked(tmp_path, monkeypatch):
+    def refuse(path, text):
+        raise InputError("out", "no space left", "a file that can be written")
+
+    plan, folder = output_folder.plan_of(experiment()), output_folder.OutputFolder(tmp_path / "out")
+    with monkeypatch.context() as context:
+        context.setattr(output_folder, "write_text", refuse)
+        with pytest.raises(InputError, match="no space left"):
+            folder.open(plan, resume=False)
+    second = output_folder.OutputFolder(tmp_path / "out")
+    second.open(plan, resume=False)
+    second.close()
 
 
 @pytest.mark.slow
