@@ -8,7 +8,13 @@ import numpy as np
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
-from nlpgrasp.interop.hand_states import object_file, object_scale, states_of_grasps, warn_of_axes, warn_of_squeezes
+from nlpgrasp.interop.hand_states import (
+    object_file,
+    object_scale,
+    states_of_grasps,
+    warn_of_axes,
+    warn_of_missing_squeezes,
+)
 from nlpgrasp.solution.solution import GraspSolution
 
 STATES = ("pregrasp", "grasp", "squeeze")
@@ -37,7 +43,7 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
     hands, solutions = [hand for _, hand in states], [grasp_solution for grasp_solution, _ in states]
     hands_by_name = {f"grasp_{i}": hand for i, hand in enumerate(hands)}
     warn_of_axes(hands[0], export_options)
-    warn_of_squeezes(hands_by_name, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
+    warn_of_missing_squeezes(hands_by_name, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
     joint_names, grasps = list(hands[0].joints), [grasp_solution.require_grasp() for grasp_solution in solutions]
     arrays = {f"{state}_qpos": np.stack([hand.row(state) for hand in hands]) for state in STATES}
     arrays |= {

@@ -104,7 +104,13 @@ def _joint_positions(hand: URDFHand, positions: Mapping[str, float], name: str) 
 
 
 def problem_of_hand(options: ReadOptions) -> GraspProblem:
-    """Return the problem whose hand is in the postures of a file; raise if none is given."""
+    """Return the problem whose hand the postures of a file belong to, from the import options.
+
+    Raises
+    ------
+    InputError
+        When the options have no problem, or its force budget depends on contact frames.
+    """
     if options.problem is None:
         raise InputError("--problem", "nothing", "the script of a problem whose hand the file's postures are for")
     problem = options.problem()

@@ -139,7 +139,10 @@ class HandStates:
         return {"closing_axis": self.closing, "approach_axis": self.approach, "tcp": self.tcp}
 
     def _select_joints(self, names: Sequence[str]) -> HandStates:
-        """Return the states of the named joints alone, in the order of the names; of all joints without names."""
+        """Return the same states with the named joints alone, in the order of the names.
+
+        Without names, all joints stay.
+        """
         unknown = [name for name in names if name not in self.joints]
         if unknown:
             raise InputError("--joint", unknown[0], "joints of the hand: " + ", ".join(self.joints))
@@ -279,8 +282,8 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
                 return
 
 
-def warn_of_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
-    """Warn of grasps without a squeeze.
+def warn_of_missing_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
+    """Warn of grasps whose squeeze has not been computed.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ from nlpgrasp.interop.hand_states import (
     states_of_grasps,
     warn_of_approaches,
     warn_of_axes,
-    warn_of_squeezes,
+    warn_of_missing_squeezes,
 )
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -62,7 +62,7 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     hands = {name: hand for name, (_, hand) in states.items()}
     best_hand = hands["grasp_0"]
     warn_of_axes(best_hand, export_options)
-    warn_of_squeezes(hands, "its grasp_posture has no effort")
+    warn_of_missing_squeezes(hands, "its grasp_posture has no effort")
     warn_of_approaches(hands)
     blocked = {name: reason for name, hand in hands.items() if (reason := approach_warning(hand))}
     comments = "".join(f"# {name}: way in not free: {' '.join(reason.split())}\n" for name, reason in blocked.items())
