@@ -247,7 +247,10 @@ def warn_of_lengths(
 def _lengths(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
 ) -> Iterator[tuple[str, float, float, float]]:
-    """Yield, for each length of a problem, name, given value, value to compare and limit in body sizes."""
+    """Yield each length of a problem with its name, the length to compare with the body, and the limit of that length.
+
+    Each entry is (name, given length, compared length, limit): metres, the limit in body sizes.
+    """
     for i, model in enumerate(models):
         torsion = model.coefficients.get("torsional_friction", 0.0)
         yield f"contacts[{i}]: torsional friction", torsion, torsion, LARGE_LENGTH

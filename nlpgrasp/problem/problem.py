@@ -125,11 +125,12 @@ class GraspProblem(DisplayedProblem):
     margin: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
+        # each part comes after those that its checks and defaults read
         if not isinstance(self.body, Body):
             raise InputError("GraspProblem.body", self.body, body_advice(self.body))
         check_size(self.body)
         self._set_contacts()
-        self._set_objective()
+        self._set_objective()  # may set the task
         if not isinstance(self.task, Task):
             raise InputError("GraspProblem.task", self.task, task_advice(self.task))
         self._check_dimension()
@@ -138,12 +139,12 @@ class GraspProblem(DisplayedProblem):
         budget.check_hand(self.hand)
         if self.torque_origin is not None:
             origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
-            object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
+            self._set("torque_origin", tuple(origin.tolist()))
         if self.max_force is not None:
-            object.__setattr__(self, "max_force", number("GraspProblem.max_force", self.max_force, above=0.0))
-        warn_of_point(self.task, self.body)
+            self._set("max_force", number("GraspProblem.max_force", self.max_force, above=0.0))
+        warn_of_point(self.task, self.body)  # of the task as given, before its moments are about the torque origin
         if self.task.about is not None:
-            object.__setattr__(self, "task", self.task.at(self.origin))
+            self._set("task", self.task.at(self.origin))
         if (
             not isinstance(self.name, str)
             or not self.name.strip()
@@ -156,10 +157,15 @@ class GraspProblem(DisplayedProblem):
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         warn_of_lengths(self.body, self.models, self.constraints, self.hand)
         warn_of_surroundings(self.body, self.constraints, self.hand)
-        count = range(len(self.models))
-        faces = [allowed_face_names(self.body, self.models, self.constraints, i) for i in count]
-        object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
-        check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
+        contacts = range(len(self.models))
+        faces = [allowed_face_names(self.body, self.models, self.constraints, i) for i in contacts]
+        self._set("margin", margin_of(self.edge_margin, self.body, self.hand, faces))
+        wide_faces = [self.allowed_faces(i) for i in contacts]  # those with room for the margin
+        check_placements(self.body, self.hand, self.constraints, wide_faces, self.margin)
+
+    def _set(self, name: str, value: object) -> None:
+        """Set a field, which this frozen dataclass otherwise refuses."""
+        object.__setattr__(self, name, value)
 
     def _set_objective(self) -> None:
         """Validate the objective; set a missing task for delta or nu to the unit ball of wrenches."""
@@ -171,11 +177,11 @@ class GraspProblem(DisplayedProblem):
                 raise InputError("GraspProblem.torque_scale", self.torque_scale, expected)
             return
         scale = self.body.size if self.torque_scale is None else self.torque_scale
-        object.__setattr__(self, "torque_scale", number("GraspProblem.torque_scale", scale, above=0.0))
+        self._set("torque_scale", number("GraspProblem.torque_scale", scale, above=0.0))
         if self.objective == "nu":
             check_volume_parts(self.force_budget, self.hand)
         if self.task is None or is_unit_ball(self.task):  # that of a copy with another torque scale is replaced
-            object.__setattr__(self, "task", unit_ball(self.dimension, scale))
+            self._set("task", unit_ball(self.dimension, scale))
         elif self.objective == "delta":
             expected = 'no task: that of objective="delta" is the unit ball of wrenches'
             raise InputError("GraspProblem.task", self.task, expected)
@@ -220,7 +226,7 @@ class GraspProblem(DisplayedProblem):
             model.components(self.body.space)
             if model.needs_tangents and self.body.space == 3:
                 raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
-        object.__setattr__(self, "contacts", models)
+        self._set("contacts", models)
 
     def _pad_contacts(self) -> tuple[ContactModel, ...]:
         """Return the contacts of a gripper's pads, with their long sides along the approach direction.
@@ -244,7 +250,7 @@ class GraspProblem(DisplayedProblem):
         if isinstance(constraints, PlacementConstraint):
             constraints = (constraints,)
         try:
-            object.__setattr__(self, "constraints", tuple(constraints))
+            self._set("constraints", tuple(constraints))
         except TypeError:
             raise InputError("GraspProblem.constraints", constraints, "a sequence of constraints") from None
 
