@@ -227,7 +227,7 @@ def body_figures(body: Body) -> list[KeyFigure]:
 
 
 def _bounds_figure(body: Body) -> KeyFigure:
-    """Return the key figure of the body's bounds, with code for a table under the body."""
+    """Return the key figure of a body's bounds, with the Python code that creates a table under the body."""
     bounds = 1e3 * body.bounds
     zero_size = ZERO_SHARE * float(np.max(np.ptp(bounds, axis=0)))
     ends = [[format_number(v, least=zero_size) for v in column] for column in bounds.T]

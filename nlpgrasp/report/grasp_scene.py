@@ -81,46 +81,70 @@ def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> J
     Returns
     -------
     dict
-        ``parts``: surfaces by group (body, link, tip, obstacle, table). ``contacts``: position, inward normal, radius
-        of a free fingertip or 0, slope of the friction cone or null. ``arrows``: for each chosen wrench a tail and a
-        head per finger. ``palm``: the palm point of free fingertips, or null. ``frame``: points that the camera has to
-        have in view; ``view``: azimuth and elevation, degrees.
+        ``size``: of the body, the reference of drawn lengths. ``flat``: whether the problem is planar. ``parts``:
+        surfaces with name and group (body, link, tip, obstacle, table). ``tables``: middle and half width of each
+        table's top; in the plane a table is one of the parts instead. ``unseen``: names of obstacles without a surface.
+        ``contacts``: position, inward normal, radius of a free fingertip or 0, slope of the friction cone or null, and
+        face. ``palm``: the palm point of free fingertips, or null. ``arrows``: for each chosen wrench a tail and a head
+        per finger. ``lengths``: drawn sizes of marks. ``frame``: points that the camera has to have in view; ``view``:
+        azimuth and elevation, degrees.
     """
     grasp = solution.grasp
     contacts = np.zeros((0, 3)) if grasp is None else in_space(grasp.points)
-    shape = body_surface(solution)
-    size = drawing_size(None if shape is None else Drawing(shape), None if grasp is None else grasp.points)
-    body = contacts if shape is None else shape.vertices
-    if not len(body):
+    body = body_surface(solution)
+    size = drawing_size(None if body is None else Drawing(body), None if grasp is None else grasp.points)
+    body_points = contacts if body is None else body.vertices
+    if not len(body_points):
         return None
-    middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
+    middle = (body_points.min(axis=0) + body_points.max(axis=0)) / 2.0
     surroundings, flat = drawn_surroundings(solution), _is_flat(solution)
-    radius = _tip_radius(solution)
-    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
-    arrows = [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
-    shapes = scene_shapes(solution, shape, surroundings)
-    palm = _palm_point(solution)
-    ends = np.concatenate([contacts, *([] if palm is None else [palm[None]]), *(a.reshape(-1, 3) for a in arrows)])
-    drawn_points = [body, *(s.vertices for _, _, s in shapes)]
-    if radius > 0.0:
-        extremes = radius * np.concatenate([np.eye(3), -np.eye(3)])
-        drawn_points.append((grasp_tips(solution)[:, None] + extremes).reshape(-1, 3))
+    arrows, palm = _force_arrows(contacts, chosen, size), _palm_point(solution)
+    drawn_shapes = scene_shapes(solution, body, surroundings)
+    drawn_points = [body_points, *(shape.vertices for _, _, shape in drawn_shapes), _tip_extremes(solution)]
+    frame = [contacts, *([] if palm is None else [palm[None]]), *(arrow.reshape(-1, 3) for arrow in arrows)]
+    frame.append(outermost_points(np.concatenate(drawn_points), middle, size))
     tables = [{"at": _nested_lists([*middle[:2], h]), "half": TABLE_HALF_WIDTH * size} for h in surroundings.heights]
     if flat:
-        shapes += [("table", "table", slab(h, body, size)) for h in surroundings.heights]
+        tables = []
+        drawn_shapes += [("table", "table", slab(h, body_points, size)) for h in surroundings.heights]
     return {
         "size": size,
         "flat": flat,
-        "parts": [{"group": group, "name": name, **surface(shape).to_dict()} for group, name, shape in shapes],
-        "tables": [] if flat else tables,
+        "parts": [{"group": group, "name": name, **surface(shape).to_dict()} for group, name, shape in drawn_shapes],
+        "tables": tables,
         "unseen": list(surroundings.unseen),
-        "contacts": [] if grasp is None else _contact_data(grasp, solution.faces, radius),
+        "contacts": [] if grasp is None else _contact_data(grasp, solution.faces, _tip_radius(solution)),
         "palm": None if palm is None else _nested_lists(palm),
-        "arrows": [_nested_lists(a) for a in arrows],
-        "lengths": _mark_lengths(solution, body, size),
-        "frame": _nested_lists(np.concatenate([ends, outermost_points(np.concatenate(drawn_points), middle, size)])),
+        "arrows": [_nested_lists(arrow) for arrow in arrows],
+        "lengths": _mark_lengths(solution, body_points, size),
+        "frame": _nested_lists(np.concatenate(frame)),
         "view": first_view(solution, flat),
     }
+
+
+def _force_arrows(contacts: FloatArray, chosen: Sequence[ChosenWrench], size: float) -> list[FloatArray]:
+    """Return tails and heads (k, 2, 3) of the force arrows of each chosen wrench, all to one scale.
+
+    Parameters
+    ----------
+    contacts : (k, 3) array
+        Heads of the arrows, metres.
+    chosen : sequence of ChosenWrench
+        Wrenches with finger forces.
+    size : float
+        Of the body, metres.
+    """
+    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
+    return [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
+
+
+def _tip_extremes(solution: GraspSolution) -> FloatArray:
+    """Return the extreme points (6 k, 3) of free round fingertips along the axes; none for other hands."""
+    radius = _tip_radius(solution)
+    if radius == 0.0:
+        return np.zeros((0, 3))
+    extremes = radius * np.concatenate([np.eye(3), -np.eye(3)])
+    return (grasp_tips(solution)[:, None] + extremes).reshape(-1, 3)
 
 
 def _mark_lengths(solution: GraspSolution, body: FloatArray, size: float) -> Json:

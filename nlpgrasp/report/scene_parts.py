@@ -213,9 +213,9 @@ def frame_axes(origin: FloatArray, lengths: FloatArray) -> Json:
 
 
 def outermost_points(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
-    """Return the outermost points, (m, 3), among points (n, 3) near the middle.
+    """Return the points (m, 3) that are farthest along some sampled direction, among points (n, 3) near a middle.
 
-    Points beyond ``FRAME_RADIUS`` body sizes are left out.
+    Near means within ``FRAME_RADIUS`` body sizes.
     """
     in_frame = points[np.linalg.norm(points - middle, axis=1) <= FRAME_RADIUS * size]
     samples = np.concatenate([directions(3, 0), directions(3, 2)])

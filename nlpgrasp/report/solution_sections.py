@@ -298,7 +298,7 @@ def inputs(name: str, solution: GraspSolution) -> str:
 
 
 def _format_coordinates(values: Sequence[float], size: float, least_decimals: int) -> str:
-    """Return coordinates as text, with as many decimals as three digits of ``size`` need.
+    """Return coordinates as text, with the number of decimals that shows ``size`` with three significant digits.
 
     There are at least ``least_decimals``.
     """
