@@ -156,7 +156,11 @@ class GraspSet:
         return len(self._grasp_rows)
 
     def counts(self) -> dict[str, int]:
-        """Return the number of rows of each status: grasp, duplicate, touches, no grasp, failed."""
+        """Return the number of rows of each status.
+
+        ``"grasp"``; ``"duplicate"``, equivalent to the grasp of an earlier start; ``"touches"``, with a link inside
+        something; ``"no grasp"``; ``"failed"``, by an error.
+        """
         statuses = [status for table in self._tables for status in table["status"].to_pylist()]
         return {status: statuses.count(status) for status in STATUSES}
 

@@ -531,7 +531,13 @@ def find_robot_file(hand: Json, folders: Sequence[Path]) -> Path:
 
 
 def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _ProblemState:
-    """Build a problem once for its data, and return its initial state."""
+    """Return the initial state of a problem, with the JSON data of the problem built once.
+
+    Raises
+    ------
+    InputError
+        When the problem cannot be built, or its data are no JSON data.
+    """
     make = partial(_return, source) if isinstance(source, GraspProblem) else source
     try:
         problem = make()

@@ -250,9 +250,10 @@ class SetFolder:
     # Units
 
     def claim(self, unit: UnitId) -> bool:
-        """Reserve a unit for this process, and return whether it is reserved.
+        """Lock a unit for this process, and return whether it is locked.
 
-        A unit that is finished, or that another process runs, cannot be reserved.
+        A unit that is finished, or that another process has locked, is not. The lock is on a file and ends with the
+        process. On Windows ``try_lock`` locks nothing: two processes may run the same unit there, to the same rows.
         """
         if unit in self.claims:
             return True
@@ -264,18 +265,18 @@ class SetFolder:
         return False
 
     def release(self, unit: UnitId) -> None:
-        """Give up a reserved unit."""
+        """Unlock a unit that this process has locked."""
         file = self.claims.pop(unit, None)
         if file is not None:
             file.close()
 
     def close(self) -> None:
-        """Give up all reserved units."""
+        """Unlock all units of this process."""
         for unit in list(self.claims):
             self.release(unit)
 
     def write_unit(self, unit: UnitId, content: bytes) -> None:
-        """Write the rows of a finished unit, and give up its reservation."""
+        """Write the rows of a finished unit, and unlock it."""
         write_bytes(self.unit_file(unit), content)
         self.release(unit)
 
