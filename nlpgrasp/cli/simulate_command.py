@@ -127,7 +127,10 @@ def _simulate_by_hand(
 
 
 def _simulation_data(simulation: ng.Simulation) -> dict[str, object]:
-    """Return trials and outcome of a simulation as JSON data."""
+    """Return trials and outcome of a simulation as JSON data.
+
+    ``lost_at`` and ``upper_bound`` are scales of the hardest wrench, relative to the certified lower bound.
+    """
     trials = [
         {
             "condition": trial.condition,

@@ -101,29 +101,50 @@ class FingertipModel:
         return snapshots
 
     def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
-        """Step once with finger forces under the load ``-wrench``; return the used fraction of the effort."""
-        data = self.data
+        """Simulate one time step, and return the used fraction of the hand's effort.
+
+        Parameters
+        ----------
+        wrench : (d,) array
+            Wrench that the fingers are to exert: the body carries the load ``-wrench``. Newtons and newton-metres.
+        forces : (n,) array
+            Finger forces that exert it, contact by contact as in G, newtons and newton-metres.
+        """
+        command, used = self._commands(forces)
+        self.data.ctrl[:] = command[self.forces]
+        self.data.xfrc_applied[self.body] = self._load(wrench, command)
+        self.mujoco.mj_step(self.model, self.data)
+        if self.moments:
+            self._contact_forces()
+        return used
+
+    def _commands(self, forces: FloatArray) -> tuple[FloatArray, float]:
+        """Return finger forces (n,) with those of the springs, scaled down to the effort, and the used fraction of it.
+
+        Springs hold the fingertips and the body's rotation in place.
+        """
         command = forces.copy()
-        command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
+        tip_displacements = self.data.qpos[-len(self.forces) :]  # metres: the last coordinates, one per force component
+        command[self.forces] -= self.unit.stiffness * tip_displacements
         if self.moments:
             restoring = self.stiffness * (self.turning @ self._rotation())
             command[self.moment_indices] -= restoring + self.damping * (self.turning @ self._angular_velocity())
         used = float(self.allowed.gauge(command[None])[0]) / self.effort
         if used > 1.0:
             command /= used
-        data.ctrl[:] = command[self.forces]
-        load = np.zeros(6)
+        return command, min(used, 1.0)
+
+    def _load(self, wrench: FloatArray, command: FloatArray) -> FloatArray:
+        """Return force and torque (6,) on the body about its centre of mass: the load and the contacts' moments."""
+        load = np.zeros(6)  # newtons, then newton-metres
         load[self.pull] = -wrench[: self.grasp.space]
         load[self.turn] = -wrench[self.grasp.space :]
-        load[3:] += _cross_product(data.xmat[self.body].reshape(3, 3) @ self.arm, load[:3])
+        arm = self.data.xmat[self.body].reshape(3, 3) @ self.arm  # from the centre of mass to the torque origin
+        load[3:] += _cross_product(arm, load[:3])
         for m in self.moments:
             moment = command[list(m.indices)]
             load[3:] += m.limit(moment, self.normal[m.contact], self.tangential[m.contact]) @ m.directions
-        data.xfrc_applied[self.body] = load
-        self.mujoco.mj_step(self.model, data)
-        if self.moments:
-            self._contact_forces()
-        return min(used, 1.0)
+        return load
 
     def _contact_forces(self) -> None:
         """Store the normal and tangential force of each fingertip."""

@@ -235,7 +235,7 @@ def _push_closed(
 
 
 def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
-    """Close the hand and return the trial of a lift with the palm under gravity."""
+    """Close the hand, lift the object under gravity, and return the trial."""
     return _lift_closed(condition, world, _close_hand(world, squeeze, None), squeeze)
 
 

@@ -27,7 +27,7 @@ FRAMES = 4  # pictures in a row
 LEAST_DRAWN_SLIP = 0.2  # share of the body's size: least drawn slip at the end
 # robot hand
 PICTURES = 5  # pictures in a row
-LAST_MOTION = 3.0  # motion at which the pictures end, in motions that count as lost
+LAST_MOTION = 3.0  # motion at which the pictures end, in limits of a loosely held object
 
 
 def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Path) -> Path:
@@ -117,7 +117,7 @@ def _caption(trial: HandTrial) -> str:
 
 
 def _worst_trial(simulation: HandSimulation, condition: str) -> HandTrial:
-    """Return the trial of a condition with the largest motion, relative to the motion that counts as lost."""
+    """Return the trial of a condition with the largest motion, relative to the limits of a loosely held object."""
     return max(simulation.of(condition), key=lambda t: max(t.motion.slip / LOOSE[0], t.motion.turn / LOOSE[1]))
 
 

@@ -174,11 +174,11 @@ def _is_lost(snapshot: Snapshot) -> bool:
 
 
 def grow_wrench(data: SimulationInput) -> tuple[float | None, Trial]:
-    """Return the scale at which the growing hardest wrench was lost, relative to the certified bound, and the trial.
+    """Return the scale of the hardest wrench at which the body begins to move, or None if it is held, and the trial.
 
-    The hand uses up to its full effort; any excess of the wrench is not balanced. The scale is that at which the body
-    began to move, by a tenth of what counts as lost, as the wrench grows on during the rest. None where it was held to
-    the end.
+    The wrench grows slowly. The hand uses up to its full effort; any excess of the wrench is not balanced. The scale is
+    relative to the certified lower bound. Motion begins at a tenth of what counts as lost, as the wrench grows on until
+    the body is lost.
     """
     model = data.fingertip_model(data.grasp, 0.0)
     unit, end = model.unit.time, LARGEST_WRENCH * data.solution.mu.upper / data.solution.mu.lower
