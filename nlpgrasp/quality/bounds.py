@@ -72,9 +72,9 @@ class Bounds:
         Raises
         ------
         InputError
-            When it is empty; ``name`` is shown in the message.
+            When it is empty or a bound is NaN; ``name`` is shown in the message.
         """
-        if data["lower"] > data["upper"]:
+        if not data["lower"] <= data["upper"]:
             raise InputError(name, f"lower {data['lower']} > upper {data['upper']}", "lower <= upper")
         return cls(data["lower"], data["upper"], torque_scale=data.get("torque_scale"))
 

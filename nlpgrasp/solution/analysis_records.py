@@ -155,7 +155,7 @@ class Conflict(Record):
 
 @dataclass(frozen=True)
 class WhyNot(Record):
-    """Infeasibility diagnosis: conflicting constraints, or a direction in which no force works.
+    """Infeasibility diagnosis: conflicting constraints, or a wrench direction along which no finger force does work.
 
     Parameters
     ----------

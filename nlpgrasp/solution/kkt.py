@@ -86,7 +86,7 @@ class KKT(Record):
 
     @property
     def is_small(self) -> bool:
-        """Whether all three residuals are small, as ``locally_optimal``."""
+        """Whether all three residuals are below 1e-6; another name of ``locally_optimal``."""
         return self.locally_optimal
 
 

@@ -28,7 +28,7 @@ RESOLVED: dict[type, dict[str, Any]] = {}  # types of the fields, by class
 
 
 class Form:
-    """JSON form of an annotated type: axes of an array and keywords of the JSON Schema.
+    """Annotation of a field's type with its form in JSON: number of array axes, keywords of the JSON Schema.
 
     Parameters
     ----------

@@ -213,7 +213,10 @@ class GraspSolution(InNotebook):
 
     @property
     def finger_limit(self) -> float | None:
-        """Force limit for ``needed``, newtons; None if the grip force of parallel jaws is limited instead."""
+        """Limit ``max_force`` of each finger's force, newtons, or None if nothing limits it.
+
+        For parallel jaws with a grip force, ``max_force`` limits that force alone, so that this is None.
+        """
         return self.max_force if self.grip is None else None
 
     @property

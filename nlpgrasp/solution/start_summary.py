@@ -168,7 +168,7 @@ def _group_by_reason(starts: Sequence[StartRecord]) -> dict[str, list[StartRecor
 
 
 def _count_ended(ending: str, starts: Sequence[StartRecord]) -> str:
-    """Return a text on how many starts failed in this way, with the range of constraint violations."""
+    """Return the number of starts that failed in a given way as text, with violations if a constraint was broken."""
     if ending != BROKEN:
         return f"{len(starts)} {ending}"
     violations = [f"{extreme(s.violation for s in starts):.2g}" for extreme in (min, max)]

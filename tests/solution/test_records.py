@@ -86,6 +86,12 @@ def test_an_empty_interval_is_refused():
         Volume.from_dict({"lower": 2, "upper": 1, "value": 1, "error": 0}, "quality.nu")
 
 
+@pytest.mark.parametrize("bounds", [(math.nan, 1.0), (0.0, math.nan)])
+def test_an_interval_with_nan_is_refused(bounds):
+    with pytest.raises(ng.InputError, match=r"quality\.mu: got lower .* > upper .*, expected lower <= upper"):
+        ng.Bounds.from_dict(dict(zip(("lower", "upper"), bounds, strict=True)), "quality.mu")
+
+
 def test_what_is_not_known_is_null():
     data = PLAIN[1].to_dict()
     assert data["mu"] is None
