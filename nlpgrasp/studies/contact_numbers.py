@@ -120,7 +120,7 @@ class ContactCurve:
 
     @property
     def shortfall(self) -> dict[int, float]:
-        """Relative deficit of each grasp below the best known one with no more contacts, by number of contacts."""
+        """Fraction by which each grasp's lower bound on mu is below ``best_known``, by number of contacts."""
         best_known = self.best_known
         return {
             k: 1.0 - solution.mu.lower / best_known[k] if best_known[k] > 0.0 else 0.0 for k, solution in self.solutions
@@ -155,9 +155,10 @@ class ContactCurve:
         return next((k for k, solution in self.solutions if solution.mu.lower * limit >= 1.0), None)
 
     def fewest_possible(self, force: float) -> int | None:
-        """Return the least number of contacts not proved insufficient for the task within a force limit, or ``None``.
+        """Return the least number of contacts whose upper bound on mu admits the task within a force limit, or None.
 
-        If it equals ``fewest(force)``, that answer is proved: none of the smaller numbers solved exerts the task.
+        The smaller numbers are proved insufficient. If it equals ``fewest(force)``, that answer is proved optimal among
+        the numbers solved.
 
         Parameters
         ----------
@@ -165,7 +166,8 @@ class ContactCurve:
             In units of the force budget.
         """
         limit = number("force", force, above=0.0)
-        return next((k for k, bound in self.best_possible.items() if bound * limit >= 1.0), None)
+        upper_bounds = self.best_possible  # by increasing number of contacts
+        return next((k for k, upper_bound in upper_bounds.items() if upper_bound * limit >= 1.0), None)
 
     def best(self, penalty: Penalty) -> int:
         """Return the number of contacts with the largest lower bound on mu minus penalty.

@@ -409,7 +409,10 @@ def _with_moves(
     starts: tuple[StartGrasp, StartGrasp],
     task: Task,
 ) -> DynamicStep:
-    """Return a step with the finger moves from the previous grasp, certified for a task to hold during the moves."""
+    """Return a step with the finger moves that lead from the previous grasp to the new one.
+
+    The moves are certified for the task to hold during them. A force budget that depends on contact frames has none.
+    """
     if problem.budget.depends_on_frames:
         return step
     source, target = (start.on_body for start in starts)
