@@ -252,7 +252,10 @@ class MinVolumeEllipsoid:
 
 
 def ellipsoid_norms(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the norms (m,) of points (m, d) for which the ellipsoid with d semi-axes is the unit ball."""
+    """Return the norms (m,) of points (m, d) relative to an ellipsoid: 1 on its surface, less inside.
+
+    The norm is that for which the ellipsoid with the given center (d,) and semi-axes (d, d) is the unit ball.
+    """
     return np.asarray(np.linalg.norm(np.linalg.solve(axes.T, (points - center).T), axis=0))
 
 

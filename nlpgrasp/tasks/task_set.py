@@ -148,7 +148,7 @@ class SupportFunction:
 
     @classmethod
     def from_dict(cls, data: Json) -> SupportFunction:
-        """Return the function of this process that has the stored samples, else the support function of their hull.
+        """Return the function with the stored samples among those created in this process, or that of their hull.
 
         Warns
         -----
@@ -172,7 +172,7 @@ class SupportFunction:
 
 
 def _find_function(directions: FloatArray, values: FloatArray) -> SupportFunction | None:
-    """Return the support function of this process with these values along directions (m, d), or ``None``."""
+    """Return the function created in this process that has these values along directions (m, d), or ``None``."""
     tolerance = SAME * max(float(np.max(np.abs(values))), 1e-300)
     for function in _functions:
         if function.is_sampled or function.dimension != directions.shape[1]:
@@ -182,7 +182,7 @@ def _find_function(directions: FloatArray, values: FloatArray) -> SupportFunctio
     return None
 
 
-_functions: WeakSet[SupportFunction] = WeakSet()  # of this process, among which a file finds its function
+_functions: WeakSet[SupportFunction] = WeakSet()  # those created in this process, where a file finds its function
 
 
 class TaskSet(Task):

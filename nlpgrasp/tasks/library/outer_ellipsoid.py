@@ -135,7 +135,10 @@ def _enclose_by_cutting_planes(points: FloatArray, inner: Sequence[InnerEllipsoi
 
 
 def _largest_norm(ellipsoid: MinVolumeEllipsoid, points: FloatArray, inner: Sequence[InnerEllipsoid]) -> float:
-    """Return the largest norm of points and inner ellipsoids, for which ``ellipsoid`` is the unit ball."""
+    """Return an upper bound on the norms of points and inner ellipsoids, with ``ellipsoid`` as the unit ball.
+
+    The bound is tight.
+    """
     largest = float(np.max(ellipsoid_norms(points, ellipsoid.center, ellipsoid.axes), initial=0.0))
     return max([largest, *(farthest_point(item, ellipsoid)[0] for item in inner)])
 
