@@ -19,7 +19,7 @@ from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality import mu
 
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
-FRAGILE = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
+FRAGILE_OPTIMUM = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
 STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start with a final step
 
 
@@ -117,7 +117,7 @@ def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, result: Start
     if result.record.mu.upper < (1.0 - (LOSS if converged else 0.0)) * best.record.mu.upper:
         worse = f"the local optimum next to this grasp has less mu, {result.record.mu.upper:.3g}"
         return worse if converged else "the last steps did not settle"
-    return FRAGILE if _is_fragile(result) and not _is_fragile(best) else ""
+    return FRAGILE_OPTIMUM if _is_fragile(result) and not _is_fragile(best) else ""
 
 
 def _is_fragile(start: StartGrasp) -> bool:

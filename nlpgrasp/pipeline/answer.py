@@ -21,7 +21,7 @@ from nlpgrasp.optimize.candidate import SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
-from nlpgrasp.optimize.local_convergence import FRAGILE, converge_to_optimum, keep_unconverged
+from nlpgrasp.optimize.local_convergence import FRAGILE_OPTIMUM, converge_to_optimum, keep_unconverged
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
@@ -122,7 +122,7 @@ def prefer_robust_start(
                 continue
             if start.robust.mu.lower > best.robust.mu.upper:
                 if other.record.index == best.record.index:
-                    return keep_unconverged(compiled, start, FRAGILE)
+                    return keep_unconverged(compiled, start, FRAGILE_OPTIMUM)
                 return converge_to_optimum(compiled, start, deadline)
     return best
 
