@@ -79,15 +79,20 @@ def solids_around(constraints: Sequence[Json], placement: StatedPlacement) -> It
 def held_and_around(
     solution: GraspSolution, surface: NumericBody | None, placement: StatedPlacement
 ) -> tuple[NumericSolid, list[NumericSolid]]:
-    """Return the held body, and the tables and obstacles around it, as solids.
+    """Return the held body as a solid, and the tables and obstacles around it as solids.
 
     Parameters
     ----------
     solution : GraspSolution
     surface : NumericBody or None
-        The held body; None if missing.
+        Numeric model of the held body, with its signed distances; None if the body is missing.
     placement : StatedPlacement
-        Reader of obstacles.
+        Reader of the obstacles' bodies.
+
+    Raises
+    ------
+    NotCheckedError
+        When the held body is missing, or an obstacle's body cannot be recomputed.
     """
     held = solid_body(BODY, solution.body, require_body(surface))
     return held, list(solids_around(solution.problem["constraints"], placement))

@@ -20,7 +20,7 @@ from nlpgrasp.solution.grip_record import GripForce, read_grip
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check, NotCheckedError
-from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
+from nlpgrasp.verify.quality_checks import OTHER_SEED, are_overlapping
 
 RTOL = 0.01  # relative width of the recomputed intervals
 WIDTH = 0.05  # allowed relative excess of a stated interval over the recomputed one
@@ -68,7 +68,7 @@ def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor
     if not np.isfinite(stated.upper):
         return
     is_narrow = stated.lower >= (1.0 - WIDTH) * recomputed.lower and stated.upper <= (1.0 + WIDTH) * recomputed.upper
-    if not (overlap_check("", stated, recomputed).passed and is_narrow):
+    if not (are_overlapping(stated, recomputed) and is_narrow):
         yield f"{name} stated {stated}, recomputed {recomputed}"
     hardest = factor * _hardest_grip(grasp, task)
     if not hardest <= stated.upper * (1.0 + CONIC_TOLERANCE):

@@ -1,4 +1,4 @@
-"""Checks of a parallel-jaw gripper: its pose relative to the contacts, and its way in."""
+"""Checks of a parallel-jaw gripper: its pose relative to the contacts, and its straight approach."""
 
 from __future__ import annotations
 
@@ -218,9 +218,9 @@ def _least_clearance(
     on_pads: NDArray[np.bool_],
     is_thick: bool,
 ) -> tuple[float, bool]:
-    """Return the least clearance along lines, metres, and whether any line enters a solid steeply.
+    """Return the least clearance (metres) over several lines, and whether one of them runs steeply into a solid.
 
-    The line along a pad of a thick finger may enter steeply.
+    The line along a pad of a thick finger may run steeply into it.
 
     Each segment is halved where a solid may lie in between: where the sum of both ends' clearances is below its length.
 

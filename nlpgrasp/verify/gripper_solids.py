@@ -110,25 +110,34 @@ def _is_rectangle(model: ContactModel) -> bool:
 
 
 def _swept_boxes(problem_hand: Json, hand: Json, path: float) -> SweptBoxes:
-    """Return the boxes that the gripper sweeps on a straight approach of length ``path``, metres."""
+    """Return the boxes that the gripper sweeps on a straight approach of length ``path``, metres.
+
+    Coordinates are along the axes of ``_frame`` (closing line, transverse, approach), from the midpoint between the
+    contacts: the pads are about 0 along the approach, the palm is at negative coordinates.
+    """
     length, thickness = problem_hand.get("finger_length", 0.0), problem_hand.get("finger_thickness", 0.0)
     pad, finger, palm = (problem_hand.get(key) for key in ("pad", "finger", "palm_size"))
-    width, tip = (THIN, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
+    width, front = (THIN, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
     if finger is not None:
         length, thickness, width = finger
-    thickness, half = max(thickness, THIN), width / 2.0
-    opening, opened = hand["opening"] / 2.0, hand["approach"]["opened"] / 2.0
-    sides = (2.0 * (opened + thickness), width, 0.0) if palm is None else palm
-    rear = -length - sides[2] - path
+    thickness, half_width = max(thickness, THIN), width / 2.0
+    half_opening, half_opened = hand["opening"] / 2.0, hand["approach"]["opened"] / 2.0
+    palm_sides = (2.0 * (half_opened + thickness), width, 0.0) if palm is None else palm
+    rear = -length - palm_sides[2] - path  # of the palm before the approach
 
-    def pair(inner: float, outer: float, back: float) -> list[Box]:
-        return [((-outer, -half, back), (-inner, half, tip)), ((inner, -half, back), (outer, half, tip))]
+    def fingers(inner: float, outer: float, back: float) -> list[Box]:
+        """Return the boxes of both fingers, from ``inner`` to ``outer`` on either side."""
+        return [
+            ((-outer, -half_width, back), (-inner, half_width, front)),
+            ((inner, -half_width, back), (outer, half_width, front)),
+        ]
 
-    approaching = pair(opened, opened + thickness, rear)
+    approaching = fingers(half_opened, half_opened + thickness, rear)
     if length > 0.0:
-        approaching.append(((-sides[0] / 2.0, -sides[1] / 2.0, rear), (sides[0] / 2.0, sides[1] / 2.0, -length)))
-    closing = pair(opening, opened + thickness, -length if length > 0.0 else rear)
-    return SweptBoxes(approaching, closing, pair(opening, opening + thickness, rear))
+        x, y = palm_sides[0] / 2.0, palm_sides[1] / 2.0
+        approaching.append(((-x, -y, rear), (x, y, -length)))
+    closing = fingers(half_opening, half_opened + thickness, -length if length > 0.0 else rear)
+    return SweptBoxes(approaching, closing, fingers(half_opening, half_opening + thickness, rear))
 
 
 def _clearance_and_depth(

@@ -104,7 +104,8 @@ class _LinkComparison:
         if self.tolerance > MOST_TOLERANCE:
             raise InputError("solver.options.link_tolerance", tolerance, f"at most {MOST_TOLERANCE:g} m")
         self.states_all = states_all_hand_fields(solution)
-        self.own = NumericSelfPenetration(hand, self.samples) if hand.data.get("self_collision") is True else None
+        avoids_itself = hand.data.get("self_collision") is True
+        self.self_penetration = NumericSelfPenetration(hand, self.samples) if avoids_itself else None
 
     @classmethod
     def of(
@@ -185,7 +186,7 @@ class _LinkComparison:
         return ""
 
     def _penetration(self, hand: NumericLinkedHand) -> LinkPenetration:
-        """Return the deepest penetration of any link in the given hand's posture."""
+        """Return the deepest penetration of any link into a solid or another link, in the given hand's posture."""
         deepest = LinkPenetration(tolerance=self.tolerance)
         for link, samples in self.samples.items():
             pose = hand.poses[link]
@@ -193,12 +194,14 @@ class _LinkComparison:
             centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
             radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
             for solid in self.solids:
-                if float(solid.distance(centre[None])[0]) < radius:
+                if float(solid.distance(centre[None])[0]) < radius:  # else the bounding ball is outside the solid
                     depth = self._depth(link, pose, points, solid)
                     if depth > deepest.depth:
                         deepest = LinkPenetration(depth, link, solid.name, self.tolerance)
-        self_penetration = deepest if self.own is None else self.own.in_posture(hand, self.tolerance)
-        return max(deepest, self_penetration, key=lambda penetration: penetration.depth)
+        if self.self_penetration is None:
+            return deepest
+        among_links = self.self_penetration.in_posture(hand, self.tolerance)
+        return max(deepest, among_links, key=lambda penetration: penetration.depth)
 
     def _depth(self, link: str, pose: FloatArray, samples: FloatArray, solid: NumericSolid) -> float:
         """Return the penetration depth of a link in one solid, metres, found by search.

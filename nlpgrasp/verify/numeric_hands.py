@@ -18,6 +18,7 @@ from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, NumericBody,
 
 TIP_CLEARANCE = 0.99  # least distance of a fingertip's centre from the body, in its radii
 REENTRANT_ANGLE = 1e-9  # radians: least right turn of a reentrant corner
+SMOOTH_LENGTH = 1e-12  # squared sizes of the body: added to a squared length by the solver, whose root is then smooth
 NOT_CONVEX = ("torus", "mesh")  # and polygons with a reentrant corner
 
 
@@ -89,16 +90,18 @@ class NumericJaws(FreeHand):
     """Numeric model of the hand ``ParallelJaw``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield the constraints on the opening, and on the normals against each other and the closing line."""
+        """Yield the constraints on the opening, on the angle between the normals, and on theirs to the closing line."""
         (p, q), (m, n) = placement.points, placement.normals
         opening_vector = q - p
         squared, size = float(opening_vector @ opening_vector), placement.size
-        least_opening, most_opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
-        least_projection = np.cos(tilt) * np.sqrt(squared + 1e-12 * size**2)
-        yield ConstraintValue("opening of the jaws", squared, least_opening**2, most_opening**2, size**2)
+        closed, opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
+        smooth_length = np.sqrt(squared + SMOOTH_LENGTH * size**2)
+        least_projection = np.cos(tilt) * smooth_length
+        projections = float(m @ opening_vector - least_projection), float(-n @ opening_vector - least_projection)
+        yield ConstraintValue("opening of the jaws", squared, lower=closed**2, upper=opening**2, scale=size**2)
         yield ConstraintValue("opposed jaws", float(m @ n), upper=-float(np.cos(2.0 * tilt)))
-        yield ConstraintValue("facing, jaw 0", float(m @ opening_vector - least_projection), 0.0, scale=size)
-        yield ConstraintValue("facing, jaw 1", float(-n @ opening_vector - least_projection), 0.0, scale=size)
+        yield ConstraintValue("facing, jaw 0", projections[0], lower=0.0, scale=size)
+        yield ConstraintValue("facing, jaw 1", projections[1], lower=0.0, scale=size)
 
 
 def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> NumericFingertips:

@@ -88,7 +88,7 @@ class NumericLinkedHand:
 
     @cached_property
     def direction_error(self) -> float:
-        """Error bound of a unit direction of the hand, from the length of its quaternion in the solver."""
+        """Error bound of unit directions of the hand, as the solver's palm quaternion is not exactly of length 1."""
         return 2.0 * min(abs(self._squared_quaternion_length - 1.0), 10.0 * PROMISE)
 
     @property

@@ -26,8 +26,9 @@ EDGE_DISTANCE = 1e-3  # share of the body's size: least distance of a free conta
 
 
 def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, size: float) -> list[Check]:
-    """Return the check that stored inequalities bind equally at mu and no move of a free contact raises it.
+    """Return the check of a stored local optimum; an empty list without one.
 
+    The stored inequalities have to bind equally at mu, and no move of a free contact may raise mu to first order.
     Contacts of a hand with joints, and those in active constraints, are not free and not checked.
     """
     kkt = solution.kkt

@@ -113,7 +113,8 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
         constraint_checks.append(_guard_check("joints", hand.limits, within))
     checks += _hand_checks(solution, grasp, surface, placement)
     checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
-    slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, slack_factor * size), promise=promise)
+    scales = _scales(solution, grasp, slack_factor * size)
+    slack = partial(_slack, stated=stated, scales=scales, tolerance=promise)
     owners = _owners(solution, len(grasp))
     return [*checks, face_check(solution), *constraint_checks, *_stated_check(solution, stated, owners, slack)]
 
@@ -177,15 +178,15 @@ def _guard_check(
 ) -> Check:
     """Return the check of a comparison, failed if invalid data raise an exception."""
     try:
-        return compare(name, _guard_each(constraints))
+        return compare(name, _yield_lazily(constraints))
     except NotCheckedError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
         return Check(name, False, broken_data_message(error))
 
 
-def _guard_each(constraints: Callable[[], Iterable[ConstraintValue]]) -> Iterator[ConstraintValue]:
-    """Yield the constraints of a function, so that its exception is raised in the loop over them."""
+def _yield_lazily(constraints: Callable[[], Iterable[ConstraintValue]]) -> Iterator[ConstraintValue]:
+    """Yield the constraints that a function returns; its errors are raised by the loop over them."""
     yield from constraints()
 
 
@@ -242,17 +243,25 @@ def _is_within_slack(constraint: ConstraintReport, slack: float) -> bool:
     return constraint.lower - slack <= constraint.value <= constraint.upper + slack
 
 
-def _slack(constraint: ConstraintReport, stated: StatedConstraints, scales: ConstraintScales, promise: float) -> float:
-    """Return the violation of a constraint that a solve may leave, in the constraint's unit.
+def _slack(
+    constraint: ConstraintReport, stated: StatedConstraints, scales: ConstraintScales, tolerance: float
+) -> float:
+    """Return the largest tolerated violation of a stored constraint, in the constraint's unit.
 
     Recomputed constraints have the scale of their formula, others that of their name.
+
+    Parameters
+    ----------
+    constraint : ConstraintReport
+        One of those in ``stated``.
+    stated : StatedConstraints
+    scales : ConstraintScales
+    tolerance : float
+        The solver's feasibility tolerance, relative to the scale.
     """
-    recomputed_slack = stated.slack.get(id(constraint))
-    return (
-        max((promise + ROUNDING) * scales.of(constraint.name), LEAST_SLACK)
-        if recomputed_slack is None
-        else recomputed_slack
-    )
+    if id(constraint) in stated.slack:  # recomputed: known by identity, as several constraints may have one name
+        return stated.slack[id(constraint)]
+    return max((tolerance + ROUNDING) * scales.of(constraint.name), LEAST_SLACK)
 
 
 @dataclass(frozen=True)
@@ -294,7 +303,7 @@ def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> ConstraintSca
 
 
 def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
-    """Return, for each part of the problem, a test of names that is true for its scalar constraints."""
+    """Return, by part of the problem, the function that says whether a constraint of a given name may belong to it."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     owners = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
     owners[EDGE_MARGIN], owners[CLEARANCE_CHECK] = margin_owner(contacts), clearance_owner(contacts)

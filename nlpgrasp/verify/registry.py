@@ -1,4 +1,4 @@
-"""Registries of numeric models of bodies, constraints and hands.
+"""Registries of numeric models, with ``register_body``, ``register_constraint`` and ``register_hand``.
 
 A counterpart restates in numpy, from JSON data alone, the CasADi expressions that the kind gives to the solver; the two
 share no code. A new kind is registered in one line, also from outside the package::

@@ -187,16 +187,16 @@ class NumericBody(Protocol):
         """
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distances (m,) of points (m, space), metres, negative inside, as in constraints."""
+        """Return the signed distances (m,) of points (m, space) from the body, metres, negative inside."""
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
         """Return the distance of a face's point (space,) from the face's sharp edges, metres; infinite without any."""
 
     @property
     def rough(self) -> float:
-        """Tolerance of distances from an obstacle, metres; 0 for exact distances.
+        """Largest excess of the solver's distance from this body over the recomputed distance, metres.
 
-        The solver's distance may exceed the recomputed one by this tolerance.
+        It is 0 where the solver's distance is exact, or a lower bound.
         """
 
 

@@ -52,10 +52,11 @@ def _tip_kinds(hand: NumericHand | None, count: int) -> Sequence[str | None]:
 def _check_other_mesh(
     solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other_mesh: OtherMeshError
 ) -> tuple[NumericBody | None, list[Check]]:
-    """Return body and checks for a mesh whose fingerprint is not the recorded one.
+    """Return the body and the checks for a mesh without the recorded fingerprint: failed or not made.
 
-    If contacts and normals fit it, and it was read by the same versions, the recorded fingerprint is wrong. Otherwise
-    it may be another mesh, which proves nothing about the file.
+    If contacts and normals fit the mesh, and it was read by the same versions, the recorded fingerprint is wrong: the
+    check fails. Otherwise it may be another mesh, which proves nothing about the file: the body is None and the checks
+    are not made.
     """
     versions = solution.solver.get("versions", {})
     same_reader = all(versions.get(name) == version(name) for name in other_mesh.readers)

@@ -170,11 +170,9 @@ def _are_equal_cells(cell: Json, other: Json, tolerance: float) -> bool:
 
 
 def faces_of(body: Json, margin: float) -> Faces:
-    """Return the faces of a body by name, without a margin along their sharp edges.
+    """Return the faces of a body by name, each reduced by a margin (metres) along its sharp edges.
 
-    The margin is in metres; edges sharper than 30 degrees have one.
-
-    Faces that vanish are omitted; a mesh is not reduced.
+    Edges sharper than 30 degrees have the margin. Faces that vanish are omitted; a mesh is not reduced.
     """
     kind = body["type"]
     if kind == "mesh":

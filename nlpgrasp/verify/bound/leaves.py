@@ -308,7 +308,10 @@ class StatedContact:
 
     @property
     def longest_parts(self) -> tuple[float, float]:
-        """Largest force, and largest moment in metres, within one unit of the budget."""
+        """Largest force (newtons) and largest moment (newton-metres) that one unit of the budget allows.
+
+        One unit is one newton of normal force or, where the budget counts lengths, of the length of the force.
+        """
         friction, torsion, tilting = self.coefficients
         moment = float(np.hypot(torsion, tilting))  # with a normal force of 1, or of 1 / hypot(1, moment) at most
         if self.budget.lengths:
@@ -328,10 +331,11 @@ class StatedContact:
         return self._elliptic(normal, *sizes[:2]) if self.elliptic else self._longest(normal, parts)
 
     def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
-        """Return the length of the velocities' projection onto the cone ``a <= c n`` for every part.
+        """Return the lengths of ``(v_n, a_1, a_2, ...)`` after projection onto the cone ``a_i <= c_i n``, for all i.
 
-        The squared distance at a normal force n is ``(n - v_n)^2 + sum of (a - c n)_+^2``. Its slope is the least of
-        ``n - v_n - sum over A of c (a - c n)`` over sets A of parts, so that it vanishes at the largest of their roots.
+        Each part i has a coefficient c and a magnitude a of velocity. The squared distance at a normal force n is
+        ``(n - v_n)^2 + sum of (a - c n)_+^2``. Its slope is the least of ``n - v_n - sum over A of c (a - c n)`` over
+        sets A of parts, so that it vanishes at the largest of their roots.
         """
         n = np.maximum(normal, 0.0)
         for mask in product((False, True), repeat=len(parts)):
@@ -393,29 +397,30 @@ class StatedContact:
     def upper_bounds(
         self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray, threshold: float
     ) -> FloatArray:
-        """Return upper bounds, (m, j), on the p-th power of the work along spatial twists near each contact.
+        """Return upper bounds (m, j) on the p-th power of the largest work along spatial twists near each contact.
 
-        The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the length L of the longest force, the interpolation error z
-        of the work, and the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less. The work
-        of forces and that of moments have their own L, and their products are added. An excess over a threshold changes
-        by no more than s does, and is at most that of ``s + L x``.
+        The contacts are corners of parts of a surface. With the support s of a corner, the bound is the lesser of
+        ``s^p + p (s + d)^(p - 1) e`` and ``(s + d)^p``: over the part, e bounds the difference of the work from the
+        linear interpolation of the corners' work, and d its difference from the work of any corner. An excess over a
+        threshold changes by no more than s does, and is at most that of ``s + d``.
 
         Parameters
         ----------
         powers, speeds : (m, j) arrays
-            Powers and speeds of each contact.
+            ``s^p``, and the speed of each contact's point.
         errors : (m, 2, 3) array
-            Interpolation coefficients of the part that it is a corner of.
+            For the part that each contact is a corner of, the coefficients of e, then those of d: of the speed and the
+            angular speed for the work of forces, and of the angular speed for that of moments.
         twists : (j, 6) array
         threshold : float
         """
-        angular_speeds, p = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power
+        p, angular_speeds = self.budget.power, np.linalg.norm(twists[:, 3:], axis=1)
         force, moment = self.longest_parts
-        angular = force * errors[..., 1] + moment * errors[..., 2]
-        error, difference = (
-            force * errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1)
-        )
-        largest = powers ** (1.0 / p) + difference
+        linear, angular = force * errors[..., 0], force * errors[..., 1] + moment * errors[..., 2]
+        error = linear[:, 0, None] * speeds + angular[:, 0, None] * angular_speeds  # e
+        difference = linear[:, 1, None] * speeds + angular[:, 1, None] * angular_speeds  # d
+        support = powers ** (1.0 / p)  # s
+        largest = support + difference
         by_convexity = self.excess(powers, threshold) + p * largest ** (p - 1.0) * error
         return np.asarray(np.minimum(by_convexity, self.excess(largest**p, threshold)))
 

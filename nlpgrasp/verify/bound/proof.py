@@ -143,7 +143,10 @@ class Proof:
         return "", f"{len(contacts)} contacts in {len(self.groups)} groups"
 
     def _check_covered(self) -> tuple[str, str]:
-        """Check that the root cells cover the allowed faces; return an error text and a summary."""
+        """Check that the root cells cover the allowed faces; return an error text and a summary.
+
+        Cells of a contact that rotation restricts to a part of its face are left to ``_check_turned``.
+        """
         for data, group in zip(self.data["groups"], self.groups, strict=True):
             region = self.regions[group.contacts[0]]
             cells = [cell for _, cell in data["roots"]]
@@ -158,7 +161,10 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _check_turned(self) -> tuple[str, str]:
-        """Check that rotational symmetry allows the stored reductions; return an error text and a summary."""
+        """Check that rotational symmetry allows a contact's stored restriction; return an error text and a summary.
+
+        Such a contact is restricted to a half-plane, a meridian or a pole.
+        """
         rotation_test = RotationTest(self.problem["body"], self.task, self.origin, self.size)
         reductions = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
         error = error_of_reduction(self.data["groups"], rotation_test, self.faces, self.regions)
