@@ -119,7 +119,7 @@ class FingertipModel:
         return used
 
     def _commands(self, forces: FloatArray) -> tuple[FloatArray, float]:
-        """Return finger forces (n,) with those of the springs, scaled down to the effort, and the used fraction of it.
+        """Return finger forces (n,) with spring forces added, within the effort, and the used fraction of the effort.
 
         Springs hold the fingertips and the body's rotation in place.
         """

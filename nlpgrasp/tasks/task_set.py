@@ -148,7 +148,7 @@ class SupportFunction:
 
     @classmethod
     def from_dict(cls, data: Json) -> SupportFunction:
-        """Return the function with the stored samples among those created in this process, or that of their hull.
+        """Return the support function with the stored samples: one created in this process, else that of their hull.
 
         Warns
         -----
