@@ -101,11 +101,10 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
     surface, checks = surface_checks(solution, grasp, hand, sources)
     points = grasp.points
     bounds = np.stack([points.min(axis=0), points.max(axis=0)]) if surface is None else surface.bounds
-    size = size_of(bounds, grasp)
+    size = size_of(bounds, grasp) * (MISSING_BODY_FACTOR if surface is None else 1.0)
     placement = StatedPlacement(points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values)
     promise = PROMISE * (ON_MESH if solution.body["type"] == "mesh" else 1.0)
-    slack_factor = MISSING_BODY_FACTOR if surface is None else 1.0
-    compare = partial(check_stated_constraints, stated=stated, promise=slack_factor * promise)
+    compare = partial(check_stated_constraints, stated=stated, promise=promise)
     parts = _constraints_of_parts(solution, grasp, surface, placement)
     constraint_checks = [_guard_check(name, constraints, compare) for name, constraints in parts.items()]
     if hand is not None and hand.has_links:
@@ -113,7 +112,7 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
         constraint_checks.append(_guard_check("joints", hand.limits, within))
     checks += _hand_checks(solution, grasp, surface, placement)
     checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
-    scales = _scales(solution, grasp, slack_factor * size)
+    scales = _scales(solution, grasp, size)
     slack = partial(_slack, stated=stated, scales=scales, tolerance=promise)
     owners = _owners(solution, len(grasp))
     return [*checks, face_check(solution), *constraint_checks, *_stated_check(solution, stated, owners, slack)]
