@@ -168,7 +168,10 @@ def format_added(before: GraspSolution, after: GraspSolution) -> str:
 
 
 def check_phases_possible(field: str, names: Iterable[str], hand: Hand | None, is_known: bool = True) -> None:
-    """Raise if phases are requested for a hand without links, or without a hand."""
+    """Raise InputError if phases are requested of a problem whose hand has no links.
+
+    So they are without a hand. Nothing is raised if the problem is not known.
+    """
     if "phases" in names and is_known and not isinstance(hand, URDFHand):
         value = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
         raise InputError(field, value, "no phases without a hand that has links, such as an ng.URDFHand")
@@ -196,12 +199,12 @@ def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
 
 
 def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
-    """Return a solution's grasp in the form of a start's result."""
+    """Return a start's result with the grasp of a solution."""
     hand, posture = compiled.problem.hand, solution.hand
     candidate = GraspCandidate(solution.faces, grasp.points)
-    if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
+    if isinstance(hand, PosedHand) and isinstance(posture, Mapping):  # the solution states the hand's posture
         candidate = replace(candidate, hand=hand.values_at(posture, grasp.points))
-    elif hand is not None:
+    elif hand is not None:  # the contacts determine the hand's variables
         candidate = follow_with_hand(compiled, candidate)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
     placed = GraspOnBody.of(compiled, candidate, grasp, solution.surface)

@@ -256,9 +256,10 @@ class _RelaxationIterate:
 
 
 def group_names(compiled: CompiledProblem) -> list[str]:
-    """Return the group of each scalar constraint: the name of the user's constraint, or a kind for the hand's.
+    """Return the group name of each scalar constraint of the placement.
 
-    Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
+    A group is one constraint of the user's, or all of the hand's constraints of one kind. It has the name of its kind;
+    several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
     """
     constraints, sources = compiled.rows.named, compiled.rows.sources
     count = len(compiled.problem.constraints)
@@ -275,13 +276,19 @@ def group_names(compiled: CompiledProblem) -> list[str]:
 
 
 def _constraint_groups(compiled: CompiledProblem, count: int, offset: int) -> list[str]:
-    """Return the group of each scalar constraint of the program, with those of faces as hard ones."""
+    """Return the group names of the program's scalar constraints, without those of task containment.
+
+    There are ``count``. Those of the placement begin at ``offset``; the others, such as the faces', are ``HARD``.
+    """
     names = group_names(compiled)
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
 def make_conflict(name: str, constraint: ScalarConstraint, value: float) -> Conflict:
-    """Return the conflict that describes a violated constraint, with squared lengths and cosines converted."""
+    """Return the conflict record of a violated scalar constraint.
+
+    Squared lengths become metres. Cosines become degrees, which reverses the relation.
+    """
     is_below = value < constraint.lower
     bound = constraint.lower if is_below else constraint.upper
     relation = "exactly" if constraint.lower == constraint.upper else "at least" if is_below else "at most"

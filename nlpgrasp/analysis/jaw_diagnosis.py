@@ -22,10 +22,10 @@ OPPOSED = np.cos(np.radians(10.0))  # least cosine between a normal and that acr
 
 
 def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:
-    """Return a sentence why parallel jaws cannot hold a part.
+    """Return the reason why parallel jaws cannot hold a part, as one sentence in a tuple.
 
-    Empty if no reason is found, and for other hands. Points are sampled, so that small faces can be missed: the reasons
-    are no proofs.
+    An empty tuple if no reason is found, and for other hands. Points are sampled, so that small faces can be missed:
+    the reasons are no proofs.
     """
     hand = problem.hand
     if not isinstance(hand, ParallelJaw) or problem.body.space != 3:
@@ -65,7 +65,10 @@ def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
 
 
 def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) -> tuple[str, ...]:
-    """Return a sentence why pads, fingers and palm do not fit at given antipodal pairs."""
+    """Return the reason why pads, fingers and palm fit at none of some antipodal pairs, as one sentence in a tuple.
+
+    An empty tuple if they fit at one, or if no reason is found.
+    """
     clearance, best_fraction, best = JawClearance(hand, problem.body, problem.constraints, problem.models), 0.0, None
     for fraction, pose in _poses(clearance, pairs):
         best_fraction = max(best_fraction, fraction)

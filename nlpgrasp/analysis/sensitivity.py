@@ -288,9 +288,9 @@ class Perturbation:
 def _weakest_under_changes(
     solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation]
 ) -> FloatArray:
-    """Return the nearly weakest directions of a grasp, (m, d).
+    """Return the distinct directions (m, d) along which a grasp's support ratio is nearly the least.
 
-    They are chosen from the weakest directions of the grasp and of its small perturbations.
+    They are chosen from the weakest directions ``y`` of the grasp and those of its small perturbations.
     """
     rng, candidates = np.random.default_rng(0), [y]
     for change in changes:
@@ -324,5 +324,8 @@ def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: 
 
 
 def _ratios_along(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
-    """Return the grasp's support along each direction (m, d), (m,)."""
+    """Return the supports (m,) of a grasp's wrench set along directions (m, d).
+
+    They are the support ratios of directions with ``phi_A = 1``.
+    """
     return WrenchSet.of(grasp, solution.budget).support(y)[0]

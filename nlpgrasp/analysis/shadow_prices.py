@@ -184,7 +184,10 @@ def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem:
 
 
 def _support_ratios(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
-    """Return the supports along the optimum's cut directions, for a changed problem."""
+    """Return the supports (m,) of a changed problem's wrench set along the optimum's cut directions.
+
+    They are support ratios, as ``phi_A = 1`` along each.
+    """
     normals = compiled.inward_normals(optimum.candidate)
     grasp = Grasp(optimum.candidate.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
@@ -211,21 +214,21 @@ def _joint_prices(compiled: CompiledProblem, optimum: LocalOptimum) -> list[Shad
 
 
 def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> FloatArray:
-    """Return the shortest step (space,) that moves a contact one metre off each edge whose margin is active.
+    """Return the shortest displacement (space,) that moves a contact one metre away from each active edge.
 
-    Zero for a contact that stands at none.
+    It is linearised. An edge is active if the contact is at its margin; without such edges the displacement is zero.
     """
     body, h = compiled.problem.body, STEP * compiled.problem.body.size
-    limits = body.surface_function(face, compiled.problem.margin)
+    surface = body.surface_function(face, compiled.problem.margin)
 
-    def extents(p: FloatArray) -> FloatArray:
-        return np.asarray(limits(p)[3].full()).ravel()
+    def limits(p: FloatArray) -> FloatArray:
+        return np.asarray(surface(p)[3].full()).ravel()
 
-    at = np.flatnonzero(extents(point) >= -EDGE_TOLERANCE * body.size)
-    if not at.size:
+    active = np.flatnonzero(limits(point) >= -EDGE_TOLERANCE * body.size)
+    if not active.size:
         return np.zeros(len(point))
-    slopes = np.stack([(extents(point + h * e) - extents(point - h * e))[at] for e in np.eye(len(point))], axis=1)
-    return np.asarray(-np.linalg.pinv(slopes / (2.0 * h)) @ np.ones(len(at)))
+    slopes = np.stack([(limits(point + h * e) - limits(point - h * e))[active] for e in np.eye(len(point))], axis=1)
+    return np.asarray(-np.linalg.pinv(slopes / (2.0 * h)) @ np.ones(len(active)))
 
 
 @dataclass(frozen=True)
@@ -322,7 +325,10 @@ def _field_parameters(item: Item) -> list[Parameter[Item]]:
 
 
 def _hundredth(value: float) -> tuple[float, str]:
-    """Return a hundredth of a value as the step of its price, and the step as text."""
+    """Return a hundredth of a parameter's value, as the step of its shadow price.
+
+    The step is in SI units and as text. Values below 1e-3 count as 1e-3.
+    """
     step = 0.01 * max(abs(value), 1e-3)
     return step, f"{step:g}"
 

@@ -85,9 +85,10 @@ def squeeze(
 
 
 def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gain: Gain | None = None) -> Squeeze:
-    """Return the squeeze with the default normal force, or with the task's largest one if higher.
+    """Return the squeeze whose least normal force is the largest one that the task requires.
 
-    It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
+    It is at least the default normal force, and above that loads no joint beyond 60 % of its limit. It is reduced where
+    ``max_force`` or a joint's limit would be exceeded. Balanced forces scale, and so do joint torques.
 
     Parameters
     ----------
