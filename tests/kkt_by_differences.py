@@ -128,8 +128,8 @@ class _State:
                     along = np.clip(np.dot(p - a, b - a) / np.dot(b - a, b - a), 0.0, 1.0)
                     result.append((self.problem.margin - np.linalg.norm(p - a - along * (b - a))) / self.body.size)
             else:
-                extents = self.body.surface_function(face, self.problem.margin)(p)[3].full().ravel()
-                result += (extents / self.body.size).tolist()
+                limits = self.body.surface_function(face, self.problem.margin)(p)[3].full().ravel()
+                result += (limits / self.body.size).tolist()
         return np.array(result)
 
     def bounds(self):

@@ -68,19 +68,19 @@ class FaceFunction:
     def __init__(self, body: Body, name: str) -> None:
         self._size = body.size
         p = body.point()
-        h, slope, outward, extents = body.surface_function(name)(p)
+        h, slope, outward, limits = body.surface_function(name)(p)
         inward, distance = -outward, h / slope
-        values = [distance, inward, extents]
+        values = [distance, inward, limits]
         self._values = ca.Function("values", [p], values)
         self._all = ca.Function("all", [p], [*values, *(ca.jacobian(v, p) for v in values)])
 
     def values(self, p: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return distance to the face, inward normal (3,) and extents (e,) at a point ``p`` (3,)."""
-        distance, normal, extents = (np.asarray(v.full()).ravel() for v in self._values(p * self._size))
-        return float(distance[0]) / self._size, normal, extents / self._size
+        """Return distance to the face, inward normal (3,) and limits (e,) at a point ``p`` (3,)."""
+        distance, normal, limits = (np.asarray(v.full()).ravel() for v in self._values(p * self._size))
+        return float(distance[0]) / self._size, normal, limits / self._size
 
     def derivatives(self, p: FloatArray) -> tuple[FloatArray, ...]:
-        """Return distance, normal and extents with their derivatives: (1,), (3,), (e,), (1, 3), (3, 3), (e, 3)."""
+        """Return distance, normal and limits with their derivatives: (1,), (3,), (e,), (1, 3), (3, 3), (e, 3)."""
         d, n, e, dd, dn, de = (np.asarray(v.full()) for v in self._all(p * self._size))
         return d.ravel() / self._size, n.ravel(), e.ravel() / self._size, dd, dn * self._size, de
 

@@ -42,7 +42,8 @@ class Face:
         ``extent(p) -> list`` of expressions that are at most zero on the face: there, minus the distances from its
         edges, metres.
     sharp : sequence of bool, optional
-        For each extent, whether that edge is sharp (the normal turns by more than 30 degrees); by default all are.
+        For each expression of ``extent``, whether that edge is sharp (the normal turns by more than 30 degrees); by
+        default all are.
     edges : callable
         ``edges(p) -> list`` of expressions: distances of a point from further sharp edges, metres.
     room : float
@@ -61,9 +62,9 @@ class Face:
 
     def limits(self, p: Expression, margin: float) -> list[Expression]:
         """Return expressions that are at most 0 inside the face, at least a margin (metres) off its sharp edges."""
-        extents = list(self.extent(p))
-        sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
-        limits = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
+        without_margin = list(self.extent(p))
+        sharp = [True] * len(without_margin) if self.sharp is None else list(self.sharp)
+        limits = [limit + margin * s for limit, s in zip(without_margin, sharp, strict=True)]
         return limits + [margin - distance for distance in self.edges(p)] if margin > 0.0 else limits
 
     def compile_surface(self, p: Expression, margin: float) -> ca.Function:
@@ -71,12 +72,12 @@ class Face:
         h = self.surface(p)
         gradient = ca.gradient(h, p)
         slope = ca.norm_2(gradient)
-        extents = self.limits(p, margin)
-        outputs = [h, slope, gradient / slope, ca.vertcat(*extents) if extents else ca.DM.zeros(0, 1)]
+        limits = self.limits(p, margin)
+        outputs = [h, slope, gradient / slope, ca.vertcat(*limits) if limits else ca.DM.zeros(0, 1)]
         name = "surface_" + "".join(c if c.isalnum() else "_" for c in self.name).strip("_")
         while "__" in name:
             name = name.replace("__", "_")
-        return ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
+        return ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "limits"])
 
 
 def exterior_angles(corners: FloatArray) -> FloatArray:
@@ -229,9 +230,9 @@ class Body(DisplayedBody):
         return selected
 
     def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:
-        """Return the compiled function ``p -> (h, gradient norm, unit outward normal, extents)`` of a face.
+        """Return the compiled function ``p -> (h, gradient norm, unit outward normal, limits)`` of a face.
 
-        Extents are at most zero at points of the face at least a margin, metres, away from its sharp edges.
+        The limits are at most zero at points of the face at least a margin, metres, away from its sharp edges.
         """
         functions = self._functions
         if (name, margin) not in functions:
@@ -246,7 +247,7 @@ class Body(DisplayedBody):
         return evaluators[name, margin]
 
     def shared_surface(self, margin: float) -> ca.Function | None:
-        """Return the function ``(p, geometry) -> (h, unit outward normal, extents)`` shared by all faces, or None."""
+        """Return the function ``(p, geometry) -> (h, unit outward normal, limits)`` shared by all faces, or None."""
         return None
 
     def geometry(self, name: str) -> FloatArray:
@@ -268,7 +269,7 @@ class Body(DisplayedBody):
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Evaluate a face at points (m, space): h, gradient norm, unit outward normal, largest extent.
+        """Return h, gradient norm, unit outward normal and largest limit of a face at points (m, space).
 
         Parameters
         ----------
@@ -286,16 +287,16 @@ class Body(DisplayedBody):
             Size of the gradient: ``h / slope`` is the distance to the surface to first order.
         normals : (m, space) array
             Unit, outward.
-        extent : (m,) array
-            Largest extent value, at most zero on the face; ``-inf`` for a face without limits.
+        limit : (m,) array
+            Largest of the face's limits, at most zero on the face; ``-inf`` for a face without limits.
         """
-        h, slope, normals, extents = self._surface_evaluator(name, margin)(points)
-        return h[:, 0], slope[:, 0], normals, np.max(extents, axis=1, initial=-np.inf)
+        h, slope, normals, limits = self._surface_evaluator(name, margin)(points)
+        return h[:, 0], slope[:, 0], normals, np.max(limits, axis=1, initial=-np.inf)
 
     def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
         """Return whether points (m, space) are on a face and at least a margin, metres, from its sharp edges, (m,)."""
-        h, slope, _, extent = self.evaluate(name, points, margin)
-        return (np.abs(h) <= ON_FACE * self.size * slope) & (extent <= ON_FACE * self.size)
+        h, slope, _, limit = self.evaluate(name, points, margin)
+        return (np.abs(h) <= ON_FACE * self.size * slope) & (limit <= ON_FACE * self.size)
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
         """Return points (m, space) projected onto a face's surface ``h = 0`` by Newton steps along the normal."""
@@ -324,10 +325,10 @@ class Body(DisplayedBody):
         total = 0
         for _ in range(8):
             p = self.snap(name, self._surrounding_points(count, rng))
-            h, slope, _, extent = self.evaluate(name, p, margin)
+            h, slope, _, limit = self.evaluate(name, p, margin)
             in_bounds = np.all((p >= lower - 1e-9 * self.size) & (p <= upper + 1e-9 * self.size), axis=1)
             is_valid = (
-                (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (extent <= 1e-9 * self.size) & in_bounds
+                (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (limit <= 1e-9 * self.size) & in_bounds
             )
             is_valid &= slope > 1e-9
             samples.append(p[is_valid])
@@ -360,12 +361,15 @@ class Body(DisplayedBody):
 
 
 def intersection(parts: Sequence[Expression]) -> Expression:
-    """Return the signed distance to an intersection of sets, given the distances to each (orthogonal gradients)."""
-    positive = sum(ca.fmax(d, 0.0) ** 2 for d in parts)
+    """Return the signed distance of a point to an intersection of sets, as a CasADi expression.
+
+    ``parts`` are the signed distances of the point to each set. It is exact where their gradients are orthogonal.
+    """
+    squared_outside = sum(ca.fmax(d, 0.0) ** 2 for d in parts)
     largest = parts[0]
     for d in parts[1:]:
         largest = ca.fmax(largest, d)
-    return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
+    return ca.sqrt(squared_outside + TINY) + ca.fmin(largest, 0.0)
 
 
 class CentredBody(Body):

@@ -16,6 +16,9 @@ from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.errors import InputError
 
+SIDE_SAMPLES = 400  # points of each side of the box at which h is checked
+BEYOND = 1e-9  # over the body's size: h, metres, below minus this at a side means that the body reaches beyond the box
+
 
 class Implicit(Body):
     """An implicit body ``{h(p) <= 0}`` within a box; one face, ``surface``.
@@ -87,15 +90,15 @@ class Implicit(Body):
         raise incomplete_data(f"body of type {cls.kind}", "its function h, which stays in the script that made it")
 
     def _check_closed(self) -> None:
-        """Raise if the body has no interior or reaches beyond the sides of its box."""
-        _ = self.centroid
+        """Raise if the body has no interior or reaches beyond the sides of its box, at sampled points."""
+        _ = self.centroid  # raises without an interior
         lower, upper = self.bounds
         rng = np.random.default_rng(0)
         for axis in range(self.space):
             for side in (lower, upper):
-                points = rng.uniform(lower, upper, (400, self.space))
+                points = rng.uniform(lower, upper, (SIDE_SAMPLES, self.space))
                 points[:, axis] = side[axis]
-                if np.any(self.evaluate("surface", points)[0] < -1e-9 * self.size):
+                if np.any(self.evaluate("surface", points)[0] < -BEYOND * self.size):
                     raise InputError(
                         f"{type(self).__name__}.bounds",
                         self.bounds.tolist(),

@@ -77,7 +77,7 @@ class Facets(Body):
         return self.mesh.to_dict()
 
     def shared_surface(self, margin: float) -> ca.Function:
-        """Return the function ``(p, geometry) -> (h, unit outward normal, extents)`` shared by all triangles."""
+        """Return the function ``(p, geometry) -> (h, unit outward normal, limits)`` shared by all triangles."""
         return _shared_surface(len(self.geometry(self.names[0])), margin)
 
     def geometry(self, name: str) -> FloatArray:
@@ -135,9 +135,9 @@ class _Facet:
         return np.concatenate([self.outward, self.corners.ravel(), self.away.ravel(), self.edges.ravel()])
 
     def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return h, gradient norm (one), unit outward normal and largest extent at points (m, 3)."""
+        """Return h, gradient norm (one), unit outward normal and largest limit at points (m, 3)."""
         offsets = points[:, None] - self.corners
-        extents = np.max(np.einsum("msi,si->ms", offsets, self.away), axis=1, initial=-np.inf)
+        limits = np.max(np.einsum("msi,si->ms", offsets, self.away), axis=1, initial=-np.inf)
         if len(self.edges) and margin > 0.0:
             directions = self.edges[:, 1] - self.edges[:, 0]
             position = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], directions) / np.sum(
@@ -145,13 +145,13 @@ class _Facet:
             )
             nearest = self.edges[:, 0] + np.clip(position, 0.0, 1.0)[..., None] * directions
             distances = np.linalg.norm(points[:, None] - nearest, axis=2)
-            extents = np.maximum(extents, margin - np.min(distances, axis=1))
-        return offsets[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), extents
+            limits = np.maximum(limits, margin - np.min(distances, axis=1))
+        return offsets[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), limits
 
 
 @lru_cache
 def _shared_surface(parameter_count: int, margin: float) -> ca.Function:
-    """Return the compiled ``(p, geometry) -> (h, unit outward normal, extents)`` of a facet with q parameters."""
+    """Return the compiled ``(p, geometry) -> (h, unit outward normal, limits)`` of a facet with q parameters."""
     p, q = ca.SX.sym("p", 3), ca.SX.sym("q", parameter_count)
     face = _facet_face("triangle", q)
     return ca.Function("triangle", [p, q], [face.surface(p), q[:3], ca.vertcat(*face.limits(p, margin))])

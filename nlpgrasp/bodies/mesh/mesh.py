@@ -194,7 +194,10 @@ class Mesh(Body):
         return (Face("surface", self._spline.expression, edges=self._edge_distances),)
 
     def _edge_distances(self, p: Expression) -> list[Expression]:
-        """Return the spline of the distance from sharp edges, less its typical error; an empty list without any."""
+        """Return the distance of a point from the sharp edges, reduced by the typical error of its spline.
+
+        One CasADi expression in a list, metres; an empty list without sharp edges.
+        """
         if not len(self._edges):
             return []
         return [self._edge_spline.expression(p) - EDGE_OVERESTIMATE * self._cell]

@@ -54,9 +54,10 @@ class GridResolution:
 def choose_grid_resolution(
     extents: FloatArray, wall: float, smoothing: float | None = None, resolution: int | None = None
 ) -> GridResolution:
-    """Return a grid's resolution and smoothing: walls are at least 2.4 standard deviations of the Gaussian thick.
+    """Return the resolution and smoothing of a distance grid that suit the thickness of a body's walls.
 
-    Given values are kept. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
+    Given values are kept. Unless the smoothing is given, walls are at least 2.4 standard deviations of the Gaussian
+    thick. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
     surface inwards: by a sixteenth of an even wall's thickness at 2.4 deviations, and at less than 1.6 the wall
     vanishes. Thick walls get a Gaussian of 1.5 cells on the default grid. For thinner walls the smoothing is reduced
     first, which costs nothing; below 0.75 cells the grid is refined, up to 600,000 points, and where these do not
