@@ -171,29 +171,29 @@ class SurfaceConstraints:
             if self.are_splines:
                 self._add_spline(program, i, n)
                 continue
-            h, extent, outward = self._selected_face(program, i, p)
+            h, limits, outward = self._selected_face(program, i, p)
             program.constrain(ScalarConstraint(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
-            if extent.numel():
-                program.constrain(ScalarConstraint(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
+            if limits.numel():
+                program.constrain(ScalarConstraint(EXTENT, limits, upper=0.0, scale=body.size, fingers=(i,)))
             program.equation = "(3.5-2)"
             program.constrain(ScalarConstraint(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
 
     def _selected_face(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return h (metres), extents (metres, at most zero on the face) and outward normal of the contact's face."""
+        """Return h (metres), limits (metres, at most zero on the face) and outward normal of the contact's face."""
         problem = self.problem
         shared = problem.body.shared_surface(problem.margin)
         if shared is not None:
-            h, outward, extent = shared(p, program.parameter("face", shared.size1_in(1), i))
-            return h, extent, outward
+            h, outward, limits = shared(p, program.parameter("face", shared.size1_in(1), i))
+            return h, limits, outward
         names = problem.allowed_faces(i)
         surfaces = [problem.body.surface_function(name, problem.margin)(p) for name in names]
-        extents = max(extent.numel() for *_, extent in surfaces)
+        count = max(limits.numel() for *_, limits in surfaces)
         selection = program.parameter("face", len(names), i) if len(names) > 1 else ca.SX(1)
         total = ca.SX(0.0)
-        for j, (h, _, outward, extent) in enumerate(surfaces):
-            padded = ca.vertcat(h, extent, -problem.body.size * ca.SX.ones(extents - extent.numel()), outward)
+        for j, (h, _, outward, limits) in enumerate(surfaces):
+            padded = ca.vertcat(h, limits, -problem.body.size * ca.SX.ones(count - limits.numel()), outward)
             total = total + ca.if_else(selection[j] > 0.5, padded, 0.0)
-        parts: list[ca.SX] = ca.vertsplit(total, [0, 1, 1 + extents, total.numel()])
+        parts: list[ca.SX] = ca.vertsplit(total, [0, 1, 1 + count, total.numel()])
         return parts[0], parts[1], parts[2]
 
     def _add_spline(self, program: Program, i: int, n: ca.SX) -> None:
@@ -204,13 +204,13 @@ class SurfaceConstraints:
         problem, block = self.problem, program.block("position", i)
         p, size = problem.body.point(), problem.body.size
         point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
-        h, _, outward, extent = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
+        h, _, outward, limits = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
         rows = [FaceConstraints(Label(ON_SURFACE, fingers=(i,)), 1, size)]
-        if extent.shape[0]:
-            rows.append(FaceConstraints(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf))
+        if limits.shape[0]:
+            rows.append(FaceConstraints(Label(EXTENT, fingers=(i,)), limits.shape[0], size, -np.inf))
         rows.append(FaceConstraints(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0))
-        function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
-        program.constrain_spline_surface(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
+        function = ca.Function("face", [p], [ca.vertcat(h / unit, limits / unit, outward)])
+        program.constrain_spline_surface(rows, function, block, ca.vertcat(ca.SX.zeros(1 + limits.shape[0]), n))
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:

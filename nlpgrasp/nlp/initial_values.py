@@ -44,8 +44,8 @@ def nearest_faces(problem: GraspProblem, points: FloatArray) -> tuple[str, ...]:
     """Return the name of the allowed face nearest to each contact (k, space), metres."""
 
     def distance(name: str, p: FloatArray) -> float:
-        h, slope, _, extent = problem.body.evaluate(name, p[None])
-        return float(abs(h[0]) / max(slope[0], TINY) + max(extent[0], 0.0))
+        h, slope, _, limit = problem.body.evaluate(name, p[None])
+        return float(abs(h[0]) / max(slope[0], TINY) + max(limit[0], 0.0))
 
     faces = []
     for i, p in enumerate(points):
