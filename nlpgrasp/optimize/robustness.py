@@ -160,10 +160,10 @@ def positions_around(
         near = np.linalg.norm(points - point, axis=1) <= FARTHEST * offset
     else:
         points = body.snap(face, targets)
-        _, _, outward, extent = body.evaluate(face, points)
+        _, _, outward, limit = body.evaluate(face, points)
         inward = -outward
         near = np.linalg.norm(points - point, axis=1) <= FARTHEST * offset
-        near &= extent <= 1e-9 * body.size
+        near &= limit <= 1e-9 * body.size
     usable = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
     return np.concatenate([point[None], points[usable]]), np.concatenate([normal[None], inward[usable]])
 
