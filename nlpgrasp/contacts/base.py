@@ -122,7 +122,7 @@ class ContactModel(ABC):
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto ``K_i``."""
 
     def into(self, z: FloatArray) -> FloatArray:
-        """Return the projection of ``z`` (..., n_i) onto ``K_i``, corrected for errors that leave ``K_i``."""
+        """Return the projection of ``z`` (..., n_i) onto ``K_i``, moved inside if numerical errors leave it outside."""
         return self.project(z)
 
     @abstractmethod

@@ -20,15 +20,16 @@ Ranges = list[tuple[frozenset[int], float]]  # axes of a contact-frame wrench, a
 
 
 def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
-    """Return whether one contact can exert every force of another: ``B_other K_other`` lies in ``B_wider K_wider``.
+    """Return whether one contact is known to exert every force of another.
 
-    False if undecided. Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both
-    squared ratios is at most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the
-    sum of its squared ranges over the blocks that meet S, since all of them may be at their limits at once; it is
-    included exactly if that is at most the range of S for every block S of the wider one, and no component is left
-    over. A pad with Coulomb friction equals friction contacts at its ends or corners; it includes contacts at points
-    between these with no more friction. Undecided, unless equal, are contacts of other shapes and patches with
-    different directions.
+    That is, whether ``B_other K_other`` lies in ``B_wider K_wider``; also false where that is undecided.
+
+    Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared ratios is at
+    most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the sum of its squared
+    ranges over the blocks that meet S, since all of them may be at their limits at once; it is included exactly if that
+    is at most the range of S for every block S of the wider one, and no component is left over. A pad with Coulomb
+    friction equals friction contacts at its ends or corners; it includes contacts at points between these with no more
+    friction. Undecided, unless equal, are contacts of other shapes and patches with different directions.
 
     Parameters
     ----------
@@ -59,9 +60,9 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
 def assign_contacts(
     small: Sequence[ContactModel], large: Sequence[ContactModel], space: int, groups: Sequence[int] | None = None
 ) -> list[int] | None:
-    """Return the index of a large contact for each small one, whose forces it can all exert; None if impossible.
+    """Return the index of the large contact assigned to each small one; None if there is no assignment.
 
-    Every large contact is used at most once.
+    A large contact can exert every force of the small one assigned to it, and is used at most once.
 
     Parameters
     ----------

@@ -91,9 +91,10 @@ class FrictionConeSum:
         return [np.asarray(np.kron(row[None, :], scale)) for row in np.eye(len(self.arms))]
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support for unit normal force along ``z`` (..., n), (...), and a maximiser (..., n).
+        """Return the supports (...) along ``z`` (..., n) of the cone with normal force at most 1, and maximisers.
 
-        The support is the largest ``v_n + mu |v_t|`` over the points, at least 0, with their velocities ``v = A^T z``.
+        The maximisers are (..., n). The support is the largest ``v_n + mu |v_t|`` over the points, at least 0, with
+        their velocities ``v = A^T z``.
         """
         v = (z @ self.generators).reshape(*z.shape[:-1], len(self.arms), 3)
         size = np.hypot(v[..., 1], v[..., 2])
@@ -108,14 +109,14 @@ class FrictionConeSum:
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n) onto the cone."""
         flat, size = _unit_columns(z)
-        unit, divisor = self._normalised(flat)
+        unit, divisor = self._scale_by_work(flat)
         result = (unit - self._project_polar(unit).q) * (divisor * size)
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
     def projection_methods(self, z: FloatArray) -> NDArray[np.intp]:
         """Return the method that projects each z (m, n), (m,): a code such as ``SLIPS``, or a linear map's index."""
-        return self._project_polar(self._normalised(_unit_columns(z)[0])[0]).methods
+        return self._project_polar(self._scale_by_work(_unit_columns(z)[0])[0]).methods
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of the projection's Jacobian, row by row, (n (n + 1) / 2, ...).
@@ -124,7 +125,7 @@ class FrictionConeSum:
         contacts stick a fixed linear map, where they slip that of Newton's method, else that of the general one.
         """
         flat, _ = _unit_columns(z)
-        unit, _ = self._normalised(flat)
+        unit, _ = self._scale_by_work(flat)
         projections, n = self._project_polar(unit), len(flat)  # methods: a sticking map's index, or a code < 0
         matrix = np.zeros((n, n, flat.shape[1]))
         matrix[..., projections.methods == INSIDE] = np.eye(n)[..., None]
@@ -166,8 +167,11 @@ class FrictionConeSum:
         v = v.reshape(len(self.arms), 3, -1)
         return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
 
-    def _normalised(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points divided by their largest work if outside the polar cone, and the divisors (m,)."""
+    def _scale_by_work(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return scaled points (n, m) and their divisors (m,).
+
+        A point outside the polar cone is divided by its largest work; the others have the divisor 1.
+        """
         work = self._largest_work(self.generators.T @ flat)
         divisor = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
         return flat / divisor, divisor
@@ -259,7 +263,7 @@ class StickingProjection:
         self.maps = np.stack([projection for _, projection in (*single, *double)])  # z to z - q, each (n, n)
 
     def find(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return the index of the linear map that projects each point (n, m), (m,); ``NONE`` if no map does."""
+        """Return the indices (m,) of the linear maps that project points (n, m); ``NONE`` where no map does."""
         mu, count = self._friction, z.shape[1]
         force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
         is_valid = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
@@ -279,7 +283,7 @@ class StickingProjection:
         return result
 
     def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
-        """Return all patterns with one sticking point: the point, the sign of the turn about it, slipping points."""
+        """Return all patterns with one sticking point, each as ``(point, sign of the turn, slipping points)``."""
         indices, count = range(len(self._arms)), self._generators.shape[0] - 3
         result: list[tuple[int, float, tuple[int, ...]]] = []
         for i in indices:
@@ -294,7 +298,10 @@ class StickingProjection:
         return result
 
     def _maps_of_one_point(self, i: int, sign: float, slipping: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return two matrices for one sticking point: from z to ``(u_i, l_S)``, and from z to ``z - q``."""
+        """Return the matrices that map z to the forces ``(u_i, l_S)`` and to ``z - q`` where only point i sticks.
+
+        The points S slip, as the body turns about point i in the sense of ``sign``.
+        """
         columns = [self._part(i)]
         for j in slipping:
             first, second = self._arms[j] - self._arms[i]
@@ -305,7 +312,7 @@ class StickingProjection:
         return force, span @ force
 
     def _maps_of_two_points(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return two matrices for two sticking points: from z to their forces (5, n), and from z to ``z - q``.
+        """Return the matrices that map z to the forces (5,) of two sticking points and to ``z - q``; or None.
 
         The forces are both normal forces, both across the line, and their sum along it. None if other points lie on
         both sides of the line, about which the body then cannot turn.
@@ -546,28 +553,26 @@ TRIES = (
 
 
 class _LocalModel(NamedTuple):
-    """Local model at q and multipliers: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
+    """Quantities of a Newton step for slipping points, at given q and multipliers."""
 
-    The tangential parts are those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
-    """
-
-    slip: FloatArray
-    speed: FloatArray
-    values: FloatArray
-    gradients: FloatArray
-    inverse: FloatArray
-    weighted_gradients: FloatArray
+    slip: FloatArray  # (2, N, m): tangential velocities v_t
+    speed: FloatArray  # (N, m): |v_t|
+    values: FloatArray  # (N, m): g_i
+    gradients: FloatArray  # (3, N, m): components (f_t1, f_t2, m_n) of a
+    inverse: FloatArray  # (3, 3, m): those of H^-1
+    weighted_gradients: FloatArray  # (3, N, m): those of H^-1 a
 
 
 def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
     """Return the inverses of ``1 + H`` for positive semidefinite matrices H (3, 3, m)."""
+    # 1 + H = L D L^T with D^-1 = diag(first, second, third), L = [1, 0, 0; a, 1, 0; lower, c, 1]; pivots are at least 1
     first = 1.0 / (1.0 + H[0, 0])
-    a, b = H[0, 1] * first, H[0, 2] * first
+    a, lower = H[0, 1] * first, H[0, 2] * first
     second = 1.0 / np.maximum(1.0 + H[1, 1] - a * H[0, 1], 1.0)
     complement = H[1, 2] - a * H[0, 2]
     c = complement * second
-    third = 1.0 / np.maximum(1.0 + H[2, 2] - b * H[0, 2] - c * complement, 1.0)
-    b = a * c - b
+    third = 1.0 / np.maximum(1.0 + H[2, 2] - lower * H[0, 2] - c * complement, 1.0)
+    b = a * c - lower  # L^-1 = [1, 0, 0; -a, 1, 0; b, -c, 1], and the inverse is L^-T D^-1 L^-1
     result = np.empty_like(H)
     result[2, 2] = third
     result[1, 2] = result[2, 1] = -c * third

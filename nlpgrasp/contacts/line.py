@@ -106,7 +106,7 @@ class LineContact(PadContact):
         return replace(self, **changes)
 
     def into(self, z: FloatArray) -> FloatArray:
-        """Return the projection of ``z`` (..., n_i) onto the force domain, corrected for errors that leave it.
+        """Return the projection of ``z`` (..., n_i) onto ``K_i``, moved inside if numerical errors leave it outside.
 
         Coulomb's law at the ends holds if the force along the line satisfies ``|x_1| <= sum of
         sqrt((mu n_i + t)^2 - c_i^2)`` with t = 0, for the ends' normal forces n_i and forces across c_i. The least
@@ -130,12 +130,18 @@ class LineContact(PadContact):
 
     @staticmethod
     def _supports_force(x: FloatArray, limits: FloatArray, transverse: FloatArray) -> NDArray[np.bool_]:
-        """Return whether friction at both ends supports the force along the line together with the forces across it."""
+        """Return whether friction at both ends of the line suffices for contact forces (..., 5).
+
+        ``limits`` and ``transverse`` (2, ...) are the friction limit and the size of the force across, at each end.
+        """
         capacity = np.sqrt(np.maximum((limits - transverse) * (limits + transverse), 0.0)).sum(axis=0)
         return np.asarray(np.all(limits >= transverse, axis=0) & (np.abs(x[..., 1]) <= capacity))
 
     def box_variables(self, space: int) -> int:
-        """Return the number of NLP variables of the box model: force in the body frame (or its size) and moments."""
+        """Return the number of NLP variables of the box model.
+
+        They are the force in the body frame, or its size without friction, and the moments.
+        """
         return self.components(space)
 
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:

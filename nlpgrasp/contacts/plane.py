@@ -137,9 +137,10 @@ class PlaneContact(PadContact):
         return replace(self, **changes)
 
     def box_variables(self, space: int) -> int:
-        """Return the number of NLP variables of the box model: force (or its size), torsion if any, vector v (3,).
+        """Return the number of NLP variables of the box model.
 
-        The force is in the body frame; the tilting moment is ``n x v``.
+        They are the force in the body frame and the torsion, or without friction the force's size alone, and a vector v
+        (3,) that gives the tilting moment ``n x v``.
         """
         return 4 if self.friction is None else 7
 

@@ -63,6 +63,6 @@ def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> l
 
 
 def project_strictly(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-    """Return the projection of finger forces (m, n) onto K, corrected for errors that leave K."""
+    """Return the projection of finger forces (m, n) onto K, moved inside if numerical errors leave it outside."""
     parts = [c.into(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)
