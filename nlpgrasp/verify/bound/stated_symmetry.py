@@ -200,6 +200,7 @@ class RotationTest:
 
         The axis is a unit vector (3,), through the origin of the body's frame.
         """
+        # one radian is an irrational share of a turn: its multiples are dense in all rotations about the axis
         R = Rotation.from_rotvec(RADIAN * axis).as_matrix()
         keeps_origin = float(np.max(np.abs(R @ self.origin - self.origin))) <= POLE_TOLERANCE * self.size
         keeps_task = leaves_task_invariant(self.task, wrench_action(R))
