@@ -39,7 +39,7 @@ class HalfSpaces:
     radius: float = 0.0
 
     def offsets_at(self, normal: FloatArray) -> FloatArray:
-        """Return the offsets (m,) of the half-spaces that hold contact points with a given inward normal."""
+        """Return the offsets c (m,) of the limits ``A p <= c`` on contact points p with a given inward normal."""
         return np.asarray(self.b + self.radius * self.A @ normal)
 
     def excess(self, points: FloatArray, normals: FloatArray) -> FloatArray:
@@ -205,12 +205,12 @@ def allowed_regions(
 
 
 def relaxed_problem(problem: GraspProblem) -> GraspProblem:
-    """Return the problem without the parts that the bound drops.
+    """Return a problem with only those parts that the global bound takes into account.
 
-    Fingertips stay if limits depend on their radii. On a mesh, contacts touch the triangles themselves, up to the
-    edges.
+    Fingertips stay if limits depend on their radii; all get the largest radius, with which limits are strictest. On a
+    mesh, contacts touch the triangles themselves, up to the edges.
     """
-    constraints = allowed_regions(problem)[2]
+    _, _, constraints = allowed_regions(problem)
     radius = 0.0 if problem.hand is None else max(problem.hand.tip_radii)
     needs_radius = radius > 0.0 and any(isinstance(constraint, Table | Obstacle) for constraint in constraints)
     margin = 0.0 if isinstance(problem.body, Mesh) else problem.margin
@@ -219,7 +219,11 @@ def relaxed_problem(problem: GraspProblem) -> GraspProblem:
 
 
 def _region_limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> PositionLimits | None:
-    """Return a constraint's limits on the position of one contact; None if it has none or they are unknown."""
+    """Return the limits on one contact's position by a constraint; None if the bound cannot use the constraint.
+
+    Usable are tables, obstacles with an exact distance, and forbidden regions and workspaces of the contact that are
+    half-spaces or boxes, not those given by a user's function.
+    """
     if isinstance(constraint, Table):
         lowest = constraint.height + constraint.clearance + radius
         return PositionLimits(half_spaces=(HalfSpaces(-np.eye(space)[-1:], np.array([-lowest]), radius),))

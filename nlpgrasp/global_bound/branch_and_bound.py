@@ -26,7 +26,7 @@ ROOT_EXCESS = 0.1  # relative, accepted excess of the root bound of a mesh over 
 def tree_of(scope: BoundScope) -> NodeTree:
     """Return an empty branch-and-bound tree with the bounding strategy for the kind of body.
 
-    On a mesh, with its many cells, nodes share dual weights.
+    On a mesh, with its many cells, nodes share sets of dual weights.
     """
     if isinstance(scope.problem.body, Mesh):
         return NodeTree(SharedWeightStrategy(scope), 0)
@@ -108,16 +108,16 @@ class BranchAndBound:
         if weak is not None and len(weak):
             self._tree.bounding.twists.remember(normalise_twists(self.scope.problem.task, weak))
 
-    def branch(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Branch until ``nodes`` more nodes are bounded, the search is finished, or ``stopped()`` is true.
+    def branch(self, count: int, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Branch until ``count`` more nodes are bounded, the search is finished, or ``stopped()`` is true.
 
         The root nodes are bounded first.
         """
-        last = self.nodes + nodes
+        last = self.nodes + count
         if not self._has_roots:
             self._tree.begin(self._target)
             self._has_roots = True
-            if isinstance(self.scope.problem.body, Mesh):
+            if isinstance(self.scope.problem.body, Mesh):  # before any split, for ``bound``
                 self._root_certificate = build_certificate(self._tree)
         while self.nodes < last and not self.is_finished and not stopped():
             self._tree.branch(self._target)

@@ -29,10 +29,11 @@ Powers = TypeVar("Powers", bound=FloatArray | NDArray[np.float32])
 
 @dataclass(frozen=True)
 class CombinationRule:
-    """Rule by which a force budget combines the contacts' supports: ``phi_G^p = sum_i s_i^p``.
+    """Rule by which a force budget combines the contacts' supports s_i to the grasp's support phi_G.
 
-    Under the shared budget the largest s_i is the support. For any threshold theta it is at most
-    ``theta + sum_i (s_i - theta)_+``, a sum over contacts again, and tight where one s_i alone exceeds theta.
+    It is ``phi_G^p = sum_i s_i^p``, or under the shared budget ``phi_G = max_i s_i``. For any threshold theta that
+    maximum is at most ``theta + sum_i (s_i - theta)_+``, a sum over contacts again, and tight where one s_i alone
+    exceeds theta.
 
     Parameters
     ----------
@@ -106,7 +107,10 @@ class CombinationRule:
 
     @property
     def search_power(self) -> float:
-        """Power of the norm of the contacts' supports that a search for weak directions minimises."""
+        """Power p of the sum ``sum_i s_i^p`` that a search for weak directions minimises.
+
+        Under the shared budget a large power stands for the maximum.
+        """
         return SEARCH_POWER if self.takes_largest else self.power
 
     def excess(self, powers: Powers, thresholds: FloatArray | float) -> Powers:
@@ -114,7 +118,10 @@ class CombinationRule:
         return cast("Powers", np.maximum(powers - thresholds, 0.0)) if self.takes_largest else powers
 
     def thresholds(self, bounds: FloatArray, round_number: int) -> FloatArray:
-        """Return a round's thresholds (b,) from current bounds on mu (b,); zero for rules without thresholds."""
+        """Return the thresholds theta (b,) of one round: a fraction of current bounds on mu (b,).
+
+        The fraction changes from round to round. Under budgets other than the shared one thresholds are zero.
+        """
         if not self.takes_largest:
             return np.zeros(len(bounds))
         return np.asarray(np.round(THRESHOLDS[round_number % len(THRESHOLDS)] * bounds, DIGITS))
@@ -153,7 +160,7 @@ class Supports:
         Number of supports evaluated inside curved cells so far, most of a search's effort.
     largest_radius : float
         Radius of the largest cell, metres.
-    is_curved : bool
+    has_curved : bool
         Whether any cell has curved parts.
     """
 
@@ -170,7 +177,7 @@ class Supports:
         self._rows: list[IntArray] = []
         self.curved: list[tuple[CurvedParts, ...]] = []
         self.balls: list[tuple[FloatArray, float]] = []
-        self.evaluations, self.largest_radius, self.is_curved = 0, 0.0, False
+        self.evaluations, self.largest_radius, self.has_curved = 0, 0.0, False
 
     def add(self, cell: SurfaceCell) -> None:
         """Add the representative contacts of a cell, which gets the next index."""
@@ -178,7 +185,7 @@ class Supports:
         self.balls.append(cell.ball())
         self.largest_radius = max(self.largest_radius, self.balls[-1][1])
         self.curved.append(contacts.curved)
-        self.is_curved = self.is_curved or bool(contacts.curved)
+        self.has_curved = self.has_curved or bool(contacts.curved)
         rows = self._row_count + np.arange(len(contacts.points))
         self._rows.append(rows)
         self._reserve(len(rows))
@@ -205,7 +212,10 @@ class Supports:
         return len(self._rows[cell])
 
     def rows_of(self, cells: IntArray) -> IntArray:
-        """Return the indices of the representative contacts of cells (b,), (b, m), each padded with its last one."""
+        """Return the indices (b, m) of the representative contacts of cells (b,).
+
+        A cell with fewer than m repeats its last one.
+        """
         rows = [self._rows[c] for c in cells.tolist()]
         result = np.empty((len(rows), max(map(len, rows))), dtype=np.int64)
         for padded, indices in zip(result, rows, strict=True):
@@ -221,7 +231,7 @@ class Supports:
         return at_centre + self.radii(cells)[:, None] * turning, turning
 
     def radii(self, cells: IntArray) -> FloatArray:
-        """Return the radii of the balls that contain cells (c,), metres, (c,)."""
+        """Return the radii (c,), metres, of the balls that contain cells (c,)."""
         return np.array([self.balls[c][1] for c in cells.tolist()])
 
     def evaluate(
@@ -257,5 +267,5 @@ class Supports:
         return powers, np.sqrt(square), turning
 
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:
-        """Return powers ``s^p`` at representative contacts (b, m) along twists (b, j, d), (b, m, j)."""
+        """Return the powers ``s^p`` (b, m, j) at representative contacts (b, m) along twists (b, j, d)."""
         return self.rule.powers(self.contact, twists[:, None] @ self.maps[rows])

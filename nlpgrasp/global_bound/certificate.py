@@ -57,7 +57,7 @@ def build_certificate(tree: NodeTree) -> tuple[float, Json]:
 
 
 def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
-    """Return the distinct dual weights, and the index of each given one among them."""
+    """Return the distinct sets of dual weights, and the index of each given set among them."""
     keys = [(dual.indices.tobytes(), dual.weights.tobytes(), dual.threshold) for dual in dual_weights]
     distinct = dict(zip(keys, dual_weights, strict=True))
     positions = {key: i for i, key in enumerate(distinct)}

@@ -180,7 +180,10 @@ class CellUnion(SurfaceCell):
         self.members, self.size = tuple(members), size
 
     def representative_contacts(self) -> RepresentativeContacts:
-        """Return the representative contacts of all members, without duplicates where none is curved."""
+        """Return the representative contacts of all members.
+
+        Duplicates are removed if no member is curved.
+        """
         parts = [member.representative_contacts() for member in self.members]
         points, normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "normals"))
         if not any(p.curved for p in parts):

@@ -27,11 +27,11 @@ LEAST = 1e-5  # recorded weight below which a direction is dropped
 
 
 class DualWeights(NamedTuple):
-    """Dual weights (j,), at least zero, with the indices of their directions (j,) and a threshold."""
+    """Set of dual weights of directions, with a threshold."""
 
-    indices: IntArray
-    weights: FloatArray
-    threshold: float = 0.0
+    indices: IntArray  # (j,), of the directions
+    weights: FloatArray  # (j,), at least zero
+    threshold: float = 0.0  # theta, zero but under the shared budget
 
     def rounded(self) -> DualWeights:
         """Return the weights as recorded: rounded, without negligible ones."""

@@ -1,7 +1,8 @@
 """Tree of a branch and bound over placements: each node has one surface cell per contact.
 
 The nodes with the largest bounds are split, their children are bounded, and children with low enough bounds are closed.
-A strategy (``BoundingStrategy``) bounds nodes: by dual weights of every node's own, or by weights that all nodes share.
+A strategy (``BoundingStrategy``) bounds nodes: by dual weights of each node's own, or by sets of dual weights that all
+nodes share.
 
 The contacts of a node are in slots, identical contacts side by side. Cells are referred to by their indices, and rows
 are the representative contacts of cells.
@@ -40,7 +41,7 @@ class NodeArrays:
     bounds : (n,) array
         Upper bounds on mu over these cells, to the power ``BoundingStrategy.power``.
     dual_index : (n,) array
-        Index of the dual weights from which each bound follows.
+        Index of the set of dual weights from which each bound follows.
     """
 
     cells: IntArray
@@ -123,6 +124,7 @@ class BoundingStrategy(ABC):
         Largest number of open nodes.
     twists : NumberedDirections
     dual_weights : list of DualWeights
+        Sets of dual weights used so far.
     placements : list of FractionalPlacement
         Fractional placements dual to the bounds of the latest nodes.
     """
@@ -161,14 +163,14 @@ class BoundingStrategy(ABC):
         """Return bounds on mu recomputed from the recorded dual weights by plain arithmetic, (n,)."""
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Return the indices of nodes with a bound on mu of at most ``target``.
+        """Lower the bounds of some nodes in place, and return the indices of nodes that can be closed.
 
-        A strategy may first lower some bounds in place.
+        These have a bound on mu of at most ``target``. By default no bound is lowered.
         """
         return np.flatnonzero(nodes.bounds <= target**self.power)
 
     def is_full(self, count: int) -> bool:
-        """Return whether ``count`` open nodes, or the recorded dual weights, reach the memory limit."""
+        """Return whether ``count`` open nodes, or the sets of dual weights, reach the memory limit."""
         return count >= self.max_open
 
     def certified_tree(self, tree: NodeTree) -> NodeTree:
@@ -224,7 +226,10 @@ class NodeTree:
 
     @property
     def leaf_count(self) -> int:
-        """Number of leaves while all nodes are recorded."""
+        """Number of leaves of the tree, open and closed ones.
+
+        Leaves closed after the tree has ceased to be ``complete`` do not count.
+        """
         return len(self.open) + sum(len(nodes) for nodes in self._closed)
 
     @property
@@ -315,9 +320,10 @@ class NodeTree:
 def children(
     groups: Sequence[tuple[ContactCells, slice]], nodes: IntArray, slots: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Return the children of nodes, each split at the cell of one contact, and their parents' indices.
+    """Return the children of nodes, each split at the cell of one contact, with the indices of their parents.
 
-    Identical contacts in the split cell are distributed over its halves in every possible way.
+    Identical contacts in the split cell are distributed over its halves in every way. As their order does not matter,
+    the cells of a group are in ascending order.
 
     Parameters
     ----------

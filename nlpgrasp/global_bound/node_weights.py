@@ -123,7 +123,7 @@ class NodeWeightStrategy(BoundingStrategy):
                 break
             table = self._table(cells, directions, thresholds)
             table.select_rows(weights)
-            weights, fractions = optimal_dual_weights(table.powers)
+            weights, fractions = optimal_dual_weights(table.excesses)
             bounds, weights, thresholds = table.tighten(weights)
             best = DualBounds(bounds, weights, directions, thresholds).lower_of(best)
             is_finished = (best.bounds <= target) | (round_number == rounds)
@@ -184,7 +184,7 @@ class NodeWeightStrategy(BoundingStrategy):
         return SupportTable(self.scope.groups, cells, self.twists[directions], thresholds)
 
     def _weight_arrays(self, indices: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return recorded dual weights as arrays: direction indices and weights (b, j), thresholds (b,)."""
+        """Return recorded sets of dual weights as arrays: direction indices and weights (b, j), thresholds (b,)."""
         directions, weights, thresholds = zip(*(self.dual_weights[i] for i in indices.tolist()), strict=True)
         return np.stack(directions), np.stack(weights), np.array(thresholds)
 

@@ -146,7 +146,10 @@ def _create_cells(
     level: BundleLevel,
     rotated: Sequence[RotatedRoots],
 ) -> list[ContactCells]:
-    """Return the cells of each group of identical contacts; contacts restricted by rotation form their own groups."""
+    """Return the cells of each group of identical contacts.
+
+    A contact that is restricted by rotation is a group by itself.
+    """
     groups, create = list[ContactCells](), ContactClusters if isinstance(problem.body, Mesh) else ContactCells
     for identical in identical_contacts(contacts, regions):
         region = regions[identical[0]]

@@ -1,8 +1,8 @@
-"""Bounding strategy for meshes: dual weights shared by all nodes, optimised for a few of the loosest nodes.
+"""Bounding strategy for meshes: sets of dual weights shared by all nodes, optimised for a few of the loosest nodes.
 
-Any dual weights bound every placement. The maxima of their weighted supports over all clusters of the mesh are computed
-once (``ClusterMaxima``), by matrix products over the mesh's corners (``CornerContacts``), so that a node is bounded in
-microseconds by the least of many short sums.
+Any set of dual weights bounds every placement. The maxima of its weighted supports over all clusters of the mesh are
+computed once (``ClusterMaxima``), by matrix products over the mesh's corners (``CornerContacts``), so that a node is
+bounded in microseconds by the least of many short sums.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ LOOKED = 4  # nodes for which dual weights are optimised at a time
 APART = 2  # least number of slots in which these nodes differ
 DIRECTIONS = 24  # directions of a linear program
 ROWS = 24  # initial rows per cell of a linear program
-NEAR = 4  # dual weights from which a linear program takes its initial directions
-MOST_OPEN, MOST_WEIGHTS = 2_000_000, 6000  # largest numbers of open nodes and of dual weights
+NEAR = 4  # sets of dual weights from which a linear program takes its initial directions
+MOST_OPEN, MOST_WEIGHTS = 2_000_000, 6000  # largest numbers of open nodes and of sets of dual weights
 MOST_LEAVES = 40_000  # largest number of recorded leaves
 BATCH = 512  # nodes of the recorded tree that are split at a time
 AGAIN = np.float32(1e-6)  # relative excess over the search's bound above which a recorded node is split
-FIRST = 64  # initial capacity for dual weights
-WORK = 2_000_000  # nodes times dual weights at a time
+FIRST = 64  # initial capacity for sets of dual weights
+WORK = 2_000_000  # nodes times sets of dual weights at a time
 ROUNDING = np.float32(3e-5)  # relative margin above the rounding of a single-precision sum over contacts
 
 
 class SharedWeightStrategy(BoundingStrategy):
-    """Bounding strategy for meshes: a node's bound is the least of those by all shared dual weights.
+    """Bounding strategy for meshes, in which all nodes share their sets of dual weights.
 
-    Dual weights are optimal for the maximal rows of earlier weights (``optimal_dual_weights``). The certificate records
-    a new tree, bounded by all of them, with a tenth of the nodes.
+    A node's bound is the least of those by all sets. A set is optimal for the maximal rows of earlier sets
+    (``optimal_dual_weights``). The certificate records a new tree, bounded by all of them, with a tenth of the nodes.
 
     Parameters
     ----------
@@ -63,9 +63,9 @@ class SharedWeightStrategy(BoundingStrategy):
         self.power, self.maxima = scope.rule.power, ClusterMaxima(scope, self.twists, self.dual_weights)
 
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
-        """Return nodes (n, k) with their least bounds over all dual weights.
+        """Return nodes (n, k) with their least bounds over all sets of dual weights.
 
-        The first dual weights are computed for the root node.
+        The first sets are computed for the root node.
         """
         del target
         if not self.dual_weights:
@@ -117,9 +117,9 @@ class SharedWeightStrategy(BoundingStrategy):
         return chosen
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Add dual weights for a few of the loosest nodes; return the indices of nodes within the target.
+        """Add sets of dual weights for a few of the loosest nodes, and return the indices of nodes that can be closed.
 
-        The target is on mu.
+        These are among the loosest nodes, and have a bound on mu of at most ``target``.
         """
         indices = self._refresh_bounds(nodes)
         is_low = nodes.bounds[indices] <= target**self.power
@@ -136,9 +136,10 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.array(chosen, dtype=np.int64)
 
     def _add_optimal_weights(self, nodes: IntArray, rounds: int) -> list[FractionalPlacement]:
-        """Add dual weights for nodes (b, k) by rounds of linear programs; return the last fractional placements.
+        """Add a set of dual weights for each of some nodes (b, k), and return their fractional placements.
 
-        The weights of a round are evaluated over the node's own cells, and the best round is kept.
+        They follow from rounds of linear programs. The weights of a round are evaluated over the node's own cells, and
+        those of the best round are kept; the placements are those of the last round.
         """
         directions = np.stack([self._directions(node) for node in nodes])
         rows = np.stack([self._rows(node) for node in nodes])
@@ -166,7 +167,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return [FractionalPlacement(*values) for values in zip(roots, rows, fractions, strict=True)]
 
     def _powers(self, rows: IntArray, directions: IntArray) -> FloatArray:
-        """Return powers ``s^p`` at sorted mesh corners (b, k, m), (b, k, m, j), zero for duplicates."""
+        """Return the powers ``s^p`` (b, k, m, j) at sorted mesh corners (b, k, m), with zeros for duplicates."""
         parts = []
         for group, slots in self.scope.groups:
             group_rows = rows[:, slots]
@@ -176,7 +177,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.where(is_copy[..., None], 0.0, np.concatenate(parts, axis=1))
 
     def _directions(self, node: IntArray) -> IntArray:
-        """Return the indices of the heaviest directions in a node's tightest dual weights, (DIRECTIONS,)."""
+        """Return the indices (DIRECTIONS,) of the heaviest directions in a node's tightest sets of dual weights."""
         tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
         directions, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
         by_weight = directions[np.argsort(-weights, kind="stable")]
@@ -184,12 +185,15 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.concatenate([distinct, self.twists.draw_initial()])[:DIRECTIONS]
 
     def _rows(self, node: IntArray) -> IntArray:
-        """Return corners of largest weighted support in each cell of a node, by tight dual weights, (k, ROWS)."""
+        """Return the mesh corners (k, ROWS) of largest weighted support in each cell of a node.
+
+        They are those of the node's tightest sets of dual weights.
+        """
         tightest = np.argsort(self.maxima.bounds_by_weights(node))[:ROWS]
         return self.maxima.rows(node, np.resize(tightest, ROWS))
 
     def is_full(self, count: int) -> bool:
-        """Return whether ``count`` open nodes, or the number of dual weights, reach the memory limit."""
+        """Return whether ``count`` open nodes, or the sets of dual weights, reach the memory limit."""
         return super().is_full(count) or len(self.dual_weights) >= MOST_WEIGHTS
 
     def certified_tree(self, tree: NodeTree) -> NodeTree:
@@ -213,7 +217,7 @@ class SharedWeightStrategy(BoundingStrategy):
 
 
 class ClusterMaxima:
-    """Maxima of weighted supports over the clusters of a mesh, for each of the shared dual weights.
+    """Maxima of weighted supports over the clusters of a mesh, for each shared set of dual weights.
 
     Dual weights w of directions y bound every placement, ``mu^p <= sum_i g_i(p_i)`` with
     ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. Under the shared budget ``g_i(p) = theta / k + sum_j w_j (s_i - theta)_+`` for
@@ -250,7 +254,7 @@ class ClusterMaxima:
         self._cluster = np.repeat(np.arange(clusters.first_leaf), np.diff(clusters.row_offsets))
 
     def add(self, dual: DualWeights) -> None:
-        """Add dual weights, and compute the maxima of their weighted supports over all clusters."""
+        """Add a set of dual weights, and compute the maxima of its weighted supports over all clusters."""
         k, last = len(self._dual_weights), self.clusters.first_leaf
         if k == self._maxima.shape[1]:
             self._maxima, self._maximal_rows = (
@@ -311,11 +315,14 @@ class ClusterMaxima:
         return maxima
 
     def bounds_by_weights(self, node: IntArray) -> Single:
-        """Return the bound on a node (k,) by each of the dual weights, on mu to the rule's power."""
+        """Return the bounds on a node (k,) by each set of dual weights.
+
+        Bounds are on mu to the rule's power, one for each set.
+        """
         return np.asarray(np.sum(self._maxima[node + self.offsets, : len(self._dual_weights)], axis=0))
 
     def bounds(self, nodes: IntArray) -> tuple[Single, IntArray]:
-        """Return the least bounds on nodes (n, k) over all dual weights, and the indices of these weights.
+        """Return the least bounds (n,) on nodes (n, k) over all sets of dual weights, and these sets' indices (n,).
 
         Bounds are on mu to the rule's power.
         """
@@ -332,7 +339,10 @@ class ClusterMaxima:
         return least, best
 
     def rows(self, node: IntArray, dual_indices: IntArray) -> IntArray:
-        """Return the corner of largest weighted support in each cell of a node by dual weights (n,), (k, n)."""
+        """Return the corners (k, n) of largest weighted support in the cells of a node (k,).
+
+        They are those by n sets of dual weights with given indices.
+        """
         result = np.empty((len(node), len(dual_indices)), dtype=np.int64)
         last, count = self.clusters.first_leaf, self.clusters.node_limit
         for slot, (cell, offset) in enumerate(zip(node.tolist(), self.offsets.tolist(), strict=True)):
@@ -407,7 +417,7 @@ class CornerContacts:
         return result
 
     def _powers(self, twists: RealArray, squares: RealArray, rows: slice) -> RealArray:
-        """Return powers ``s^p`` of the supports along twists (j, 6) at m corners, (j, m).
+        """Return the powers ``s^p`` (j, m) of supports along twists (j, 6) at a range of m corners.
 
         ``squares`` are the coefficients of the squared lengths of the work, from which the tangential part follows.
         """

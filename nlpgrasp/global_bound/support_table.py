@@ -54,6 +54,13 @@ class SupportTable:
     twists : (b, j, d) array
     thresholds : (b,) array
         Zero but under the shared budget.
+
+    Attributes
+    ----------
+    rows : (b, k, m) array
+        Representative contacts of a linear program, sorted; empty before ``select_rows``.
+    excesses : (b, k, m, j) array
+        Their excesses over the thresholds, or ``s^p`` for rules without thresholds.
     """
 
     def __init__(
@@ -66,24 +73,28 @@ class SupportTable:
         self._rule, self._thresholds = groups[0][0].supports.rule, thresholds
         self._parts = [GroupTable.over_cells(group, cells[:, slots], twists, thresholds) for group, slots in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
-        self.powers = np.zeros((0, 0, 0, 0))
+        self.excesses = np.zeros((0, 0, 0, 0))
 
     def upper_bounds(self, weights: FloatArray | None) -> FloatArray:
-        """Return upper bounds on weighted supports (b, k), or without weights on single supports (b, k, j)."""
+        """Return upper bounds (b, k) on the contacts' supports weighted by dual weights (b, j).
+
+        Without weights: upper bounds (b, k, j) on the supports along each single direction.
+        """
         if weights is None:
             return np.concatenate([part.single_upper_bounds() for part in self._parts], axis=1)
         return np.concatenate([part.upper_bounds(weights) for part in self._parts], axis=1)
 
     def bounds(self, weights: FloatArray) -> FloatArray:
-        """Return the nodes' bounds on mu by dual weights, (b,), with a margin for rounding."""
+        """Return the nodes' bounds (b,) on mu by dual weights (b, j), with a margin for rounding."""
         total = np.sum(self.upper_bounds(weights), axis=1) ** (1.0 / self._rule.power)
         return np.asarray((self._thresholds + total) * (1.0 + ROUNDING_MARGIN))
 
     def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the nodes' bounds (b,), dual weights (b, j) and thresholds (b,), tightened by single directions.
+        """Return the nodes' bounds (b,) on mu, with the dual weights (b, j) and thresholds (b,) that prove them.
 
-        Under the shared budget the largest support along any single direction is a bound: the least of them, where it
-        is lower, replaces the bound by dual weights, with itself as the threshold.
+        Under the shared budget the largest support along any single direction is a bound too. Where the least of these
+        is below the bound by the given weights it replaces that, with the direction's unit weight, and with itself as
+        the threshold.
         """
         bounds, thresholds = self.bounds(weights), self._thresholds
         if not self._rule.takes_largest:
@@ -100,16 +111,20 @@ class SupportTable:
         )
 
     def select_rows(self, weights: FloatArray | None) -> None:
-        """Select the representative contacts of a linear program: all of few, else those of largest supports."""
+        """Set ``rows`` and ``excesses`` to the representative contacts of a linear program.
+
+        All of a cell's are selected if there are few, otherwise those of largest supports.
+        """
         max_rows = max(part.powers.shape[1] for part in self._parts)
-        rows, tables = [], []
+        rows, excesses = [], []
         for part in self._parts:
-            selected, selected_powers = part.select_rows(weights, max_rows)
-            rows_by_slot, powers = selected[part.pair_of], selected_powers[part.pair_of]
-            is_copy = np.diff(rows_by_slot, axis=2, prepend=-1) == 0  # duplicates count once
+            selected, selected_excesses = part.select_rows(weights, max_rows)
+            rows_by_slot, excesses_by_slot = selected[part.pair_of], selected_excesses[part.pair_of]
+            # rows are sorted, so that copies are neighbours; they count once
+            is_copy = np.diff(rows_by_slot, axis=2, prepend=-1) == 0
             rows.append(rows_by_slot)
-            tables.append(np.where(is_copy[..., None], 0.0, powers))
-        self.rows, self.powers = (np.concatenate(_pad_rows(parts), axis=1) for parts in (rows, tables))
+            excesses.append(np.where(is_copy[..., None], 0.0, excesses_by_slot))
+        self.rows, self.excesses = (np.concatenate(_pad_rows(parts), axis=1) for parts in (rows, excesses))
 
 
 def _pad_rows(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -167,11 +182,15 @@ class GroupTable:
         return self.group.supports.rule.excess(self.powers, self.thresholds[:, None, None])
 
     def weighted(self, weights: FloatArray) -> FloatArray:
-        """Return the sums over directions, (c, m), weighted by each node's dual weights (b, j)."""
+        """Return the sums (c, m) over directions, weighted by each node's dual weights (b, j)."""
         return np.asarray((self.excesses @ weights[self.owner][:, :, None])[:, :, 0])
 
     def select_rows(self, weights: FloatArray | None, max_rows: int) -> tuple[IntArray, FloatArray]:
-        """Return the selected representative contacts, sorted, (c, m), and their powers, (c, m, j)."""
+        """Return the selected representative contacts (c, m), sorted, and their excesses (c, m, j).
+
+        With at most ``max_rows`` per cell, and few of these, all are selected. Otherwise they are those of the largest
+        support along each direction, and of the largest weighted support.
+        """
         c, m, _ = self.powers.shape
         if max_rows <= FEW:
             indices = np.broadcast_to(np.minimum(np.arange(max_rows), m - 1), (c, max_rows))
@@ -183,9 +202,9 @@ class GroupTable:
         return rows, np.take_along_axis(self.excesses, indices[..., None], axis=1)
 
     def upper_bounds(self, weights: FloatArray) -> FloatArray:
-        """Return upper bounds on the supports weighted by each node's dual weights, (b, s)."""
+        """Return upper bounds (b, s) on the supports weighted by each node's dual weights (b, j)."""
         supports = self.group.supports
-        if supports.is_curved:
+        if supports.has_curved:
             maxima = weighted_supports(
                 supports, self.cells, self.powers, self.twists, weights[self.owner], self.thresholds
             )
@@ -193,7 +212,7 @@ class GroupTable:
         return np.asarray(np.max(self.weighted(weights), axis=1)[self.pair_of])
 
     def single_upper_bounds(self) -> FloatArray:
-        """Return upper bounds on the powers of supports along each single direction, (b, s, j)."""
+        """Return upper bounds (b, s, j) on the powers of supports along each single direction."""
         return single_supports(self.group.supports, self.cells, self.powers, self.twists)[self.pair_of]
 
 
@@ -205,7 +224,7 @@ def weighted_supports(
     weights: FloatArray,
     thresholds: FloatArray,
 ) -> FloatArray:
-    """Return upper bounds on the weighted supports of contacts anywhere in cells, (c,).
+    """Return upper bounds (c,) on the weighted supports of contacts anywhere in cells (c,).
 
     Parameters
     ----------
@@ -239,7 +258,7 @@ def weighted_supports(
 
 
 def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return upper bounds on the support powers ``s^p`` anywhere in cells along each direction, (c, j).
+    """Return upper bounds (c, j) on the support powers ``s^p`` anywhere in cells along each direction.
 
     See ``weighted_supports``.
     """
@@ -255,7 +274,7 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
 
 
 def bound_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
-    """Return for each cell the accepted relative excess of a bound over the largest known support, (c,)."""
+    """Return the accepted relative excess (c,) of each cell's bound over the largest known support."""
     radii = supports.radii(cells)
     return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.largest_radius, 1e-300)) ** 2))
 
@@ -385,10 +404,10 @@ class _SupportInterval:
         return quarters, np.repeat(owner, len(corner_indices)), np.max(upper, axis=2).ravel()
 
     def upper_bounds(self) -> FloatArray:
-        """Return the upper bounds, (c,), with a margin for independent recomputation."""
+        """Return the upper bounds (c,), with a margin for independent recomputation."""
         largest = np.maximum(self._upper, self._lower)
         return np.asarray(largest + ARITHMETIC_MARGIN * self._tolerances(largest))
 
     def _tolerances(self, supports: FloatArray) -> FloatArray:
-        """Return the absolute tolerances for weighted supports (c,), (c,)."""
+        """Return the absolute tolerances (c,) for weighted supports (c,)."""
         return np.asarray(self._tolerance * (supports + THRESHOLD_SHARE * self._thresholds))

@@ -22,7 +22,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
 
 SAME = 1e-9  # relative tolerance of equal points and tasks
-ANGLE = 1.0  # radians, angle of a rotation that only continuous symmetries contain
+ANGLE = 1.0  # radians, an irrational share of a turn: invariance under it implies invariance under all turns
 
 FacesToCells = dict[CellFace, Sequence[SurfaceCell]]  # root cells of a contact, by face
 RotatedRoots = tuple[str, FacesToCells]  # part of the surface, as ``RootCells.rotated_to``, and its cells

@@ -148,7 +148,10 @@ class NumberedDirections:
 
 
 def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of directions (b, m, d) that nearly equal one with a smaller ratio (b, m)."""
+    """Return the mask (b, m) of directions (b, m, d) that nearly equal a direction of smaller ratio.
+
+    ``ratios`` are (b, m). Of equal ratios one counts as smaller.
+    """
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
     is_near = unit @ unit.transpose(0, 2, 1) > ALIKE

@@ -24,11 +24,11 @@ class CurvedSurface(Protocol):
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return coefficients (n, 2, 3) of two bounds on how a contact's work deviates inside parts.
+        """Return the coefficients k (n, 2, 3) that bound the deviation of a contact's work z inside parts (n, c, q).
 
-        The first bounds the deviation of the work z from a linear interpolation between the corners, the second that
-        from any corner. Coefficients are of ``|v|`` and ``|tau|`` for the force part of z, and of ``|tau|`` for its
-        moment part ``R^T tau``, where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
+        ``k[:, 0]`` bounds the deviation from a linear interpolation between the corners, ``k[:, 1]`` that from any
+        corner: by ``k_0 |v| + k_1 |tau|`` in the force part of z and by ``k_2 |tau|`` in its moment part ``R^T tau``,
+        where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
         """
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -108,9 +108,10 @@ class EllipsoidFace(CellFace):
         return [EllipsoidCell(np.diag(signs).astype(float), self.surface) for signs in product((1, -1), repeat=3)]
 
     def half_plane(self, axis: FloatArray, side: FloatArray) -> Sequence[SurfaceCell]:
-        """Return the two arcs in the half-plane that an axis bounds, on the side of an orthogonal vector.
+        """Return the cells of the ellipsoid's meridian in one half-plane about an axis.
 
-        Both are unit vectors.
+        ``axis`` and ``side`` are orthogonal unit vectors. The two arcs lead from ``side``, in the half-plane, to the
+        ends of the axis.
         """
         return [EllipsoidCell(np.stack([end, side]), self.surface) for end in (axis, -axis)]
 
@@ -147,29 +148,41 @@ class EllipsoidSurface:
 
     def deviations(self, parts: FloatArray) -> FloatArray:
         """Return the deviation coefficients (n, 2, 3) of small triangles or arcs (n, c, 3)."""
-        large, small = float(np.max(self.a)), float(np.min(self.a))
-        a = self.a[:, None]
+        large = float(np.max(self.a))
         corners = np.ascontiguousarray(parts.transpose(1, 2, 0))  # (c, 3, n): rows of n run fast
         sides = angles_along(corners, np.roll(corners, -1, axis=0), axis=1)
-        side = np.max(sides, axis=0)
-        quadratic = _circumradius(sides) ** 2 / 2.0
+        longest_side, half_square = np.max(sides, axis=0), _circumradius(sides) ** 2 / 2.0  # R^2 / 2
         centre = np.mean(corners, axis=0)
         centre /= _vector_lengths(centre)
         radius = np.max(angles_along(corners, centre, axis=1), axis=0)
-        g = np.maximum(_vector_lengths(centre / a) - radius / small, 1.0 / large)
-        turn_rate = 1.0 / (small * g)
+        turn_rate, acceleration, torque_rate = self._derivative_bounds(centre, radius)
+        distance = (
+            large * longest_side
+        )  # from a corner to any point of the part, where |v| is larger by |tau| distance at most
+        # columns: of |v| and of |tau| in the force part of z, of |tau| in its moment part
+        second_derivative = np.stack([acceleration, torque_rate + acceleration * distance, acceleration], axis=1)
+        first_derivative = np.stack([turn_rate, large + turn_rate * distance, turn_rate], axis=1)
+        return np.stack([half_square[:, None] * second_derivative, longest_side[:, None] * first_derivative], axis=1)
+
+    def _derivative_bounds(self, centre: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return upper bounds (n,) on the normal's turn rate w, on ``w^2 + w'`` and on ``|p| + 2 w |A u'|`` in parts.
+
+        Every point u of a part is within ``radius`` (n,), radians, of its ``centre`` (3, n).
+        """
+        large, small = float(np.max(self.a)), float(np.min(self.a))
+        a = self.a[:, None]
+        g = np.maximum(_vector_lengths(centre / a) - radius / small, 1.0 / large)  # lower bound
+        turn_rate = 1.0 / (small * g)  # w <= |A^-1| / g
+        # |u'^T A^-2 u|: at the centre the length of the tangential part of A^-2 u, which changes at a limited rate
         stretched = centre / a**2
         tangential = _vector_lengths(stretched - np.sum(stretched * centre, axis=0) * centre)
         largest_tangential = 0.5 * (1.0 / small**2 - 1.0 / large**2)
         tangential = np.minimum(largest_tangential, tangential + 3.0 * largest_tangential * radius)
-        rate = turn_rate**2 + 2.0 * turn_rate * tangential / g**2
-        largest_distance = np.minimum(large, _vector_lengths(centre * a) + large * radius)
-        ratio = large / small + small / large
-        torque_rate = np.full(len(parts), 2.0 * large) if large == small else largest_distance + ratio / g
-        distance = large * side  # from a corner to anywhere in the part
-        second_order = np.stack([rate, torque_rate + rate * distance, rate], axis=1)
-        first_order = np.stack([turn_rate, large + turn_rate * distance, turn_rate], axis=1)
-        return np.stack([quadratic[:, None] * second_order, side[:, None] * first_order], axis=1)
+        acceleration = turn_rate**2 + 2.0 * turn_rate * tangential / g**2  # w' <= 2 w |g'| / g, |g'| <= tangential / g
+        largest_distance = np.minimum(large, _vector_lengths(centre * a) + large * radius)  # |p|
+        ratio = large / small + small / large  # k + 1 / k, with 2 w |A u'| <= (k + 1 / k) / g
+        torque_rate = np.full(len(radius), 2.0 * large) if large == small else largest_distance + ratio / g
+        return turn_rate, acceleration, torque_rate
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return quarters of triangles (n, 3, 3), or halves of arcs (n, 2, 3), as vertices and vertex indices."""

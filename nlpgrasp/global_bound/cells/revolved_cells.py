@@ -115,7 +115,7 @@ class DiscFace(CellFace):
         return [SectorCell(radii, ends[i : i + 2], self.height, self.normal) for i in range(SECTORS)]
 
     def meridian_cells(self) -> Sequence[SurfaceCell]:
-        """Return the radius at angle 0, to which every contact of the disc can be rotated."""
+        """Return the cell at angle 0, to which every contact of the disc can be rotated."""
         return [SectorCell(np.array([0.0, self.radius]), np.zeros(2), self.height, self.normal)]
 
 
