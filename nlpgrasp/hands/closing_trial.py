@@ -29,7 +29,9 @@ HALF_LENGTH, HALF_DEPTH = 0.05, 0.02  # metres: half lengths of the bodies along
 STARTS, POSTURES = 16, 400  # starts of a body, and random postures that they are chosen from
 SPLITS = 2  # ways to put the fingertips on two sides that are tried
 MOST_TIPS = 8  # fingertips of which all ways are compared
-STEPS, LEAST_DAMPING = 20, 1e-6  # of the least squares
+STEPS = 20  # of the Levenberg-Marquardt method
+FIRST_DAMPING, LEAST_DAMPING = 1e-2, 1e-6  # added to the diagonal of its matrices: at first, and at least
+LESS_DAMPING, MORE_DAMPING = 0.3, 5.0  # factors on the damping after a better and after a worse step
 LENGTH = 0.01  # metres: unit of lengths in the residuals
 CORNERS, ROUNDING, SIDES = 12, 3e-4, 24  # of a hull in the trial: corners at most, metres, sides of the sampled patch
 TOLERANCE = 0.05  # largest residual of a body that is closed on: 0.5 mm, and 0.05 of numbers
@@ -155,6 +157,8 @@ class _Trial:
     def _solve(self, width: float, x: FloatArray, sides: FloatArray) -> int | None:
         """Improve the starts ``x`` in place; return the index of the first that closes on the body, None if none does.
 
+        The Levenberg-Marquardt method runs for all starts side by side, with limits on the variables.
+
         Parameters
         ----------
         width : float
@@ -164,18 +168,20 @@ class _Trial:
         sides : (b, k) array
             Sides of the fingertips, 1 or -1.
         """
-        damping = np.full(STARTS, 1e-2)
+        damping = np.full(STARTS, FIRST_DAMPING)
         residuals, jacobians = self._evaluate(x, width, sides)
         costs = np.sum(residuals**2, axis=1)
         for _ in range(STEPS):
             if (index := self._closed_start(x, width, sides, residuals)) is not None:
                 return index
-            slopes = np.einsum("bri,br->bi", jacobians, residuals)
-            at_limit = ((x <= self.lower) & (slopes > 0.0)) | ((x >= self.upper) & (slopes < 0.0))
-            scaled = jacobians * (self.scale * ~at_limit)[:, None]
-            normal = scaled.transpose(0, 2, 1) @ scaled
-            normal[:, np.arange(x.shape[1]), np.arange(x.shape[1])] += damping[:, None]
-            steps = np.linalg.solve(normal, -np.einsum("bri,br->bi", scaled, residuals)[..., None])[..., 0]
+            gradients = np.einsum("bri,br->bi", jacobians, residuals)
+            # variables at a limit, beyond which the cost would fall, stay there
+            is_fixed = ((x <= self.lower) & (gradients > 0.0)) | ((x >= self.upper) & (gradients < 0.0))
+            scaled_jacobians = jacobians * (self.scale * ~is_fixed)[:, None]
+            matrices = scaled_jacobians.transpose(0, 2, 1) @ scaled_jacobians
+            matrices[:, np.arange(x.shape[1]), np.arange(x.shape[1])] += damping[:, None]
+            scaled_gradients = np.einsum("bri,br->bi", scaled_jacobians, residuals)
+            steps = np.linalg.solve(matrices, -scaled_gradients[..., None])[..., 0]
             trial = np.clip(x + self.scale * steps, self.lower, self.upper)
             new_residuals, new_jacobians = self._evaluate(trial, width, sides)
             is_better = np.sum(new_residuals**2, axis=1) < costs
@@ -185,7 +191,8 @@ class _Trial:
                 new_jacobians[is_better],
             )
             costs = np.sum(residuals**2, axis=1)
-            damping = np.clip(np.where(is_better, 0.3 * damping, 5.0 * damping), LEAST_DAMPING, None)
+            damping *= np.where(is_better, LESS_DAMPING, MORE_DAMPING)
+            damping = np.maximum(damping, LEAST_DAMPING)
         return self._closed_start(x, width, sides, residuals)
 
     def _evaluate(self, x: FloatArray, width: float, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -209,9 +216,10 @@ class _Trial:
         return None
 
     def _start(self, width: float, postures: _Postures, side: FloatArray, index: int) -> FloatArray:
-        """Return initial variables: a posture with its two sides about a body's width apart, and the body between.
+        """Return the initial variables (m,) of a start, with the body between the two sides of the fingertips.
 
-        The body's x axis points from one side to the other; its z axis lies across the palm's direction, or along it.
+        Its posture is one of those whose sides are nearest to a body's width apart. The body's x axis points from one
+        side to the other; its z axis lies across the palm's direction, or along it.
         """
         tips, index = postures.tips, index // len(postures.splits)
         ends = np.array([tips[:, side == sign].mean(axis=1) for sign in (-1.0, 1.0)])

@@ -91,9 +91,10 @@ class _LinkEnd:
             self.closing = RANGE_WEIGHT * _range_balance(robot, chain[-1])
 
     def hull_tip(self, towards_others: FloatArray) -> HullTip:
-        """Return the fingertip, whose patch faces between the closing motion and the link's direction.
+        """Return the hull fingertip of the link's end.
 
-        The closing motion is that of the last joint towards the other fingertips.
+        Its patch faces between the link's direction and the closing motion, which is that of the last joint towards the
+        other fingertips.
         """
         distance = max(float(np.linalg.norm(towards_others)), 1e-12)
         closes = self.motion @ towards_others / distance + self.closing >= 0.0
@@ -119,9 +120,10 @@ class _LinkEnd:
         return {"points": np.asarray(tips[best].points), "facing": facing[best], "angle": angles[best]}
 
     def _solids(self, normals: FloatArray) -> list[FloatArray]:
-        """Return the corners of each convex hull that may carry the patch: of outermost shapes, and of all shapes.
+        """Return the convex hulls on which a patch is tried, each as its corners (n, 3).
 
-        A shape that others cover along all of the normals (m, 3) carries none.
+        They are the ends of the outermost shapes and of all shapes together. A shape that others cover along all of the
+        normals (m, 3) is left out.
         """
         if len(self.near) == 1:
             return [self._cut_end(self.near[0])]
@@ -166,7 +168,10 @@ class _LinkEnd:
         return HullTip(corners, facing, angle, ROUNDING)
 
     def _deepest_hollow(self, tip: HullTip, facing: FloatArray, angle: float) -> float:
-        """Return the largest distance between a patch within an angle and the link's shapes behind it, metres."""
+        """Return the largest gap between a patch and the link's shapes behind it, metres.
+
+        The patch has the normals within ``angle``, radians, of ``facing``.
+        """
         return float(np.max(self._gaps(tip.points_with_normals(dome(facing, angle, SIDES).vertices))))
 
     def _gaps(self, points: FloatArray) -> FloatArray:

@@ -307,7 +307,7 @@ def _overhangs(hand: InspectedHand) -> list[FileWarning]:
     result = []
     for i, (link, tip) in enumerate(hand.tree.tips):
         distance = overhang(tip, link, hand.tree.robot)
-        if distance is not None and distance > noticeable_overhang(tip):
+        if distance is not None and distance > noticeable_overhang(tip):  # None for a link without shapes
             text = f"Fingertip {i} ({link}) reaches up to {millimetres(distance)} beyond the shapes of its link"
             result.append(
                 FileWarning(

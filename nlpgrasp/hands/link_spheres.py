@@ -69,7 +69,10 @@ class SphereFit:
         return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
 
     def limit_radii(self, most: FloatArray, inside: BoolArray) -> SphereFit:
-        """Return the spheres with radii at most ``most`` (m,), without the spheres ``inside`` (m,) a fingertip."""
+        """Return the spheres with radii reduced to at most ``most`` (m,), without those ``inside`` (m,) a fingertip.
+
+        Spheres of which nothing is left are removed too.
+        """
         radii = np.minimum(self.radii, most)
         is_used = (radii > 0.0) & ~inside
         return SphereFit(self.centres[is_used], radii[is_used], self.error, self.uncovered)
@@ -196,25 +199,35 @@ def _cover(coverage: BoolArray, most: int) -> list[int] | None:
 
 
 def _refine_cover(distances: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
-    """Return indices of centres and radii, each sphere moved to cover its samples with the least error."""
-    indices = np.array(chosen)
-    radii = np.zeros(len(indices))
-    least_error = np.inf
-    centres = indices
+    """Return the centres (k,), as indices of inner points, and the radii (k,) of a cover with less error.
+
+    Each sample belongs to one sphere, and each sphere moves to where it covers its samples with the least error, until
+    the largest error no longer falls.
+
+    Parameters
+    ----------
+    distances : (n, m) array
+        Of inner points from samples of the surface, metres.
+    depth : (n,) array
+        Of the inner points, metres.
+    chosen : list of k int
+        Initial centres.
+    """
+    best, best_radii, least_error = np.array(chosen), np.zeros(len(chosen)), np.inf
     for _ in range(SWEEPS):
-        owner = np.argmin(distances[centres] - depth[centres][:, None], axis=0)
-        candidates, candidate_radii = centres.copy(), np.zeros(len(centres))
+        sphere_of_sample = np.argmin(distances[best] - depth[best][:, None], axis=0)
+        centres, radii = best.copy(), np.zeros(len(best))
         for i in range(len(centres)):
-            samples = owner == i
+            samples = sphere_of_sample == i
             if samples.any():
                 farthest = np.max(distances[:, samples], axis=1)
-                candidates[i] = int(np.argmin(farthest - depth))
-                candidate_radii[i] = farthest[candidates[i]]
-        error = float(np.max(np.where(candidate_radii > 0.0, candidate_radii - depth[candidates], -np.inf)))
+                centres[i] = int(np.argmin(farthest - depth))
+                radii[i] = farthest[centres[i]]
+        error = float(np.max(np.where(radii > 0.0, radii - depth[centres], -np.inf)))
         if error >= least_error:
             break
-        indices, radii, least_error, centres = candidates, candidate_radii, error, candidates
-    return indices, radii
+        best, best_radii, least_error = centres, radii, error
+    return best, best_radii
 
 
 def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:

@@ -274,10 +274,11 @@ def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
 
 
 def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with mimic joints for its couplings; couplings left out are listed in the robot.
+    """Return the robot with its couplings of two joints as mimic joints.
 
-    An equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the later
-    joint of the file follow the earlier one, where their limits leave both a range.
+    An equality of two joints makes the first follow the second; a coupling along a curve raises. A tendon of two joints
+    with an equality makes the later joint of the file follow the earlier one, where their limits leave both a range.
+    Other couplings by tendons are left out, and listed in the robot.
 
     Raises
     ------

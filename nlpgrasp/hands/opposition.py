@@ -248,7 +248,10 @@ class TipDistances:
         return self._largest(fingers, joints, self.tree.span if facing else 0.0)[0]
 
     def largest_misalignment(self, fingers: Sequence[int], joints: FloatArray) -> FloatArray:
-        """Return the largest misalignment of any pair, (b,), as a cosine; 0 if all pairs face each other."""
+        """Return the largest misalignment (b,) over all pairs of given fingertips; 0 if all face each other.
+
+        It is the shortfall of a cosine from ``FACING_COSINE``, between the closest points of a pair.
+        """
         return self._largest(fingers, joints, self.tree.span)[1]
 
     def _largest(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:

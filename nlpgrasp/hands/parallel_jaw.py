@@ -437,9 +437,9 @@ class Jaws:
 
     def sampled_depths(self, directions: FloatArray, size: float, distance: Distance) -> FloatArray:
         """Return the largest penetration depth along each approach (m, space), (m,), metres, from sampled positions."""
-        (starts, firsts, _), path_length = self._clearance_lines(), self.length + PATH_SIZES * size
+        (starts, setbacks, _), path_length = self._clearance_lines(), self.length + PATH_SIZES * size
         fractions = np.linspace(0.0, 1.0, 1 + int(np.ceil(path_length / SAMPLE_SPACING)))
-        travelled = firsts + fractions[:, None] * (path_length - firsts)  # (s, n)
+        travelled = setbacks + fractions[:, None] * (path_length - setbacks)  # (s, n)
         samples = starts - travelled[None, :, :, None] * directions[:, None, None]
         gaps = distance(samples.reshape(-1, starts.shape[1])).reshape(len(directions), -1)
         return np.asarray(np.maximum(-np.min(gaps, axis=1), 0.0))
@@ -447,9 +447,10 @@ class Jaws:
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return penetration depth and mean distance of fingers and palm along each straight approach.
+        """Return penetration depths (m,), mean distances (m,) and the mask (m,) of approaches that enter a solid.
 
-        The lines of fingers and palm are followed from the grasp outwards by steps that depend on the distance.
+        Approaches are straight. The lines of fingers and palm are followed from the grasp outwards, by steps that
+        depend on the distance.
 
         Outside, a step exceeds the signed distance by ``FINE_STEP`` alone, so that nothing thicker is between two
         points; inside, it is the least that can get deeper than the deepest point so far. There, and along pads, no
@@ -474,10 +475,10 @@ class Jaws:
             Whether a line enters something, however thin: the distance falls to zero steeply. Lines along the pads of
             thick fingers are left out, as they slide along the body.
         """
-        starts, firsts, on_pads = self._clearance_lines()
+        starts, setbacks, on_pads = self._clearance_lines()
         line_count, path_length = len(starts), self.length + PATH_SIZES * size
         start, outward = np.tile(starts, (len(directions), 1)), np.repeat(-directions, line_count, axis=0)
-        travelled = np.tile(firsts, len(directions))
+        travelled = np.tile(setbacks, len(directions))
         gaps, area = distance(start + travelled[:, None] * outward), np.zeros(len(start))
         least_gap = np.minimum(gaps, distance(start + path_length * outward)).reshape(-1, line_count).min(axis=1)
         least_gap, enters = np.minimum(least_gap, 0.0), np.zeros(len(start), dtype=bool)
@@ -495,23 +496,25 @@ class Jaws:
             area[active] += 0.5 * step * (gap + next_gap)
             gaps[active] = next_gap
         lines = (len(directions), line_count)
-        mean = (area.reshape(lines) / (path_length - firsts)).mean(axis=1)
+        mean = (area.reshape(lines) / (path_length - setbacks)).mean(axis=1)
         return 0.0 - least_gap, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
     def _clearance_lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return points (n, space) of lines parallel to the approach, their initial setback, and which are on pads.
+        """Return starts (n, space), setbacks (n,) and the mask (n,) of pad lines, for lines parallel to the approach.
 
-        The lines stand for the fingers and the palm. Finger lines begin at the pads, palm lines between them, a
-        finger's length behind; metres.
+        The lines stand for the fingers and the palm, and go from their start outwards, after their setback; metres.
+        Finger lines begin at the pads, palm lines between them, set back by a finger's length. The first line of each
+        finger is on its pad.
         """
         (first, second), closing = self.points, self.closing
         offsets = _evenly_spaced(self.thickness)
         palm = _evenly_spaced(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
         fingers = [first - offsets[:, None] * closing, second + offsets[:, None] * closing]
         starts = np.concatenate([*fingers, first + palm[:, None] * closing])
-        firsts = np.concatenate([np.zeros(2 * len(offsets)), np.full(len(palm), self.length)])
-        on_pads = np.isin(np.arange(len(starts)), [0, len(offsets)])
-        return starts, firsts, on_pads
+        setbacks = np.concatenate([np.zeros(2 * len(offsets)), np.full(len(palm), self.length)])
+        on_pads = np.zeros(len(starts), dtype=bool)
+        on_pads[[0, len(offsets)]] = True
+        return starts, setbacks, on_pads
 
     def posture(
         self,

@@ -186,7 +186,10 @@ class Robot:
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float, str]]:
-        """Limits of each free joint, mimic joints included: lower, upper, and the joint that set them last."""
+        """Range of each free joint: lower limit, upper limit, and the name of the joint that set one of them last.
+
+        Joints that follow it narrow the range by their own limits.
+        """
         result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
         for joint in self.joints:
             if joint.moves and joint.mimic is not None:

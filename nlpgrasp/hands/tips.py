@@ -33,6 +33,9 @@ class Tip(ABC):
 
     At the contact the patch's outward normal is the body's inward normal n, and the point of the patch with
     that normal is the contact point p.
+
+    A new kind also needs an entry by its ``kind`` in ``TIP_CONSTRAINTS`` of ``verify/numeric_urdf_hand.py`` and, to be
+    simulated, in ``KINDS`` of ``simulation/robot_hand_scene.py``.
     """
 
     kind: ClassVar[str]
@@ -40,7 +43,10 @@ class Tip(ABC):
     @property
     @abstractmethod
     def centre(self) -> FloatArray:
-        """Point in or behind the middle of the patch, (3,), metres, link frame: the initial position."""
+        """Point (3,) on or behind the middle of the patch, metres, link frame.
+
+        While the hand is posed, a ball of radius ``posing_radius`` about it replaces the patch.
+        """
 
     @property
     def standoff(self) -> float:
@@ -86,7 +92,10 @@ class Tip(ABC):
 
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of link spheres about points (m, 3) that do not cover the patch."""
+        """Return the largest radii (m,) of link spheres about points (m, 3) with which the patch can touch a body.
+
+        Metres. Larger spheres could reach the body before the patch does.
+        """
 
     @property
     def backbone(self) -> FloatArray:
@@ -190,7 +199,10 @@ class SphereTip(Tip):
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3) that stay in a cone behind the tip."""
+        """Return the largest radii (m,) of spheres about points (m, 3) that stay off a plane touched by the tip.
+
+        Metres. They do if the line from the tip's centre to the point is inclined to the plane by at least 20 degrees.
+        """
         return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:
@@ -268,11 +280,17 @@ class CylinderTip(Tip):
         return self._axis_distances(points, 0.0) - self.radius
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3) within the cylinder's radius."""
+        """Return the largest radii (m,), metres, of spheres about points (m, 3) inside the cylinder with round ends.
+
+        They stay ``SLACK`` behind its surface; 0 for points nearer to it or outside.
+        """
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, 0.0) - SLACK, 0.0))
 
     def _axis_distances(self, points: FloatArray, first: float) -> FloatArray:
-        """Return the distances of points (m, 3), metres, from the axis beyond its fraction ``first``."""
+        """Return the distances (m,), metres, of points (m, 3) from the axis between its fraction ``first`` and its end.
+
+        The fraction is 0 at the start, and minus infinity for an axis continued behind it.
+        """
         a, b = self.ends
         t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), first, 1.0)
         return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
@@ -335,9 +353,10 @@ class CapsuleTip(CylinderTip):
         return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3) within the capsule's radius.
+        """Return the largest radii (m,), metres, of spheres about points (m, 3) inside the capsule.
 
-        Behind the start, the finger may continue as thick as the capsule.
+        They stay ``SLACK`` behind its surface; 0 for points nearer to it or outside. Behind its start the capsule
+        counts as continued, since the finger may be as thick there.
         """
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, -np.inf) - SLACK, 0.0))
 
@@ -424,7 +443,10 @@ class EllipsoidTip(Tip):
         return np.asarray((gauge - 1.0) * np.max(axes))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii (m,), metres, for points (m, 3) within 20 degrees of the smallest semi-axis."""
+        """Return the largest radii (m,), metres, of spheres about points (m, 3), as for a ball inside the ellipsoid.
+
+        The ball has the ellipsoid's centre and its smallest semi-axis as radius; see ``SphereTip.most_radius``.
+        """
         smallest = float(np.min(self.semi_axes))
         return np.asarray(smallest + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
