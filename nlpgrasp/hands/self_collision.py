@@ -40,9 +40,10 @@ Indices = NDArray[np.intp]
 
 
 def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
-    """Return the pairs of links that collide in some postures but not in nearly all.
+    """Return the pairs of links that self-collision constraints keep apart.
 
-    Neighbours in the chain are left out, as are links that overlap in nearly all positions.
+    Left out are neighbours in the chain, links that overlap in nearly all postures, and links whose spheres meet in
+    many postures but whose hulls do in none. Pairs that collide in no posture are included, without pairs of spheres.
     """
     poses = _random_poses(tree, fits)
     spheres = {link: MovedSpheres.of(fit, poses[link]) for link, fit in fits.items()}
@@ -144,7 +145,11 @@ def _allowed_overlaps(
     spheres: Mapping[str, MovedSpheres],
     link_pairs: Sequence[tuple[str, str]],
 ) -> FloatArray:
-    """Return the sphere overlap allowed for each pair of links, (c,), metres; infinite for pairs that never collide."""
+    """Return the sphere overlaps (c,) allowed for pairs of links, metres.
+
+    Infinite for links whose spheres meet in many postures but whose hulls do in none; zero if their spheres meet in too
+    few postures to tell.
+    """
 
     def make() -> dict[str, FloatArray]:
         hulls = {link: [ShapeHull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
