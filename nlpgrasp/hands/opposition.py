@@ -132,12 +132,12 @@ class TipMeeting:
 
     @property
     def faces(self) -> bool:
-        """Whether the fingertips face each other in some posture."""
+        """Whether two fingertips face each other in some posture; always true of more than two."""
         return bool(np.isfinite(self.opposed))
 
     @property
     def touches(self) -> bool:
-        """Whether the fingertips can touch face to face."""
+        """Whether two fingertips can touch face to face, or more than two can touch at once."""
         return self.opposed <= TOUCH
 
 
