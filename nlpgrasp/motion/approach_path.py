@@ -173,7 +173,7 @@ def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
 
 
 def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
-    """Return the opening path of the hand, from the grasp towards a multiple of the pregrasp's opening.
+    """Return the path on which the hand opens, from the grasp towards a multiple of the pregrasp's opening.
 
     All joints move together; those that are blocked stop, and the others continue. Fingertips may be as near the body
     as in the program (``CollisionModel.least_clearances``), because they touch it in the end. Link spheres that overlap
@@ -208,7 +208,10 @@ def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor:
 
 
 def open_hand_straight(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
-    """Return an opening path along one straight line in joint space, towards the hand of ``open_fingers``."""
+    """Return a path on which the hand opens along one straight line in joint space.
+
+    It leads towards the last posture of ``open_fingers``, whose path is returned if it is straight or blocked.
+    """
     opening = open_fingers(model, grasp, pregrasp, factor)
     if opening.blocked_by or opening.straight:
         return opening

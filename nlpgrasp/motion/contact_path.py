@@ -135,7 +135,7 @@ class ContactPath:
 
     @property
     def total(self) -> float:
-        """Total path length, metres, rotations of the normal included."""
+        """Length of the whole path, metres, to which rotations of the normal add ``arm`` per radian."""
         return float(self.steps[-1])
 
     @property

@@ -180,7 +180,10 @@ class FingerJoints:
     def _critical_clearances(
         self, values: Values, z: FloatArray, clearance_limits: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the slack of critical clearances, in body sizes, and the gradients."""
+        """Return the slacks (c,) of the critical clearances and their gradients (c, m), over the body's size.
+
+        A clearance is critical if it depends on the variables ``z`` (m,) and is near its limit.
+        """
         c = self.model.clearances(values)
         perturbed = [self.model.clearances(self._replace_variables(values, z + DIFFERENCE * e)) for e in np.eye(len(z))]
         slopes = np.array([m - c for m in perturbed]).T / DIFFERENCE

@@ -101,6 +101,9 @@ def plan_keyframes(
 class _ShapeCheck:
     """Check of openings and approaches by the links' collision shapes, after a check by their spheres.
 
+    Where the shapes penetrate on all of the ``MOST_TOUCHING`` first approaches that are free for the spheres, the last
+    of these is kept, and its penetration is recorded as ``way_in``.
+
     Parameters
     ----------
     links : PenetrationModel
@@ -114,7 +117,10 @@ class _ShapeCheck:
         self._closings: list[tuple[Values, LinkPenetration]] = []  # open hands, and what closing from them shows
 
     def free_opening(self, open_hand: Callable[[float], OpeningPath]) -> float:
-        """Return the largest fraction of the pregrasp's opening from which the fingers close freely; else 1."""
+        """Return the largest fraction of the pregrasp's opening from which the fingers close without penetration.
+
+        It is 1 if there is none among ``OPENING_SHARES``, or if the links have no shapes.
+        """
         for fraction in OPENING_SHARES if self._links.has_shapes else ():
             opened = open_hand(fraction)
             if opened.postures and self._while_closing(opened.values).is_free:
@@ -122,9 +128,9 @@ class _ShapeCheck:
         return 1.0
 
     def touching(self, corners: Sequence[Values]) -> str:
-        """Return what the links run into on an approach through given postures, as text; empty if free.
+        """Return what the links run into on an approach through given postures, as text; empty if it is to be kept.
 
-        It is empty, too, for the last approach to be tried.
+        It is kept if it is free, or if it is the last to be tried.
         """
         if not self._links.has_shapes:
             return ""
@@ -136,7 +142,10 @@ class _ShapeCheck:
         return "" if penetration.is_free or len(self._on_approaches) == MOST_TOUCHING else penetration.words
 
     def way_in(self, opened: Values, has_approach: bool) -> LinkPenetration | None:
-        """Return the penetration on the last checked approach; without an approach, while the fingers close."""
+        """Return the penetration of the links' shapes on the way to the grasp; None if they have no shapes.
+
+        The way is the last approach that was checked, or without an approach the closing of the fingers alone.
+        """
         if not self._links.has_shapes:
             return None
         return self._on_approaches[-1] if has_approach else self._while_closing(opened)

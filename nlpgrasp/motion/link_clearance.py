@@ -143,7 +143,7 @@ class CollisionModel:
         return f"{self._sphere_name(int(i))} against {self._sphere_name(int(j))}"
 
     def moving_joints(self, index: int) -> BoolArray:
-        """Return which free joints move a sphere of a clearance, (m,)."""
+        """Return the mask (m,) of the free joints that move the sphere or the two spheres of a clearance."""
         count = len(self.sphere_indices)
         field_count = len(self.fields) * count
         balls = [self.sphere_indices[index % count]] if index < field_count else self.pairs[index - field_count]
