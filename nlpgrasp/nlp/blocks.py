@@ -102,7 +102,7 @@ class ConstraintBlock(Range):
 
 @dataclass(frozen=True)
 class FaceConstraints:
-    """Block of surface constraints of a contact, with values from ``lower`` to zero."""
+    """Block of surface constraints ``lower <= g <= 0`` of one contact on a spline surface."""
 
     label: Label
     size: int

@@ -359,9 +359,9 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
 
 
 def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return a function of ``(y, p_1 ..., n_1 ...)`` for the k smooth pieces with maximum phi, and the power 1.
+    """Return the function of the smooth pieces whose maximum is the support phi, and the power 1; None without pieces.
 
-    Units as in ``support_function``. None without such pieces.
+    It maps ``(y, p_1 ..., n_1 ...)`` to one piece per contact, (k,); units and power as in ``support_function``.
     """
     if not has_pieces(problem):
         return None

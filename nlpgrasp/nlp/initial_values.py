@@ -107,7 +107,10 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
-    """Return the problem with the L2 budget and simpler contacts, as far as a closed-form support needs them."""
+    """Return a similar problem that has a support function in closed form.
+
+    It has the L2 budget and, if that is not enough, point or friction contacts with the same friction coefficients.
+    """
     if has_closed_form(problem):
         return problem
     l2_problem = problem.unchecked(force_budget=L2Budget())

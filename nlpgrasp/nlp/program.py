@@ -227,9 +227,9 @@ class Program:
     def constrain_spline_surface(
         self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
     ) -> None:
-        """Add surface constraints ``function(position) + linear`` of a contact.
+        """Add the surface constraints of a contact on a spline surface, with values ``function(position) + linear``.
 
-        Call last.
+        ``rows`` are their blocks, with labels and limits. Call last.
         """
         for row in rows:
             self._add_constraints(row.label, row.size, (row.lower, 0.0), row.scale)
@@ -323,7 +323,10 @@ class Program:
         return result
 
     def with_raised_lower_limits(self, increase: FloatArray) -> Program:
-        """Return a copy with the lower limits of problem and hand constraints raised by (rows,), scaled."""
+        """Return a copy with the lower limits of the ``placement`` constraints raised by increments (r,).
+
+        Increments are in the program's units.
+        """
         low, high = self.limits
         result, low = copy(self), low.copy()
         low[self.placement] += increase
@@ -332,7 +335,7 @@ class Program:
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper limits of the scalar constraints, (m,) each, surface constraints last."""
+        """Lower and upper limits of the scalar constraints, (m,) each, in the order of their blocks ``rows``."""
         return _stacked(self._limits)
 
 

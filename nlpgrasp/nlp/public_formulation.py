@@ -613,39 +613,44 @@ class FormulationResult:
         )
 
 
-def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) -> list[str]:
+def program_table(program: Program, user_constraints: Iterable[tuple[str, Limits]] = ()) -> list[str]:
     """Return the lines of a table of a program's variables, parameters and constraints.
+
+    Blocks of the same kind share a line: of the same size, or for constraints of the same equation.
 
     Parameters
     ----------
     program : Program
         In SI units.
-    added : iterable of (str, pair of arrays)
-        Names and limits of user-defined constraints.
+    user_constraints : iterable of (str, pair of arrays)
+        Names and limits of constraints that the user has added.
     """
     lines = [LINE("variables", "size", "bounds", "unit", "in the paper")]
-    lines += [LINE(*row) for row in _block_rows(program.variables, program.bounds)]
+    lines += [LINE(*cells) for cells in _table_cells(program.variables, program.bounds)]
     lines += ["", LINE("parameters", "size", "", "", "in the paper")]
-    lines += [LINE(*row) for row in _block_rows(program.parameters, None)]
+    lines += [LINE(*cells) for cells in _table_cells(program.parameters, None)]
     lines += ["", LINE("constraints", "size", "limits", "", "in the paper")]
-    groups: dict[tuple[str, str], list[int]] = {}
-    for row in program.rows:
-        groups.setdefault((row.kind, row.equation), []).extend(range(row.start, row.stop))
-    for (kind, equation), indices in groups.items():
+    indices_by_kind: dict[tuple[str, str], list[int]] = {}
+    for block in program.rows:
+        indices_by_kind.setdefault((block.kind, block.equation), []).extend(range(block.start, block.stop))
+    for (kind, equation), indices in indices_by_kind.items():
         lines.append(LINE(kind, len(indices), _interval(program.limits, indices), "", equation))
-    for name, limits in added:
+    for name, limits in user_constraints:
         lines.append(LINE(name, len(limits[0]), _interval(limits, range(len(limits[0]))), "", "added"))
     return [line.rstrip() for line in lines]
 
 
-def _block_rows(
+def _table_cells(
     blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None
 ) -> list[tuple[str, str, str, str, str]]:
-    """Return the table's lines for blocks, grouped by kind and size: name, size, bounds, unit, equation."""
+    """Return the cells of the table's lines for blocks: name, size, bounds, unit, equation.
+
+    Blocks of the same kind and size share a line.
+    """
     groups: dict[tuple[str, int], list[Block]] = {}
     for block in blocks:
         groups.setdefault((block.public_name if block.kind == HAND else block.kind, block.size), []).append(block)
-    rows = []
+    cells = []
     for (name, size), members in groups.items():
         first = members[0]
         is_group = len(members) > 1
@@ -653,12 +658,12 @@ def _block_rows(
         indices = [i for block in members for i in range(block.start, block.stop)]
         limits = "" if bounds is None else _interval(bounds, indices)
         shape = f"{len(members)} x {size}" if is_group else str(size)
-        rows.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
-    return rows
+        cells.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
+    return cells
 
 
 def _interval(limits: tuple[FloatArray, FloatArray], indices: Sequence[int] | range) -> str:
-    """Return the range of the limits of some entries, as text."""
+    """Return the range of the limits of some entries, as text; ``>= -inf`` for entries without limits."""
     low, high = float(np.min(limits[0][indices], initial=np.inf)), float(np.max(limits[1][indices], initial=-np.inf))
     if low == high:
         return f"= {low:g}"
