@@ -209,7 +209,7 @@ class _TrustRegionSearch:
         return self.result.point.value <= 0.0 or self.idle == IDLE or self.rejected == REJECTED
 
     def try_step(self) -> bool:
-        """Try one step from the current point; return whether there was a step to try."""
+        """Try one step, which moves the point or shrinks the trust region; return whether there was a step to try."""
         compiled, point = self.compiled, self.result.point
         cuts = nearest_to_binding(compiled, point.candidate, point.cuts)
         linear = Linearisation(compiled, point.candidate, cuts)
@@ -262,7 +262,7 @@ class _TrustRegionSearch:
             self._reject(trial, length)
 
     def _accept(self, step: TrustRegionStep, trial: RefinementPoint, cuts: FloatArray, length: float) -> None:
-        """Accept a step: move to its candidate, and keep the cuts that bound the step."""
+        """Accept a step: move to its candidate, keep the cuts that bound the step, and enlarge the trust region."""
         point = self.result.point
         binding = cuts[np.flatnonzero(step.cut_multipliers > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
         binding = binding[new_directions(self.compiled, trial.minimisers, binding)]

@@ -163,22 +163,24 @@ class Linearisation:
         cost : (n,) array, optional
             Gradient of another objective than ``-beta``.
         """
-        rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
+        rows = self._with_cuts(self._rows(self.z, self._largest_step(radius), slice(0, None)))
         damping = DAMPING if curvature is None else CURVED_DAMPING
         return quadratic_step(rows, self.cost if cost is None else cost, damping, curvature=curvature)
 
-    def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
+    def step(self, qp_step: QuadraticStep, radius: float) -> TrustRegionStep | None:
         """Return the step of a quadratic program after restoring feasibility; None where that fails."""
-        program, size = self.functions.program, self._size(radius)
-        constraints = slice(program.contained, None)
-        corrected = restore_feasibility(lambda z: self._rows(z, size, constraints), self.z + first.d, CORRECTIONS)
+        program, largest_step = self.functions.program, self._largest_step(radius)
+        constraints = slice(program.contained, None)  # all but task containment
+        corrected = restore_feasibility(
+            lambda z: self._rows(z, largest_step, constraints), self.z + qp_step.d, CORRECTIONS
+        )
         if corrected.contradicted:
             return None
         return TrustRegionStep(
             candidate_of(self.compiled, program, self.faces, corrected.last),
-            float(first.d[self.beta]) / self.compiled.scaling.beta,
-            first.multipliers[program.placement],
-            self.cut_multipliers(first.multipliers),
+            float(qp_step.d[self.beta]) / self.compiled.scaling.beta,
+            qp_step.multipliers[program.placement],
+            self.cut_multipliers(qp_step.multipliers),
         )
 
     @property
@@ -196,13 +198,13 @@ class Linearisation:
         """
         return -multipliers[self.cut_indices]
 
-    def _size(self, radius: float) -> FloatArray:
-        """Return the trust-region bound of each variable, (n,)."""
+    def _largest_step(self, radius: float) -> FloatArray:
+        """Return the largest change (n,) of each variable in a trust region."""
         unbounded = np.isinf(self.relative_radii)
         return np.where(unbounded, BETA_STEP, radius * np.where(unbounded, 1.0, self.relative_radii))
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
-        """Return linearised constraints followed by the cuts that the program does not hold."""
+        """Return linearised constraints extended by the cuts that are outside the program, if any."""
         if self.outside_cuts is None:
             return rows
         support, slopes = self.outside_cuts
@@ -212,11 +214,11 @@ class Linearisation:
         upper = np.concatenate([rows.upper, np.full(len(support), np.inf)])
         return Linearised(values, jacobian, lower, upper, rows.least, rows.most)
 
-    def _rows(self, z: FloatArray, size: FloatArray, selected: slice) -> Linearised:
-        """Return some of the constraints linearised at z, for steps of at most ``size``."""
+    def _rows(self, z: FloatArray, largest_step: FloatArray, selected: slice) -> Linearised:
+        """Return some of the constraints linearised at z, for steps of at most ``largest_step`` (n,)."""
         g, J = self.functions.linearise(z, self.theta)
         low, high = self.functions.program.limits
-        bounds = step_bounds(z, self.functions.program.bounds, size)
+        bounds = step_bounds(z, self.functions.program.bounds, largest_step)
         return Linearised(g[selected], J[selected], low[selected], high[selected], *bounds)
 
 
@@ -253,7 +255,10 @@ def reduced_hessian(
 def _moving_minimiser_part(
     linear: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
-    """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the moving minimisers."""
+    """Return the Hessian's part (s, s) from the motion of minimisers, in a basis (n, s).
+
+    It is ``-g_zy g_yy^-1 g_yz``, summed over the minimisers with indices ``moving`` among the cuts.
+    """
     size, task = basis.shape[1], linear.compiled.problem.task
     budget = linear.compiled.budget(linear.candidate_at(linear.z))
     problem, _ = make_containment(WrenchSet.of(linear.grasp_at(linear.z), budget), task)
