@@ -20,7 +20,7 @@ from nlpgrasp.quality import mu
 
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
 FRAGILE_OPTIMUM = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
-STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start with a final step
+STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start at an optimum
 
 
 def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
@@ -60,7 +60,7 @@ def _with_start_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[Com
 
 
 def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return the answer moved to the nearest local optimum; unchanged, with the reason, where that fails.
+    """Return the answer at an accepted local optimum; unchanged, with the reason, if no attempt is accepted.
 
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
     again: with the edge margin required there, too, or with the missing link clearance added. Where its certificate
@@ -68,7 +68,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     """
     on_faces, candidate = _with_start_faces(compiled, best)
     initial = candidate
-    reason, history = _reason_against_step(compiled), [candidate.points]
+    reason, history = _reason_against_convergence(compiled), [candidate.points]
     increase, missed = np.zeros(len(compiled.rows.named)), None
     if compiled.hand_functions.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
@@ -96,8 +96,8 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     return replace(best, kkt=replace(residuals_at(on_faces, candidate), reason=reason))
 
 
-def _reason_against_step(compiled: CompiledProblem) -> str:
-    """Return why the problem or its options rule out a final step, as text; empty if they allow it."""
+def _reason_against_convergence(compiled: CompiledProblem) -> str:
+    """Return why the problem or its options rule out convergence to a local optimum, as text; empty if they do not."""
     if compiled.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
     if not compiled.options.rounds:
@@ -108,7 +108,7 @@ def _reason_against_step(compiled: CompiledProblem) -> str:
 
 
 def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, result: StartGrasp) -> str:
-    """Return why the result of the final step is rejected, as text; empty if it is accepted."""
+    """Return why a result at the local optimum is not taken as the answer, as text; empty if it is."""
     if result.record.obstruction:
         return f"at the local optimum next to this grasp {result.record.obstruction}"
     if not result.solved:

@@ -1,4 +1,9 @@
-"""One start of the search: the most promising candidate, refined on the body, certified and measured."""
+"""One start of the search: initial NLPs of candidates, comparison in pairs, refinement and certificate.
+
+The initial NLP brings each proposed candidate to exert the task, where it does not. Two of these at a time are compared
+after a few rounds of refinement. Then each is refined on the body, certified and measured, the better one first, until
+a result is solved.
+"""
 
 from __future__ import annotations
 
