@@ -254,10 +254,10 @@ class CoordinateExchange:
         self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
 
     def exchange_by_certificates(self, tuples: IntArray, most: int) -> IntArray:
-        """Return tuples (b, k), best first, after exchanges along weak directions that certificates reveal.
+        """Return tuples (b, k), best first, after exchanges with weak directions added by certificates.
 
         Descents miss narrow minima of the support ratio, which a loose certificate of the best tuple shows. There are
-        ``most`` certificates.
+        at most ``most`` certificates, each followed by exchanges of all tuples.
         """
         for _ in range(most):
             if self._key(tuples[0]) in self._certified:
@@ -375,7 +375,7 @@ class CoordinateExchange:
 
 
 def _merit(quality: FloatArray, violation: FloatArray) -> FloatArray:
-    """Return the merit (m,): the quality, or minus one minus the violation where that is not repairable."""
+    """Return the merits (m,) that rank candidates: their quality, or ``-1 - violation`` if not repairable."""
     return np.where(violation <= REPAIRABLE, quality, -1.0 - violation)
 
 

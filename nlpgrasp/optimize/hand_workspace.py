@@ -140,14 +140,18 @@ class _Links:
 
 
 def _differing_points(points: FloatArray) -> NDArray[np.bool_]:
-    """Return which of the points (1 + m, s, 3) each later configuration moves from the first, (s, m)."""
+    """Return the mask (s, m) of the points that move between the first and each later configuration.
+
+    Points are (1 + m, s, 3), those of the first configuration first.
+    """
     return np.asarray(np.linalg.norm(points[1:] - points[:1], axis=2) > FIXED).T
 
 
 def _grid_neighbours(tips: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the lower corner (3,) of a grid over points (b, 3), and the indices of the points nearest to each cell.
+    """Return the corner (3,) of a grid over points (b, 3), and the indices of up to ``PER_CELL`` points for each cell.
 
-    Each point is compared with the cells around it, which are far fewer than all cells.
+    They are the points nearest to the cell's centre within ``NEAR``, padded with ``NONE``. Each point is compared with
+    the cells around it, which are far fewer than all cells.
     """
     corner = tips.min(axis=0) - NEAR
     shape = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)

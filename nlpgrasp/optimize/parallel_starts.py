@@ -133,7 +133,10 @@ class StartRunner:
         return self._programs.compiled
 
     def _run_in_process(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Run starts in this process and yield their results; after a stop request only the first is begun."""
+        """Yield the results of starts that run in this process, one after another.
+
+        After a stop request no start is begun but that of index 0.
+        """
         for index, proposed in candidates:
             if deadline.should_stop() and index:
                 break
@@ -269,7 +272,10 @@ def _run_start_in_worker(
 
 
 def _run_known_grasp(compiled: CompiledProblem, item: tuple[int, KnownGrasp], deadline: Deadline) -> list[StartGrasp]:
-    """Return the starts from one known grasp; ``item`` is the index of the first start and the grasp."""
+    """Return the results of the starts from one known grasp.
+
+    ``item`` is the index of the first of these starts, and the grasp.
+    """
     index, grasp = item
     return run_warm_start(compiled, WarmStart.of(compiled, grasp), index, deadline)
 

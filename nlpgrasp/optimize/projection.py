@@ -113,7 +113,9 @@ def put_on_body(
     candidate: GraspCandidate,
     smooth_points: FloatArray | None = None,
 ) -> GraspOnBody:
-    """Return a candidate's grasp on the actual surface of the body.
+    """Return the grasp, on the body's actual surface, of a candidate that is already on its faces.
+
+    ``project_onto_body`` moves a candidate there.
 
     Parameters
     ----------

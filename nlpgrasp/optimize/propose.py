@@ -198,7 +198,7 @@ class _HandPoses:
         return GraspCandidate(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
     def hands(self, penalties: FloatArray) -> list[Values]:
-        """Return the hand's variables of each pose, by increasing penalties (b,)."""
+        """Return the hand's variables at each pose, in the order of increasing penalties (b,)."""
         return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(penalties, kind="stable").tolist()]
 
 

@@ -114,7 +114,10 @@ def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatA
 
 
 def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
-    """Return a candidate after a few rounds of refinement; a posed hand on a mesh on its smoothed surface."""
+    """Return a candidate after a few rounds of refinement on the body.
+
+    A posed hand on a mesh is refined on the mesh's smoothed surface if it can touch that, otherwise on the triangles.
+    """
     body, rounds = compiled.problem.body, min(ROUNDS, compiled.options.rounds)
     if not isinstance(body, Mesh):
         return advance(compiled, compiled.projected_onto_faces(candidate), deadline, rounds)

@@ -109,7 +109,7 @@ def _contact_gradients(
 
 
 def _joint_rates(budget: ForceBudget, prices: FloatArray) -> list[FloatArray]:
-    """Return the joint rates ``nu / tau`` at each contact, (m, joints), from multipliers nu of torque limits."""
+    """Return the joint rates ``nu / tau`` (m, joints) for each contact, from multipliers nu of torque limits tau."""
     if isinstance(budget, SharedJointTorqueLimits):
         return [prices[:, : len(budget.limits)] / budget.limits] * len(budget.jacobians)
     if isinstance(budget, JointTorqueLimits):

@@ -322,7 +322,7 @@ def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
 
 
 def _determines_direction(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of unit normals (m, 3) at which all directions determine a line's or rectangle's orientation."""
+    """Return the mask (m,) of unit normals (m, 3) to which no direction of a line or rectangle is nearly parallel."""
     return np.asarray(np.all([is_off_normal(direction, outward) for direction in directions], axis=0))
 
 
