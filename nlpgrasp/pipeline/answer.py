@@ -93,7 +93,7 @@ def total_effort(results: Sequence[StartResult]) -> SolverEffort:
 def prefer_robust_start(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> StartGrasp:
-    """Return the best start, or a more robust start of enough mu if the best one is fragile.
+    """Return the best start, or a more robust start if displaced contacts cost the best one too much mu.
 
     A fragile best start is replaced by the first start, by decreasing mu, that is not fragile, has at least half its mu
     and more mu under the worst displacement. A start that is not fragile but keeps less than half of its mu is replaced
@@ -130,11 +130,18 @@ def prefer_robust_start(
 def restrict_to_pressing(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can all press in balance, and all such starts.
+    """Return the best of the starts whose contacts can all press in balance, with all of these starts.
 
-    The given start and results are returned where there are none, or where the hand does not need it. A grasp can press
-    where its contacts can press against each other: other grasps of a hand with joints exert the task only while it
-    pushes into the fingers. Eligible are the pressing starts with at least half of the best mu.
+    Other grasps of a hand with joints exert the task only while it pushes into the fingers. Both arguments are returned
+    unchanged if the best start can press already, for hands without joints, or if no start can press.
+
+    Parameters
+    ----------
+    hand : Hand or None
+    best : StartGrasp
+        The start with the best mu.
+    results : sequence of StartResult
+        All starts; eligible are those with at least half of the best mu.
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.on_body.grasp):
         return best, results
@@ -156,9 +163,9 @@ def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp
 def _next_best(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
 ) -> Iterator[StartGrasp]:
-    """Yield the best start as it was before converging, then the next best distinct starts of enough mu.
+    """Yield the best start as it was before converging, then distinct starts in the order of decreasing mu.
 
-    Enough is a fraction ``share`` of the best mu.
+    Starts with less than a fraction ``share`` of the best mu are left out.
     """
     least, chosen = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
@@ -254,7 +261,10 @@ def delta_of(problem: GraspProblem, certified: Bounds) -> Bounds | None:
 
 
 def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:
-    """Return the status of a search with a grasp: touches, optimal within the requested gap, or solved."""
+    """Return the status of a search with a grasp: ``TOUCHES``, ``OPTIMAL`` or ``SOLVED``.
+
+    It is optimal if the grasp is within the requested gap of the global bound.
+    """
     if best.record.status is Status.TOUCHES:
         return Status.TOUCHES
     is_closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap

@@ -69,7 +69,8 @@ class Multistart:
 
     The stages are ``compile``, ``begin_bound``, ``propose``, ``run_candidates``, ``close_gap``, ``choose``, ``bound``,
     ``certify`` and ``analyse``. Warm starts may be added until the answer is chosen. A search can resume from an
-    earlier solution.
+    earlier solution. Studies, which solve many related problems, also use ``prove`` and ``run_until_proved`` instead of
+    ``close_gap``, and studies and experiments ``accept_unchanged`` instead of ``choose``.
 
     Parameters
     ----------
@@ -202,10 +203,10 @@ class Multistart:
         self._clock.mark("starts")
 
     def propose(self) -> Iterator[tuple[int, Sequence[GraspCandidate]]]:
-        """Yield index and candidates of each requested start until the deadline.
+        """Yield the index and the candidates of each requested start.
 
-        Candidates are proposed in batches of starts. Where the proposal fails numerically, the starts of its batch are
-        recorded as failed.
+        Candidates are proposed in batches of starts, each with a random seed of its own, until the deadline. Where the
+        proposal fails numerically, the starts of its batch are recorded as failed.
         """
         for first in range(0, self.runner.count, BATCH):
             if self.deadline.should_stop():
@@ -235,10 +236,10 @@ class Multistart:
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
     def prove(self, rtol: float) -> bool:
-        """Certify the best start and branch further; return whether the search may end.
+        """Certify the best start, branch on a few nodes, and return whether the search may end.
 
-        It may end where the best start is within the bound's gap, memory is full, or the deadline has passed. The
-        certificate has a relative gap of ``rtol``.
+        Unlike ``close_gap``, it runs no starts. The search may end where the best start is within the bound's gap,
+        memory is full, or the deadline has passed. The certificate has a relative gap of ``rtol``.
         """
         self._clock.restart()
         problem = self.runner.problem
@@ -388,7 +389,10 @@ class Multistart:
         self.replace_results(self.chosen)
 
     def answer(self, branch: bool = True) -> GraspSolution:
-        """Bound, certify and analyse the chosen start, and return the solution; ``branch`` as in ``bound``."""
+        """Return the solution with the chosen start, by the stages ``bound``, ``certify`` and ``analyse``.
+
+        ``branch`` is that of ``bound``.
+        """
         return self.analyse(self.certify(self.bound(branch)))
 
     def bound(self, branch: bool = True) -> GlobalBound | None:
