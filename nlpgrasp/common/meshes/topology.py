@@ -227,7 +227,10 @@ def merge_mesh_vertices(vertices: FloatArray, faces: IntArray) -> trimesh.Trimes
     merged.merge_vertices()
     result = merged.copy()
     result.update_faces(result.nondegenerate_faces())
-    if not len(result.faces) or is_plain(result) or not (fewest := count_open_edges(result)):
+    if not len(result.faces) or is_plain(result):  # watertight, with consistent winding
+        return result
+    fewest = count_open_edges(result)
+    if not fewest:
         return result
     all_faces = np.asarray(merged.faces)
     distinct = all_faces[_has_three_corners(all_faces)]
