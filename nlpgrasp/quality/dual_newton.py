@@ -27,7 +27,10 @@ SAMPLE, SAMPLE_STEPS = 128, 6  # number of these first ones, and their Newton st
 ACTIVE_SHARE = 0.8  # share of unsolved wrenches below which solved ones are dropped
 TOLERANCE = 1e-10  # default residual of unit wrenches at which iterations end
 STEPS = 100  # Newton steps, at most
-BACKTRACKS = 4  # backtracking steps before the Hessian is damped
+BACKTRACKS, SHORTER = 4, 0.25  # backtracking steps before the Hessian is damped, and the factor on their length
+SUFFICIENT = 1e-4  # increase of the dual value over that by its slope from which a step is accepted (Armijo)
+NEARER, LOSS = 0.7, 1e-14  # residual over the last from which a step is accepted, and relative loss of value then
+LESS_DAMPING, MORE_DAMPING = 0.01, 100.0  # factors on the damping after an accepted and a rejected step
 FLOOR = 1e-14  # of the Hessian's trace, added to its diagonal
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond the latter, rounding prevents progress
 
@@ -154,30 +157,31 @@ class _Solver:
         return solve_columns(entries, shift, state.gradient)
 
     def _search(self, state: _State, step: FloatArray) -> _State:
-        """Return the state after a line search.
+        """Return the state after a line search for each wrench, by Armijo's rule.
 
-        Without sufficient increase it is unchanged, with more damping.
+        A wrench without sufficient increase is unchanged, with more damping.
         """
         slope = np.einsum("dm,dm->m", state.gradient, step)
-        trial = self._state(state.index, state.w, state.y + step, 0.01 * state.damping)
-        has_increased = trial.value >= state.value + 1e-4 * slope
+        trial = self._state(state.index, state.w, state.y + step, LESS_DAMPING * state.damping)
+        has_increased = trial.value >= state.value + SUFFICIENT * slope
         # close to the solution the gradient decides, not the value
-        is_nearer = (trial.residual < 0.7 * state.residual) & (trial.value >= state.value - 1e-14 * np.abs(state.value))
+        is_no_loss = trial.value >= state.value - LOSS * np.abs(state.value)
+        is_nearer = (trial.residual < NEARER * state.residual) & is_no_loss
         rejected = np.flatnonzero(~(has_increased | is_nearer))
         length = 1.0
         for _ in range(BACKTRACKS):
             if not rejected.size:
                 break
-            length *= 0.25
+            length *= SHORTER
             y = state.y[:, rejected] + length * step[:, rejected]
             shortened = self._state(state.index[rejected], state.w[:, rejected], y, trial.damping[rejected])
             self._write_columns(trial, rejected, shortened)
-            rejected = rejected[shortened.value < state.value[rejected] + 1e-4 * length * slope[rejected]]
+            rejected = rejected[shortened.value < state.value[rejected] + SUFFICIENT * length * slope[rejected]]
         if rejected.size:
             unchanged = self._state(
                 state.index[rejected], state.w[:, rejected], state.y[:, rejected], state.damping[rejected]
             )
-            unchanged.damping = np.maximum(LEAST_DAMPING, 100.0 * unchanged.damping)
+            unchanged.damping = np.maximum(LEAST_DAMPING, MORE_DAMPING * unchanged.damping)
             self._write_columns(trial, rejected, unchanged)
         return trial
 

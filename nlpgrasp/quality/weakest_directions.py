@@ -95,19 +95,20 @@ def weakest_directions(
         Directions to start from as well, for example those of a nearby grasp.
     descents : DescentSettings
     """
-    problem, proof = make_containment(WrenchSet.of(grasp, budget), task)
-    if problem is None:
+    containment, proof = make_containment(WrenchSet.of(grasp, budget), task)
+    if containment is None:  # the rank of the grasp map alone proves that mu is 0
         y = np.zeros((0, grasp.dimension)) if proof is None else scale_to_unit_support(task, proof[None, :])
         return WeakestDirections(0.0, y)
-    separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
-    is_closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
-    if isinstance(budget, L2Budget) and is_closed:
-        start = [random_directions(descents.fresh, problem.rank, rng), to_coordinates(problem, known)]
+    separating = separating_direction(containment.wrenches) if isinstance(budget, L2Budget) else None
+    # the ratio is infinite where the task requires nothing along a direction in which no force works
+    can_descend = separating is None or np.isfinite(containment.ratio(separating[None])[0][0])
+    if isinstance(budget, L2Budget) and can_descend:
+        start = [random_directions(descents.fresh, containment.rank, rng), to_coordinates(containment, known)]
         start += [] if separating is None else [separating[None]]
-        directions, values = _descend_and_iterate(problem, np.concatenate(start), descents.steps)
+        directions, values = _descend_and_iterate(containment, np.concatenate(start), descents.steps)
     else:
-        directions, values = _minimise_over_hull(problem, descents.gap)
-    return _weakest(problem, task, directions, values)
+        directions, values = _minimise_over_hull(containment, descents.gap)
+    return _weakest(containment, task, directions, values)
 
 
 def weakest_in_polytope(certificate: ResumableCertificate, value: float) -> WeakestDirections | None:
