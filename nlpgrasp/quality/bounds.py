@@ -46,7 +46,10 @@ class Bounds:
 
     @property
     def beta(self) -> Bounds | None:
-        """Interval of the paper's mu, the beta of the largest ``A_beta`` (3.3-4a); None for other measures."""
+        """Interval of the paper's mu (3.3-4a): the largest beta at which the grasp exerts ``A_beta``; or None.
+
+        None for measures other than mu of a centred task ellipsoid.
+        """
         if self.task_beta is None:
             return None
         return Bounds(self.task_beta * self.lower, self.task_beta * self.upper, kind="beta")

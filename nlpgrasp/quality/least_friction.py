@@ -239,7 +239,10 @@ class _FrictionProgram:
         return np.concatenate([rows, -self.total[None]]), np.append(bounds, total_bound)
 
     def _cones(self, share: float, weights: list[float] | None = None) -> list[FloatArray]:
-        """Return the cones with a fraction of the friction; with weights, with a last column for v."""
+        """Return the matrices M of cones ``M u`` for a fraction ``share`` of the friction.
+
+        With weights they have a last column for a variable v, which enlarges each cone with friction by its weight.
+        """
         cones = []
         for i, (constant, slope) in enumerate(zip(self.constants, self.slopes, strict=True)):
             M = constant + share * slope

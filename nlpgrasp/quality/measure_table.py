@@ -91,13 +91,13 @@ Evaluation = Callable[[Grasp | GraspStack, Task | None, _Settings], Result]
 
 @dataclass(frozen=True)
 class _Measure:
-    """Measure of a table: evaluating function, required arguments, and flag of a certified 0."""
+    """Quality measure that a table can have as a column."""
 
     evaluate: Evaluation
     needs_task: bool = False
-    needs_scale: bool = False
-    is_certified: bool = True
-    zero: str = ""
+    needs_scale: bool = False  # a torque scale
+    is_certified: bool = True  # whether it has a lower and an upper bound, in two columns
+    zero: str = ""  # flag of grasps whose upper bound is 0
 
 
 def _mu(grasp: Grasp | GraspStack, task: Task | None, settings: _Settings) -> Result:

@@ -83,7 +83,10 @@ class InscribedPolytope:
 
     @property
     def delta(self) -> float:
-        """Distance of the closest face, newtons: at most delta, at least ``share`` times delta; 0 without faces."""
+        """Distance of the closest face from the origin, newtons; 0 without faces.
+
+        It is a lower bound on the grasp's delta, and at least ``share`` times it.
+        """
         return 0.0 if self.closest is None else float(self.distances[self.closest])
 
 

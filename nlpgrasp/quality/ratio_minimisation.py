@@ -158,7 +158,9 @@ def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> F
 
 
 def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the ratio's absolute principal curvatures on the unit sphere, bounded away from zero, and their axes.
+    """Return the principal axes and the absolute principal curvatures of the ratio on the unit sphere.
+
+    Curvatures are bounded away from zero.
 
     Parameters
     ----------
@@ -180,6 +182,7 @@ def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArr
     change = (forward - backward) / (2.0 * DIFFERENCE)
     curvature = np.einsum("mar,mbr->mab", change, basis)
     curvature = 0.5 * (curvature + curvature.transpose(0, 2, 1))
+    # of the sphere itself: along a great circle of unit speed u'' = -u, which adds -<gradient, u>
     curvature -= np.sum(gradient * u, axis=1)[:, None, None] * np.eye(r - 1)
     values, vectors = np.linalg.eigh(np.where(np.isfinite(curvature), curvature, 0.0))
     values = np.maximum(np.abs(values), LEAST_CURVATURE * np.max(np.abs(values), axis=1, initial=1e-300, keepdims=True))

@@ -155,7 +155,7 @@ class _SlidingContact:
         )
 
     def _distances(self, i: int, j: int) -> FloatArray:
-        """Return how far wrenches between stations i and j are from combinations of both, (j - i - 1,).
+        """Return the distances (j - i - 1,) of wrenches between stations i and j from combinations of w_i and w_j.
 
         Combinations ``a w_i + b w_j`` with a, b >= 0 and a + b >= 1 work at least as much as the lesser of the two. The
         nearest one is taken where it is such a combination, else the nearest of the segment.

@@ -144,7 +144,10 @@ class _Chunk:
         return np.asarray(low)
 
     def _settle_without_closure(self) -> None:
-        """Settle grasps whose worst direction proves that mu is 0, and leave grasps with almost no quality."""
+        """Settle the grasps whose worst direction proves that mu is 0, and drop those of almost no quality.
+
+        Dropped grasps have no bounds and are left to ``sandwich``.
+        """
         is_separated = self.batch.positive_share(self.worst[:, None])[:, 0] <= ZERO_SUPPORT
         is_finite = np.isfinite(self.upper)
         for i in np.flatnonzero(is_separated & is_finite):
@@ -177,12 +180,12 @@ class _Chunk:
 
 @dataclass(frozen=True)
 class _Horizon:
-    """Ridges around the removed cells: grasp, slot and vertices of a removed cell, and the opposite corner."""
+    """Ridges between removed and remaining cells, each as a side of a removed cell."""
 
-    row: Indices
-    slot: Indices
-    cells: Indices
-    corner: Indices
+    row: Indices  # (r,), of grasps
+    slot: Indices  # (r,), of the removed cells
+    cells: Indices  # (r, d), vertices of the removed cells
+    corner: Indices  # (r,), corners of these cells that are opposite the ridges
 
 
 class StackedHulls:
