@@ -178,7 +178,9 @@ class SharedWeightStrategy(BoundingStrategy):
 
     def _directions(self, node: IntArray) -> IntArray:
         """Return the indices (DIRECTIONS,) of the heaviest directions in a node's tightest sets of dual weights."""
-        tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
+        tightest = [
+            self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node), kind="stable")[:NEAR].tolist()
+        ]
         directions, weights = (np.concatenate([dual[part] for dual in tightest]) for part in (0, 1))
         by_weight = directions[np.argsort(-weights, kind="stable")]
         distinct = by_weight[np.sort(np.unique(by_weight, return_index=True)[1])]
@@ -189,7 +191,7 @@ class SharedWeightStrategy(BoundingStrategy):
 
         They are those of the node's tightest sets of dual weights.
         """
-        tightest = np.argsort(self.maxima.bounds_by_weights(node))[:ROWS]
+        tightest = np.argsort(self.maxima.bounds_by_weights(node), kind="stable")[:ROWS]
         return self.maxima.rows(node, np.resize(tightest, ROWS))
 
     def is_full(self, count: int) -> bool:

@@ -126,7 +126,7 @@ class NumberedDirections:
             fractional.append(FractionalContacts.at_rows(group.supports, group_rows, group_fractions, 3 * c))
         count = indices.shape[1] // FRESH
         is_copy = _is_repeated(self[indices], -weights)
-        heaviest = np.argsort(np.where(is_copy, 0.0, -weights), axis=1)[:, :STARTS]
+        heaviest = np.argsort(np.where(is_copy, 0.0, -weights), axis=1, kind="stable")[:, :STARTS]
         heaviest_twists = self[np.take_along_axis(indices, heaviest, axis=1)]
         midpoints = normalise_twists(self.task, heaviest_twists + np.roll(heaviest_twists, 1, axis=1))
         # where the minimisation returned copies it is stuck at nonsmooth points, so it starts between directions
@@ -135,15 +135,15 @@ class NumberedDirections:
         trials = self.trial_directions()
         all_trials = np.broadcast_to(trials, (len(weights), *trials.shape))
         values = sum(contacts.value(all_trials) for contacts in fractional)
-        weakest = trials[np.argsort(values, axis=1)[:, :count]]
+        weakest = trials[np.argsort(values, axis=1, kind="stable")[:, :count]]
         minimisers, ratios = minimise_ratio(fractional, self.task, np.concatenate([starts, weakest], axis=1))
-        order = np.argsort(np.where(_is_repeated(minimisers, ratios), np.inf, ratios), axis=1)[:, :count]
+        order = np.argsort(np.where(_is_repeated(minimisers, ratios), np.inf, ratios), axis=1, kind="stable")[:, :count]
         new = np.take_along_axis(minimisers, order[..., None], axis=1)
         new_indices = self.add(new.reshape(-1, new.shape[2])).reshape(new.shape[:2])
         self.remember(new[:, 0])
         result = indices.copy()
         usefulness = np.where(is_copy, -1.0, weights)  # copies are replaced first
-        np.put_along_axis(result, np.argsort(usefulness, axis=1)[:, :count], new_indices, axis=1)
+        np.put_along_axis(result, np.argsort(usefulness, axis=1, kind="stable")[:, :count], new_indices, axis=1)
         return result
 
 
@@ -155,7 +155,7 @@ def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
     is_near = unit @ unit.transpose(0, 2, 1) > ALIKE
-    rank = np.argsort(np.argsort(ratios, axis=1), axis=1)
+    rank = np.argsort(np.argsort(ratios, axis=1, kind="stable"), axis=1)
     return np.asarray(np.any(is_near & (rank[:, None] < rank[:, :, None]), axis=2))
 
 
