@@ -108,7 +108,7 @@ class PositionLimits:
 
     def excludes(self, cell: SurfaceCell) -> bool:
         """Return whether a cell provably contains no allowed point."""
-        centre, radius = cell.ball()  # rows of A are unit vectors; regions have a radius by which they are uncertain
+        centre, radius = cell.ball()  # rows of A are unit vectors; limits are on fingertips' centres
         for half_spaces in self.half_spaces:
             if np.any(half_spaces.A @ centre - half_spaces.b > radius + half_spaces.radius):
                 return True

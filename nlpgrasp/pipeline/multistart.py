@@ -236,7 +236,7 @@ class Multistart:
         return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
     def prove(self, rtol: float) -> bool:
-        """Certify the best start, branch on a few nodes, and return whether the search may end.
+        """Certify the best start, branch on a few nodes, and return whether a study needs no further starts.
 
         Unlike ``close_gap``, it runs no starts. The search may end where the best start is within the bound's gap,
         memory is full, or the deadline has passed. The certificate has a relative gap of ``rtol``.
@@ -253,7 +253,7 @@ class Multistart:
     def run_until_proved(
         self, starts: int, rtol: float, contacts: Sequence[FloatArray] | None = (), patience: int | None = None
     ) -> int:
-        """Run starts one at a time in this process until ``prove`` says that the search may end.
+        """Run starts one at a time in this process until ``prove`` ends them; for studies, not for ``ng.solve``.
 
         Parameters
         ----------

@@ -82,8 +82,9 @@ def ellipsoid(data: Json, sources: SourceFolders) -> SmoothSurface:
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         gauge = np.linalg.norm(p / axes, axis=1)
-        gradient = p / axes**2
-        return (gauge - 1.0) * gauge / np.maximum(np.linalg.norm(gradient, axis=1), SMALLEST), gradient
+        gradient = p / axes**2  # g grad g
+        distance = (gauge - 1.0) * gauge / np.maximum(np.linalg.norm(gradient, axis=1), SMALLEST)
+        return np.where(gauge > SMALLEST, distance, -np.min(axes)), gradient
 
     return SmoothSurface(axes, field)
 

@@ -7,7 +7,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.formatting import format_upper
+from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.report import write_report
+from nlpgrasp.solution.grip_record import GripForce
 from nlpgrasp.verify import grip_checks
 from tests.verify.edits import put
 from tests.verify.stated import edited
@@ -67,6 +69,13 @@ def test_limits_of_gripper_and_problem_are_of_the_normal_force(solution):
     near = limited(solution, max_force=0.5 * (force + safe))
     assert not near.is_too_weak
     assert any("leaves too little margin" in words for words in near.caveats)
+
+
+def test_grips_without_a_margin_are_warned_of_with_any_limit():
+    grip = GripForce(1.5, 0.3, Bounds(20.0, 20.1))
+    for limit in (None, 40.0):
+        assert grip.warning(limit) == "the jaws have no margin: with friction 30 % lower no force holds the task"
+    assert "each jaw needs 20.1 N for the task" in grip.warning(15.0)
 
 
 def test_the_report_shows_the_force_first(solution, tmp_path):
