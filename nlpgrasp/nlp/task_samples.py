@@ -44,7 +44,7 @@ class TaskSamples:
 
     @property
     def factors(self) -> tuple[float, ...]:
-        """Factors by which samples are moved outwards, in order of preference.
+        """Factors on the samples' distance from the task's centre, in the order in which they are tried.
 
         A grasp that produces the samples produces their hull. If the task is not centred, the rest of the task may need
         forces of other directions, which scaling does not provide. Samples whose hull contains the task are therefore

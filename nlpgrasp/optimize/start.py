@@ -219,7 +219,7 @@ def _result_of_candidate(
 
 
 def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return a grasp with penetrating links refined again, with more clearance of the deepest link.
+    """Return a grasp refined with more clearance of its deepest link; unchanged if that costs much of mu.
 
     The nearest sphere of the deepest link is moved farther off the body, one in turn; of two links that penetrate each
     other, the nearest two spheres are moved apart.

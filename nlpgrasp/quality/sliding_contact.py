@@ -169,18 +169,21 @@ class _SlidingContact:
         return np.asarray(np.linalg.norm(between - weights @ ends, axis=1))
 
     def _deviations(self, arms: FloatArray) -> FloatArray:
-        """Return how far the contact's wrench leaves the segment between neighbouring stations, (m - 1,).
+        """Return how far (m - 1,) the contact's wrench is from combinations of those at neighbouring stations, at most.
 
-        At a fraction a of the chord, with ``m = (1 - a) n_0 + a n_1``, the wrench of the chord times |m| is
-        ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``. Its last term is largest and |m| least at
-        a = 1/2. To this the deviations of the path's points and normals from the chord's are added.
+        At a fraction a of the chord, with ``b = (1 - a) n_0 + a n_1``, the wrench of the chord times |b| is
+        ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``. Its last term is largest and |b| least at
+        a = 1/2. Divided by |b|, at most 1, the weights of w_0 and w_1 sum to at least 1. To this the deviations of the
+        path's points and normals from the chord's are added.
         """
         normals, scale = self.path.normals, self.torque_scale
-        shortest = np.maximum(np.linalg.norm(normals[1:] + normals[:-1], axis=1) / 2.0, 1e-12)  # least |m|
-        twist = np.linalg.norm(_cross(np.diff(arms, axis=0), np.diff(normals, axis=0)), axis=1) / 4.0  # a = 1/2
+        shortest = np.maximum(np.linalg.norm(normals[1:] + normals[:-1], axis=1) / 2.0, 1e-12)  # least |b|
+        cross_term = np.linalg.norm(_cross(np.diff(arms, axis=0), np.diff(normals, axis=0)), axis=1) / 4.0  # a = 1/2
         longest_arm = np.maximum(*(np.linalg.norm(side, axis=1) for side in (arms[1:], arms[:-1]))) / scale
         off_point, off_normal = self.path.deviations.T
-        return np.asarray(twist / (shortest * scale) + off_point / scale + off_normal * np.sqrt(1.0 + longest_arm**2))
+        return np.asarray(
+            cross_term / (shortest * scale) + off_point / scale + off_normal * np.sqrt(1.0 + longest_arm**2)
+        )
 
     def _support_of_unit_force(self) -> float:
         """Return the support of a unit normal force of the sliding contact alone, in units of the force budget."""

@@ -178,18 +178,17 @@ class SetFolder:
 
         Problems may be added.
         """
-        difference = None
-        if old["created_by"] != new["created_by"]:
-            difference = f"a set of nlpgrasp {old['created_by'].get('nlpgrasp')}"
         changed = [key for key, value in new["settings"].items() if old["settings"].get(key) != value]
         differing = [name for name, digest in new["problems"].items() if old["problems"].get(name, digest) != digest]
-        if changed:
-            stated = old["settings"].get(changed[0])
-            difference = f"a set with {changed[0]} {json.dumps(stated)}"
+        if old["created_by"] != new["created_by"]:
+            other = f"a set of nlpgrasp {old['created_by'].get('nlpgrasp')}"
+        elif changed:
+            other = f"a set with {changed[0]} {json.dumps(old['settings'].get(changed[0]))}"
         elif differing:
-            difference = f"a set in which {differing[0]!r} is another problem"
-        if difference is not None:
-            raise InputError(f"out ({self.path})", difference, "the folder of this set, or a new one")
+            other = f"a set in which {differing[0]!r} is another problem"
+        else:
+            return
+        raise InputError(f"out ({self.path})", other, "the folder of this set, or a new one")
 
     # Files
 

@@ -135,7 +135,7 @@ class FingertipModel:
         return command, min(used, 1.0)
 
     def _load(self, wrench: FloatArray, command: FloatArray) -> FloatArray:
-        """Return force and torque (6,) on the body about its centre of mass: the load and the contacts' moments."""
+        """Return force and torque (6,) at the body's centre of mass: minus the wrench, plus the contacts' moments."""
         load = np.zeros(6)  # newtons, then newton-metres
         load[self.pull] = -wrench[: self.grasp.space]
         load[self.turn] = -wrench[self.grasp.space :]

@@ -264,7 +264,7 @@ def forces_for_wrenches(
 
 
 def grip_forces(grasp: Grasp, budget: ForceBudget) -> FloatArray:
-    """Return internal finger forces (n,) that press on the object: sums of the forces for opposite wrenches."""
+    """Return internal finger forces (n,): those for a wrench along each axis plus those for its opposite."""
     d, space = grasp.dimension, grasp.space
     ends = np.diag([1.0] * space + [grasp.mean_arm] * (d - space))
     result = finger_forces(grasp, np.concatenate([ends, -ends]), force_budget=budget)

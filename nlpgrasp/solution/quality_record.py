@@ -148,7 +148,7 @@ def measure_meaning(kind: str, budget: ForceBudget) -> str:
 
 
 def check_beta(data: Json, beta: Bounds | None, name: str) -> None:
-    """Raise ``InputError`` if an interval of the paper's beta is not mu times the task's beta.
+    """Raise ``InputError`` if a file's interval of the paper's mu is not its mu times the task's beta.
 
     Raises
     ------

@@ -205,7 +205,7 @@ class GraspSolution(InNotebook):
 
     @property
     def max_force(self) -> float | None:
-        """Lowest limit of each finger's force, newtons; None if there is none.
+        """Lower of the force limits of problem and hand, newtons; None if neither has one.
 
         For parallel jaws, of the normal force.
         """
