@@ -78,7 +78,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         if optimum is None:
             break
         result = _result_at_optimum(compiled, best, on_faces, optimum, deadline)
-        if missed is None and result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
+        if missed is None and 0.0 < result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
             missed = np.array([result.record.mu.worst_direction])
             continue
         reason = _rejection_reason(compiled, best, result)
