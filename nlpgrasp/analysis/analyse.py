@@ -199,7 +199,7 @@ def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
 
 
 def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
-    """Return a start's result with the grasp of a solution."""
+    """Return the grasp of a solution as the result of a start."""
     hand, posture = compiled.problem.hand, solution.hand
     candidate = GraspCandidate(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):  # the solution states the hand's posture

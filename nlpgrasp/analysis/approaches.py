@@ -190,7 +190,10 @@ class _PoseArranger:
         return _PosedGrasp(grasp, False, CONTACTS, index)
 
     def further_poses(self, posed: Sequence[_PosedGrasp], count: int) -> list[_PosedGrasp]:
-        """Return additional poses of free grasps, first turns, then flips, until there are ``count`` free ones."""
+        """Return additional poses of free grasps, as many as are missing from ``count``, if there are so many.
+
+        Turned poses come first, then flipped ones.
+        """
         free = [p for p in posed if p.is_free]
         if len(free) >= count:
             return []
@@ -251,7 +254,7 @@ class _PoseArranger:
 
 
 def _is_free(pose: JawPose, record: Json | None) -> bool:
-    """Return whether a pose is free, both by exact geometry and by the obstructions in its record."""
+    """Return whether neither the exact geometry of a pose nor its hand record shows an obstruction."""
     return pose.is_free and not approach_obstructions(record)
 
 

@@ -86,9 +86,10 @@ def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: in
 def surroundings_in_the_way(
     compiled: CompiledProblem, named: Collection[str], seed: int, deadline: Deadline
 ) -> Iterator[str]:
-    """Yield the tables and obstacles whose removal makes a grasp possible, as text, with the missing room.
+    """Yield, as text, each table and obstacle without which a start finds a grasp.
 
-    Those that are ``named`` among the conflicts are left out.
+    The text states by how much that grasp violates the clearance from it. Those that are ``named`` among the conflicts
+    are left out.
     """
     problem, groups = compiled.problem, group_names(compiled)
     for i, constraint in enumerate(problem.constraints):
@@ -109,7 +110,10 @@ def surroundings_in_the_way(
 
 
 def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyNot:
-    """Return the diagnosis of contradicting constraints, from a least violated candidate."""
+    """Return the diagnosis of constraints that no start could satisfy together.
+
+    Its conflicts are the largest violations at the candidate of least violation.
+    """
     conflicts = [
         make_conflict(name, compiled.rows.named[index], value) for name, (_, index, value) in relaxed.worst.items()
     ]
@@ -150,7 +154,10 @@ def _explain_unreachable(compiled: CompiledProblem, results: Sequence[StartResul
 
 
 def _friction_advice(compiled: CompiledProblem, grasp: Grasp) -> list[str]:
-    """Return advice on how much friction would let the best grasp exert the task; an empty list without any."""
+    """Return the least factor on friction with which a grasp exerts the task, as advice; an empty list if none does.
+
+    Only ``FACTORS`` are tried.
+    """
     for factor in FACTORS:
         if not all("friction" in model.coefficients for model in grasp.contacts):
             break

@@ -101,7 +101,7 @@ class Transmission:
 
     @property
     def force_axes(self) -> FloatArray:
-        """Semi-axes of the scaled set of wrenches for torques of norm 1, (d, d), in the same order: shortest first.
+        """Semi-axes (d, d) of the scaled set of wrenches for joint torques of norm 1, one per row, shortest first.
 
         inf in a direction that the structure bears without torque.
         """

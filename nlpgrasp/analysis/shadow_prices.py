@@ -157,7 +157,10 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
 
 
 def _lagrangian(compiled: CompiledProblem, optimum: LocalOptimum, candidate: GraspCandidate) -> float:
-    """Return the Lagrangian at another candidate: weighted supports plus priced constraint slacks."""
+    """Return the Lagrangian at a candidate, with the multipliers of a local optimum.
+
+    It is the sum of weighted support ratios and of the priced slacks of active constraints, for ``edge_price``.
+    """
     moved = replace(optimum, candidate=candidate)
     slack, active = _constraint_slack(compiled, moved, compiled.problem), np.abs(optimum.prices) > 0.0
     ratios = _support_ratios(compiled, moved, compiled.problem)

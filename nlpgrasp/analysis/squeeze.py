@@ -114,7 +114,7 @@ def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gai
 
 
 def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution with a squeeze added to ``hand``, or the reason for having none.
+    """Return a solution with the hand's squeeze added, or with the reason why there is none.
 
     A solution with a squeeze, or with a hand without joints, is returned unchanged; so is one with too weak joints.
     """
