@@ -22,10 +22,10 @@ Kind = TypeVar("Kind", bound=Body)
 
 
 def register(body: type[Kind]) -> type[Kind]:
-    """Register a body type for JSON files; usable as a decorator.
+    """Register a body type for JSON files; verification and global bounds need further entries.
 
-    Files with the body are verified once ``nlpgrasp.verify.register_body`` has its numeric counterpart. A global bound
-    and its verification need surface cells of the type, in three places: ``MAKERS`` of
+    Usable as a decorator. Files with the body are verified once ``nlpgrasp.verify.register_body`` has its numeric
+    counterpart. A global bound and its verification need surface cells of the type, in three places: ``MAKERS`` of
     ``global_bound/cells/cell_faces.py`` makes them, ``FACE_MAKERS`` of ``verify/bound/face_cover.py`` checks that they
     cover the faces, and ``CELL_KINDS`` of ``verify/bound/stated_cells.py`` reads each kind of cell.
 

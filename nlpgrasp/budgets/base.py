@@ -117,7 +117,7 @@ class ForceBudget(ABC):
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
     ) -> tuple[Expression, int] | None:
-        """Return a smooth closed form of the support function and its degree (symbolic), or ``None``.
+        """Return a smooth closed form of the support function or of its square, and its degree 1 or 2; or ``None``.
 
         Parameters
         ----------

@@ -206,9 +206,10 @@ class EnumeratedTorqueSet:
         return force, prices
 
     def _stationary(self, sections: Sections, z: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work (m,) along z (m, n) on the conic sections, and the forces (m, n) that do this work.
+        """Return the largest work (m,) along z (m, n) on the set's conic sections, and the forces (m, n) of that work.
 
-        The work is -inf where no admissible point of a section exceeds the given value.
+        The sections are those of the cone's surface with planes of active linear conditions. The work is -inf where no
+        admissible point of a section exceeds the given value.
         """
         origin, basis, inverse, offsets, squared_radius = sections
         g = np.einsum("mn,snd->msd", z, basis)
@@ -225,9 +226,9 @@ class EnumeratedTorqueSet:
         return admissible[indices, best], x[indices, best]
 
     def _add_extreme_points(self, active: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
-        """Append the extreme points at which given linear conditions are active to ``points``.
+        """Append the extreme points at which given linear conditions are active to ``points`` or to ``sections``.
 
-        Where these conditions leave a whole conic section, it is appended to ``sections``.
+        Single points are appended to ``points``; a conic section of extreme points is appended to ``sections``.
         """
         A, b = self._linear[active] / self._scale[active, None], self._limits[active] / self._scale[active]
         if not np.any(b):

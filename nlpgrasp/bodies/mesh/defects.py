@@ -173,7 +173,11 @@ def _edge_intersections(vertices: FloatArray, faces: IntArray, rays: _RayCaster,
 
 
 def _inverted_samples(vertices: FloatArray, faces: IntArray, rays: _RayCaster, size: float) -> FloatArray:
-    """Return sampled surface points (p, 3) whose inner side is outside the body; none if they are few."""
+    """Return sampled surface points (p, 3) at which the triangles' normals do not point out of the body.
+
+    They do not if the outer side is inside the body, or the inner side outside. A fraction of at most ``MOST_INVERTED``
+    of the samples counts as none.
+    """
     points, normals = _surface_samples(vertices, faces)
     inverted = np.zeros(len(points), dtype=bool)
     for side in (1.0, -1.0):

@@ -159,6 +159,7 @@ def _shared_surface(parameter_count: int, margin: float) -> ca.Function:
 
 def _facet_face(name: str, geometry: Expression) -> Face:
     """Return the face, as CasADi expressions, of a facet with parameters ``geometry``, (q,)."""
+    # as in ``_Facet.geometry``: normal, a corner of each side, normal of each side, both ends of each sharp edge
     outward, *vectors = ca.vertsplit(geometry, 3)
     corners, side_normals, ends = vectors[:SIDES], vectors[SIDES : 2 * SIDES], vectors[2 * SIDES :]
 

@@ -170,7 +170,7 @@ class Mesh(Body):
 
     @cached_property
     def offset(self) -> SmoothOffset:
-        """Distance between mesh and smoothed surface, metres: 80th percentile ``most`` and maximum ``largest``."""
+        """Typical and largest distance between the mesh and its smoothed surface, metres."""
         points, _ = self.surface_samples(OFFSET_SAMPLES, np.random.default_rng(0))
         return smooth_offset(self, points, self._cell, self.wall)
 
@@ -194,7 +194,7 @@ class Mesh(Body):
         return (Face("surface", self._spline.expression, edges=self._edge_distances),)
 
     def _edge_distances(self, p: Expression) -> list[Expression]:
-        """Return the distance of a point from the sharp edges, reduced by the typical error of its spline.
+        """Return the spline of a point's distance from the sharp edges, reduced by the spline's typical error.
 
         One CasADi expression in a list, metres; an empty list without sharp edges.
         """
