@@ -80,7 +80,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
 def _annotate_options(
     export: Callable[..., None], formats: Sequence[ExportFormat], with_hand: str, formats_by_option: Mapping[str, str]
 ) -> None:
-    """Annotate the options of the export command whose help names formats."""
+    """Set the help of those options of the export command that depend on the formats."""
     from nlpgrasp.common.spatial import POSE_TEXT
 
     content = f"Format: {'; '.join(f'{form.name}, {form.content}' for form in formats)}."

@@ -134,7 +134,7 @@ def load_task(name: str, library: Path | None = None) -> StatedTask:
 
 
 def _about(task: Task, origin: FloatArray | None) -> Task:
-    """Return a task with an origin as reference point of moments, unless the task states one."""
+    """Return a task with a given reference point of moments, or the task itself if it states one."""
     return task if task.about is not None or origin is None else task.given_about(origin)
 
 

@@ -37,7 +37,7 @@ def fit_command(
     frame: Annotated[str, typer.Option("--frame", help="Of a new entry: the body frame in words.")] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Fit the task ellipsoid of a recording, into a library: a new entry, or an update of the one of this name."""
+    """Fit the task ellipsoid of a recording, and store it in a library as a new entry or as an update of an entry."""
     library = ng.TaskLibrary(into)
     with warnings.catch_warnings(record=True) as messages:
         warnings.simplefilter("always")
