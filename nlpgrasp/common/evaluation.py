@@ -94,7 +94,7 @@ class BatchEvaluator:
 
 
 def _padded(values: FloatArray, size: int) -> FloatArray:
-    """Return values (b, m) as one flat array (size m,), with zeros after them."""
+    """Return values (b, m) as one flat array of ``size`` times m numbers, with zeros after the values."""
     result = np.zeros(size * values.shape[1])
     result[: values.size] = values.ravel()
     return result

@@ -53,7 +53,7 @@ def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArr
 
 
 def solve_batch(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solutions as ``solve_columns`` does, but by LAPACK if there are few systems.
+    """Return the solutions of the systems of ``solve_columns``, computed by LAPACK where there are few systems.
 
     LAPACK is then faster, and rounds differently.
     """

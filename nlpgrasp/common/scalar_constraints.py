@@ -62,7 +62,7 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """Plain ``Label`` with these fields, without the expression and limits of a constraint."""
+        """The label alone, as a plain ``Label`` without the expression and limits of a constraint."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 

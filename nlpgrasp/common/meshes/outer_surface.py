@@ -70,7 +70,10 @@ def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 
 
 def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
-    """Return the outer surface of a mesh as arrays for the cache, without triangles if it is unchanged."""
+    """Return the outer surface of a mesh as arrays for the cache.
+
+    Vertices and faces are left out if the mesh is its outer surface already.
+    """
     notes: list[str] = []
     parts = MeshParts(vertices, faces)
     hollows = parts.cavities()
