@@ -65,7 +65,7 @@ class BilateralContact(ContactModel):
         raise InputError("force_budget", "limits on normal force", '"l2" with bilateral contacts')
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return an empty list, hence no (m, n_i) matrices: every force is in ``K_i``."""
+        """Return an empty list of matrices (m, n_i), as every force is admissible."""
         return []
 
     def variables(self, space: int) -> int:

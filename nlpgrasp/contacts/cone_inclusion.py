@@ -60,9 +60,9 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
 def assign_contacts(
     small: Sequence[ContactModel], large: Sequence[ContactModel], space: int, groups: Sequence[int] | None = None
 ) -> list[int] | None:
-    """Return the index of the large contact assigned to each small one; None if there is no assignment.
+    """Return the index of a large contact that contains each small contact; None if there is no such assignment.
 
-    A large contact can exert every force of the small one assigned to it, and is used at most once.
+    A large contact contains a small one if it can exert every force of it. Each is assigned at most once.
 
     Parameters
     ----------
@@ -89,17 +89,17 @@ def _faces_within(a: ContactModel, b: ContactModel) -> bool:
 
 
 def _acts_within(other: ContactModel, pad: PadContact) -> bool:
-    """Return whether a contact acts between a pad's ends or corners, with at most the pad's friction."""
-    arms: Arms = ((0.0, 0.0),)
+    """Return whether a contact's forces act at points of a pad, with at most the pad's friction."""
+    points: Arms = ((0.0, 0.0),)  # at which the other contact's forces act
     if isinstance(other, PadContact):
         if other.friction is not None and other.model == "box":
-            return False
+            return False  # its moments are not those of forces in friction cones at its ends or corners
         if isinstance(other, PlaneContact) and other.extents is None:
-            return False
-        arms = other.arms
+            return False  # its corners are unknown
+        points = other.arms
     elif not isinstance(other, PointContact | FrictionContact):
-        return False
-    is_between = np.all(np.max(np.abs(arms), axis=0) <= np.max(np.abs(pad.arms), axis=0) * (1.0 + ROUNDING))
+        return False  # other models may exert moments about their point
+    is_between = np.all(np.max(np.abs(points), axis=0) <= np.max(np.abs(pad.arms), axis=0) * (1.0 + ROUNDING))
     friction = other.coefficients.get("friction", 0.0)
     return bool(is_between and friction <= pad.coefficients["friction"] * (1.0 + ROUNDING))
 

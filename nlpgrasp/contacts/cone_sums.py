@@ -168,9 +168,9 @@ class FrictionConeSum:
         return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
 
     def _scale_by_work(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return scaled points (n, m) and their divisors (m,).
+        """Return points (n, m) divided by their largest work, and the divisors (m,).
 
-        A point outside the polar cone is divided by its largest work; the others have the divisor 1.
+        Points in the polar cone, of which no work is positive, have the divisor 1.
         """
         work = self._largest_work(self.generators.T @ flat)
         divisor = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
@@ -186,7 +186,11 @@ class FrictionConeSum:
         return projections
 
     def _project_batch(self, z: FloatArray) -> _ConeProjection:
-        """Project one batch of points ``z`` (n, m) onto the polar cone."""
+        """Project one batch of points ``z`` (n, m) onto the polar cone.
+
+        Each step takes the points that are left: those in the polar cone stay; then come patterns of sticking points;
+        points in the cone itself, which project to 0; Newton's method for slipping points; the method of multipliers.
+        """
         q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
         methods = np.where(self._largest_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
         remaining = np.flatnonzero(methods == SLIPS)
@@ -283,7 +287,10 @@ class StickingProjection:
         return result
 
     def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
-        """Return all patterns with one sticking point, each as ``(point, sign of the turn, slipping points)``."""
+        """Return all patterns of one sticking point and the points that slip about it.
+
+        Each is ``(sticking point, sign of the turn, slipping points)``.
+        """
         indices, count = range(len(self._arms)), self._generators.shape[0] - 3
         result: list[tuple[int, float, tuple[int, ...]]] = []
         for i in indices:
@@ -298,9 +305,10 @@ class StickingProjection:
         return result
 
     def _maps_of_one_point(self, i: int, sign: float, slipping: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return the matrices that map z to the forces ``(u_i, l_S)`` and to ``z - q`` where only point i sticks.
+        """Return the linear maps to the forces and the projection onto the cone where only point i sticks.
 
-        The points S slip, as the body turns about point i in the sense of ``sign``.
+        They map z to the forces ``(u_i, l_S)`` and to ``z - q``. The points S slip, as the body turns about point i in
+        the sense of ``sign``.
         """
         columns = [self._part(i)]
         for j in slipping:
@@ -312,10 +320,10 @@ class StickingProjection:
         return force, span @ force
 
     def _maps_of_two_points(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the matrices that map z to the forces (5,) of two sticking points and to ``z - q``; or None.
+        """Return the linear maps to the forces (5,) and the projection onto the cone where two points stick, or None.
 
-        The forces are both normal forces, both across the line, and their sum along it. None if other points lie on
-        both sides of the line, about which the body then cannot turn.
+        They map z to the forces and to ``z - q``. The forces are both normal forces, both across the line, and their
+        sum along it. None if other points lie on both sides of the line, about which the body then cannot turn.
         """
         middle = 0.5 * (self._arms[i] + self._arms[j])
         difference = self._arms[j] - self._arms[i]
@@ -445,7 +453,10 @@ class SlipNewton:
         return q[INVERSE_ORDER], lam, is_solved
 
     def derivative(self, q: FloatArray, lam: FloatArray) -> FloatArray:
-        """Return the Jacobian ``1 - H^-1 + H^-1 a (a^T H^-1 a)^-1 a^T H^-1`` of ``z - q``, (6, 6, m)."""
+        """Return the Jacobians (6, 6, m) of the projection onto the cone where all loaded points slip.
+
+        That of ``z - q`` is ``1 - H^-1 + H^-1 a (a^T H^-1 a)^-1 a^T H^-1``.
+        """
         local = self._local_model(q[ORDER], lam)
         matrix = np.where((lam[:, None] > 0.0) & (lam[None] > 0.0), self._products(local), 0.0).transpose(2, 0, 1)
         matrix += np.eye(len(lam)) * np.where(lam > 0.0, REGULARISATION, 1.0).T[:, None, :]
@@ -521,7 +532,10 @@ class SlipNewton:
         return _LocalModel(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
 
     def _products(self, local: _LocalModel) -> FloatArray:
-        """Return the matrices ``a^T H^-1 a``, (N, N, m)."""
+        """Return the Gram matrices (N, N, m) of the constraint gradients a in the metric of the inverse Hessian.
+
+        These are ``a^T H^-1 a``.
+        """
         return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.weighted_gradients))
 
     def _satisfies_kkt(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
@@ -584,19 +598,19 @@ def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
 
 
 def minimise_nonnegative(
-    matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray, shift: float
+    matrix: FloatArray, right: FloatArray, positive: NDArray[np.bool_], least: FloatArray, shift: float
 ) -> FloatArray:
-    """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, by an active-set method.
+    """Minimise ``x^T M x / 2 - right^T x`` over ``x >= 0`` for m small problems, by an active-set method.
 
     Parameters
     ----------
     matrix : (N, N, m) array
         Symmetric, positive semidefinite.
     right : (N, m) array
-    active : (N, m) array of bool
-        Guess of the nonzero l.
+    positive : (N, m) array of bool
+        Guess of the positive entries of x.
     least : (m,) array
-        Tolerance of the gradient at l = 0.
+        Tolerance of the gradient at x = 0.
     shift : float
         Added to the diagonal of M, in case it is singular.
 
@@ -605,19 +619,19 @@ def minimise_nonnegative(
     (N, m) array
         Result of the last active set tried: nearly always the minimiser.
     """
-    result = _minimise_free(matrix, right, active, shift)
-    lam, unsettled = result, np.arange(right.shape[1])
+    minimisers = _minimise_free(matrix, right, positive, shift)
+    x, unsettled = minimisers, np.arange(right.shape[1])  # problems whose active set still changes
     for _ in range(SETS - 1):
-        is_ascent = right - np.einsum("ijm,jm->im", matrix, lam) > least
-        guess = np.where(active, lam > 0.0, is_ascent)
-        changed = np.flatnonzero((guess != active).any(axis=0))
+        lowers_cost = right - np.einsum("ijm,jm->im", matrix, x) > least
+        guess = np.where(positive, x > 0.0, lowers_cost)
+        changed = np.flatnonzero((guess != positive).any(axis=0))
         if not changed.size:
             break
-        unsettled, active, least = unsettled[changed], guess[:, changed], least[changed]
+        unsettled, positive, least = unsettled[changed], guess[:, changed], least[changed]
         matrix, right = matrix[:, :, changed], right[:, changed]
-        lam = _minimise_free(matrix, right, active, shift)
-        result[:, unsettled] = lam
-    return np.maximum(result, 0.0)
+        x = _minimise_free(matrix, right, positive, shift)
+        minimisers[:, unsettled] = x
+    return np.maximum(minimisers, 0.0)
 
 
 def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
@@ -650,7 +664,10 @@ class AugmentedLagrangian:
         self._assemble = np.stack(columns, axis=1)
 
     def derivative(self, z: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the Jacobian of ``z - q``, (n, n, m): ``1 - (1 + r A P_F' A^T)^-1`` for large r."""
+        """Return the Jacobians (n, n, m) of the projection onto the cone.
+
+        That of ``z - q`` is ``1 - (1 + r A P_F' A^T)^-1`` for large r.
+        """
         n, m = z.shape
         matrix = np.empty((m, n, n))
         entries = self._curvature(self._evaluate(z, q, u, self._last), self._last)
@@ -722,7 +739,10 @@ class AugmentedLagrangian:
         return _Projections(forces, shrink, is_outside.astype(float), w, gradient, value)
 
     def _curvature(self, evaluation: _Projections, r: float) -> FloatArray:
-        """Return the upper triangles of ``r A P_F'(w) A^T``, (n (n + 1) / 2, m)."""
+        """Return the Hessians of the penalty term as upper triangles (n (n + 1) / 2, m).
+
+        These are ``r A P_F'(w) A^T``.
+        """
         mu = self._friction
         pressed = (evaluation.forces[:, 0] > 0.0).astype(float)
         edge = pressed * evaluation.outside
