@@ -199,9 +199,9 @@ def check_seeds(seeds: object) -> tuple[int, ...]:
 
 
 def _return_case(case: Case) -> Case:
-    """Return the given case.
+    """Return the given case; with ``partial``, a picklable case function.
 
-    With ``partial`` this is a picklable function that makes the case in a worker.
+    A lambda could not be sent to a worker.
     """
     return case
 
@@ -284,7 +284,7 @@ def create_case(field: str, base: Case, variation: Variation) -> Case:
 
 
 def freeze_changes(changes: Changes) -> Changes:
-    """Return the changes with constraints from a generator as a tuple, so that they can be read repeatedly."""
+    """Return changes in which a generator of constraints is replaced by a tuple, which can be read repeatedly."""
     constraints = changes.get("constraints")
     return {**changes, "constraints": tuple(constraints)} if isinstance(constraints, Iterator) else changes
 

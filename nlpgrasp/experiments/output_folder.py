@@ -296,7 +296,7 @@ class OutputFolder:
         Raises
         ------
         InputError
-            When the file is not a solution, or not one of this solve.
+            When the file is not a solution, or its seed is not that of the solve; nothing else is compared.
         """
         file = self.solution_file(solve)
         if not file.exists():

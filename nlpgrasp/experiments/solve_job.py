@@ -88,6 +88,7 @@ class Job:
         compiled, starts = lazy.compiled, lazy.problem_with_options.starts
         if offer is not None:
             improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
+            # an outcome without text: no offered grasp is better
             return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
         solution = solve_compiled(compiled, starts, seed, lazy.problem_with_options.keeping)
         if solution.status is Status.INTERRUPTED:
@@ -118,7 +119,7 @@ class Outcome:
 
 
 class JobFactory:
-    """Factory of jobs that serialises one variation at a time.
+    """Factory of an experiment's jobs, which pickles each variation once for successive jobs.
 
     Parameters
     ----------
@@ -195,12 +196,13 @@ def improve_solution(
     offers: Mapping[str, FoundGrasp],
     improve: bool,
 ) -> GraspSolution | None:
-    """Improve a solution by the best of the offered grasps, also refined; return ``None`` if no grasp is better.
+    """Return a solution improved by the best of the offered grasps; ``None`` if no offered grasp is better.
 
-    Each is certified under the compiled problem's own contacts, task, constraints and budget. One is taken if its
-    certified upper bound exceeds the solution's by more than rounding, or by anything if the other problem's lower
-    bound does: then no offered grasp contradicts that a more demanding problem is no better. The new certified bounds
-    are never below the old. With starts compared by their worst case (``maximise_robust``) nothing is taken.
+    The grasp is also refined where ``improve`` is set. Each is certified under the compiled problem's own contacts,
+    task, constraints and budget. One is taken if its certified upper bound exceeds the solution's by more than
+    rounding, or by anything if the other problem's lower bound does: then no offered grasp contradicts that a more
+    demanding problem is no better. The new certified bounds are never below the old. With starts compared by their
+    worst case (``maximise_robust``) nothing is taken.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ def solve_many(
 
 
 def check_named_problems(problems: object) -> dict[str, GraspProblem | ProblemFactory]:
-    """Return the validated problems by name."""
+    """Return validated problems or problem functions by name, from a mapping or from several problems."""
     allowed = "problems by name, or several problems of different names"
     if isinstance(problems, Mapping):
         problem_by_name = dict(problems)

@@ -31,7 +31,7 @@ REFINED_TURNS, MOST_TURNS = 3, 20  # turns with refinement, and most turns
 
 
 class _OfferId(NamedTuple):
-    """Identity of an offer: the variation that receives it, and the version of a solve's solution that it offers."""
+    """Identity of an offer: receiving variation, offering solve, and version of the solve's solution."""
 
     receiver: str
     solve: SolveId

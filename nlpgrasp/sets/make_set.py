@@ -551,9 +551,9 @@ def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _Problem
 
 
 def _return(problem: GraspProblem) -> GraspProblem:
-    """Return the given problem.
+    """Return the given problem; with ``partial``, a picklable problem function.
 
-    Unlike a lambda, this function can be pickled for workers.
+    A lambda could not be sent to a worker.
     """
     return problem
 
@@ -567,7 +567,7 @@ def _make_unit(
 
 
 def _relabel(table: Any, duplicates: Mapping[int, str]) -> Any:
-    """Return the table with the rows of given starts turned into duplicates without grasp data."""
+    """Return the table of grasps with given starts marked as duplicates and their grasp data removed."""
     if not duplicates:
         return table
     pa, starts = import_pyarrow("pyarrow"), table["start"].to_pylist()
