@@ -118,7 +118,7 @@ class CombinationRule:
         return cast("Powers", np.maximum(powers - thresholds, 0.0)) if self.takes_largest else powers
 
     def thresholds(self, bounds: FloatArray, round_number: int) -> FloatArray:
-        """Return the thresholds theta (b,) of one round: a fraction of current bounds on mu (b,).
+        """Return the thresholds (b,) on supports in a round: a fraction of current bounds (b,) on mu.
 
         The fraction changes from round to round. Under budgets other than the shared one thresholds are zero.
         """
@@ -237,7 +237,7 @@ class Supports:
     def evaluate(
         self, points: FloatArray, normals: FloatArray, twists: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return powers ``s^p``, speeds and angular speeds of contacts at any points along twists.
+        """Return powers ``s^p`` of supports, speeds and angular speeds of contacts at any points for given twists.
 
         Parameters
         ----------

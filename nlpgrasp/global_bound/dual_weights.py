@@ -94,11 +94,11 @@ class _InteriorPoint:
         self.direction_slack = totals_by_direction - np.min(totals_by_direction, axis=1, keepdims=True) + 0.1
 
     def _weight_directions(self, x: FloatArray) -> FloatArray:
-        """Return ``A x``, the supports weighted over directions, (b, k, m)."""
+        """Return the sums (b, k, m) over directions of supports weighted by dual weights x: ``A x``."""
         return np.asarray((self.A @ x[:, :, None]).reshape(self.shape))
 
     def _weight_rows(self, w: FloatArray) -> FloatArray:
-        """Return ``A^T w``, the supports weighted over contacts and their cells, (b, j)."""
+        """Return the sums (b, j) over contacts and their cells of supports weighted by fractions w: ``A^T w``."""
         return np.asarray((self.AT @ w.reshape(len(w), -1, 1))[:, :, 0])
 
     def gap(self) -> FloatArray:

@@ -177,7 +177,10 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.where(is_copy[..., None], 0.0, np.concatenate(parts, axis=1))
 
     def _directions(self, node: IntArray) -> IntArray:
-        """Return the indices (DIRECTIONS,) of the heaviest directions in a node's tightest sets of dual weights."""
+        """Return the indices (DIRECTIONS,) of the directions for a node's first linear program.
+
+        They are the heaviest in the sets of dual weights with the tightest bounds on the node, then initial ones.
+        """
         tightest = [
             self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node), kind="stable")[:NEAR].tolist()
         ]
@@ -199,7 +202,7 @@ class SharedWeightStrategy(BoundingStrategy):
         return super().is_full(count) or len(self.dual_weights) >= MOST_WEIGHTS
 
     def certified_tree(self, tree: NodeTree) -> NodeTree:
-        """Return a new tree, split until its bound is that of the search or it has the most leaves."""
+        """Return a new tree, split until it proves the bound of a search's tree or has ``MOST_LEAVES`` leaves."""
         result = NodeTree(self, MOST_LEAVES)
         result.begin(0.0)
         goal = np.float32(tree.upper**self.power) * (1 + AGAIN)
@@ -341,9 +344,9 @@ class ClusterMaxima:
         return least, best
 
     def rows(self, node: IntArray, dual_indices: IntArray) -> IntArray:
-        """Return the corners (k, n) of largest weighted support in the cells of a node (k,).
+        """Return the corners (k, n) of largest weighted support in each cell of a node (k,), by n sets of dual weights.
 
-        They are those by n sets of dual weights with given indices.
+        The sets are those with given indices.
         """
         result = np.empty((len(node), len(dual_indices)), dtype=np.int64)
         last, count = self.clusters.first_leaf, self.clusters.node_limit

@@ -111,9 +111,9 @@ class SupportTable:
         )
 
     def select_rows(self, weights: FloatArray | None) -> None:
-        """Set ``rows`` and ``excesses`` to the representative contacts of a linear program.
+        """Select the representative contacts of a linear program, and store them in ``rows`` and ``excesses``.
 
-        All of a cell's are selected if there are few, otherwise those of largest supports.
+        All representative contacts of a cell are selected if there are few, otherwise those of largest supports.
         """
         max_rows = max(part.powers.shape[1] for part in self._parts)
         rows, excesses = [], []
@@ -287,7 +287,9 @@ def increase_inside_parts(
     turning: FloatArray,
     thresholds: FloatArray,
 ) -> FloatArray:
-    """Return a bound on how much ``s^p``, or its excess, inside a part exceeds that at the corners.
+    """Return bounds (..., j) on how much a support's power or excess is larger inside a part than at its corners.
+
+    The power is ``s^p``, the excess that of the support s over a threshold.
 
     Parameters
     ----------

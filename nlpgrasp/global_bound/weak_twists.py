@@ -148,9 +148,9 @@ class NumberedDirections:
 
 
 def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask (b, m) of directions (b, m, d) that nearly equal a direction of smaller ratio.
+    """Return the mask (b, m) of twists whose direction nearly equals that of a twist of smaller ratio.
 
-    ``ratios`` are (b, m). Of equal ratios one counts as smaller.
+    Twists are (b, m, d), their ``ratios`` (b, m). Of equal ratios, the first counts as smaller.
     """
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
@@ -192,7 +192,7 @@ class FractionalContacts:
 
     @classmethod
     def at_rows(cls, supports: Supports, rows: IntArray, weights: FloatArray, count: int) -> FractionalContacts:
-        """Return contacts spread over representative contacts (b, m), reduced to the ``count`` heaviest."""
+        """Return contacts spread over the ``count`` heaviest of representative contacts (b, m)."""
         if rows.shape[1] > count:
             heaviest = np.argpartition(-weights, count, axis=1)[:, :count]
             total = np.sum(weights, axis=1, keepdims=True)

@@ -24,11 +24,12 @@ class CurvedSurface(Protocol):
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return the coefficients k (n, 2, 3) that bound the deviation of a contact's work z inside parts (n, c, q).
+        """Return coefficients (n, 2, 3) of bounds on how much a contact's work inside a part differs from its corners.
 
-        ``k[:, 0]`` bounds the deviation from a linear interpolation between the corners, ``k[:, 1]`` that from any
-        corner: by ``k_0 |v| + k_1 |tau|`` in the force part of z and by ``k_2 |tau|`` in its moment part ``R^T tau``,
-        where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
+        Parts are (n, c, q), the coefficients k, and the work z. ``k[:, 0]`` bounds the deviation from a linear
+        interpolation between the corners, ``k[:, 1]`` that from any corner: by ``k_0 |v| + k_1 |tau|`` in the force
+        part of z and by ``k_2 |tau|`` in its moment part ``R^T tau``, where ``v = f + tau x (p - o)`` is the twist's
+        velocity at any corner.
         """
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -103,9 +104,9 @@ class SurfaceCell(ABC):
 
     @abstractmethod
     def cut(self) -> Cut:
-        """Return the description of the cut of ``split`` for a certificate.
+        """Return how ``split`` cuts the cell, as data for a certificate.
 
-        Its meaning depends on the kind of cell.
+        The meaning of the data depends on the kind of cell.
         """
 
     @abstractmethod

@@ -147,27 +147,30 @@ class EllipsoidSurface:
         return points, ellipsoid_inward_normals(points, self.a)
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return the deviation coefficients (n, 2, 3) of small triangles or arcs (n, c, 3)."""
-        large = float(np.max(self.a))
+        """Return the coefficients (n, 2, 3) of ``CurvedSurface.deviations`` for triangles or arcs (n, c, 3)."""
+        longest_axis = float(np.max(self.a))
         corners = np.ascontiguousarray(parts.transpose(1, 2, 0))  # (c, 3, n): rows of n run fast
         sides = angles_along(corners, np.roll(corners, -1, axis=0), axis=1)
-        longest_side, half_square = np.max(sides, axis=0), _circumradius(sides) ** 2 / 2.0  # R^2 / 2
+        longest_side, half_squared_radius = np.max(sides, axis=0), _circumradius(sides) ** 2 / 2.0
         centre = np.mean(corners, axis=0)
         centre /= _vector_lengths(centre)
         radius = np.max(angles_along(corners, centre, axis=1), axis=0)
-        turn_rate, acceleration, torque_rate = self._derivative_bounds(centre, radius)
-        distance = (
-            large * longest_side
-        )  # from a corner to any point of the part, where |v| is larger by |tau| distance at most
+        turn_rate, normal_acceleration, torque_acceleration = self._derivative_bounds(centre, radius)
+        # from a corner to any point of the part, where |v| is larger by |tau| distance at most
+        distance = longest_axis * longest_side
         # columns: of |v| and of |tau| in the force part of z, of |tau| in its moment part
-        second_derivative = np.stack([acceleration, torque_rate + acceleration * distance, acceleration], axis=1)
-        first_derivative = np.stack([turn_rate, large + turn_rate * distance, turn_rate], axis=1)
-        return np.stack([half_square[:, None] * second_derivative, longest_side[:, None] * first_derivative], axis=1)
+        second_derivative = np.stack(
+            [normal_acceleration, torque_acceleration + normal_acceleration * distance, normal_acceleration], axis=1
+        )
+        first_derivative = np.stack([turn_rate, longest_axis + turn_rate * distance, turn_rate], axis=1)
+        from_interpolation = half_squared_radius[:, None] * second_derivative
+        return np.stack([from_interpolation, longest_side[:, None] * first_derivative], axis=1)
 
     def _derivative_bounds(self, centre: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return upper bounds (n,) on the normal's turn rate w, on ``w^2 + w'`` and on ``|p| + 2 w |A u'|`` in parts.
+        """Return upper bounds in parts on the normal's turn rate, its acceleration and the torque's, (n,) each.
 
-        Every point u of a part is within ``radius`` (n,), radians, of its ``centre`` (3, n).
+        Along unit-speed arcs u of the sphere, these bound the turn rate w, ``w^2 + w'`` and ``|p| + 2 w |A u'|``. Every
+        point u of a part is within ``radius`` (n,), radians, of its ``centre`` (3, n).
         """
         large, small = float(np.max(self.a)), float(np.min(self.a))
         a = self.a[:, None]
@@ -178,11 +181,12 @@ class EllipsoidSurface:
         tangential = _vector_lengths(stretched - np.sum(stretched * centre, axis=0) * centre)
         largest_tangential = 0.5 * (1.0 / small**2 - 1.0 / large**2)
         tangential = np.minimum(largest_tangential, tangential + 3.0 * largest_tangential * radius)
-        acceleration = turn_rate**2 + 2.0 * turn_rate * tangential / g**2  # w' <= 2 w |g'| / g, |g'| <= tangential / g
+        # w' <= 2 w |g'| / g, |g'| <= tangential / g
+        normal_acceleration = turn_rate**2 + 2.0 * turn_rate * tangential / g**2
         largest_distance = np.minimum(large, _vector_lengths(centre * a) + large * radius)  # |p|
         ratio = large / small + small / large  # k + 1 / k, with 2 w |A u'| <= (k + 1 / k) / g
-        torque_rate = np.full(len(radius), 2.0 * large) if large == small else largest_distance + ratio / g
-        return turn_rate, acceleration, torque_rate
+        torque_acceleration = np.full(len(radius), 2.0 * large) if large == small else largest_distance + ratio / g
+        return turn_rate, normal_acceleration, torque_acceleration
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return quarters of triangles (n, 3, 3), or halves of arcs (n, 2, 3), as vertices and vertex indices."""
