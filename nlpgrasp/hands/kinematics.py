@@ -96,7 +96,7 @@ class LinkTree:
         return {name: base @ pose for name, pose in zip(self.used_links, poses, strict=True)}
 
     def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
-        """Return link, patch and sliding coordinate of each fingertip; None if the patch has no such coordinate."""
+        """Return link, patch and sliding coordinate of each fingertip; patches without a coordinate have None."""
         slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
         return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
 

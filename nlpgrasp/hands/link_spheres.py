@@ -69,9 +69,9 @@ class SphereFit:
         return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
 
     def limit_radii(self, most: FloatArray, inside: BoolArray) -> SphereFit:
-        """Return the spheres with radii reduced to at most ``most`` (m,), without those ``inside`` (m,) a fingertip.
+        """Return the spheres with radii reduced to at most ``most`` (m,), without those in the mask ``inside`` (m,).
 
-        Spheres of which nothing is left are removed too.
+        The mask marks spheres inside a fingertip. Spheres of which nothing is left are removed too.
         """
         radii = np.minimum(self.radii, most)
         is_used = (radii > 0.0) & ~inside
@@ -115,7 +115,7 @@ def fit_around_tips(fits: Mapping[str, SphereFit], tree: LinkTree, clearance: fl
 
 
 def links_thicker_than_tips(fits: Mapping[str, SphereFit], tree: LinkTree) -> dict[str, float]:
-    """Return the links thicker than their fingertips, with how far each sticks out of spheres and fingertip, metres.
+    """Return how far each link thicker than its fingertip sticks out of spheres and fingertip, metres, by link.
 
     Fingertips fitted to their links as hulls are as thick as these.
     """

@@ -186,9 +186,10 @@ class Robot:
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float, str]]:
-        """Range of each free joint: lower limit, upper limit, and the name of the joint that set one of them last.
+        """Lower limit, upper limit and name of the limiting joint, by free joint.
 
-        Joints that follow it narrow the range by their own limits.
+        Joints that follow a free joint narrow its range by their own limits: the limiting joint is the last that did,
+        or the free joint itself.
         """
         result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
         for joint in self.joints:
@@ -257,18 +258,18 @@ def joint_motion(slides: bool, axis: FloatArray, position: float | FloatArray) -
 
 
 def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
-    """Raise for mimic joints that follow missing joints or each other."""
-    by_name = {j.name: j for j in joints if j.moves}
-    for joint in by_name.values():
+    """Raise for mimic joints that follow each other, or a joint that is missing or fixed."""
+    moving = {j.name: j for j in joints if j.moves}
+    for joint in moving.values():
         visited, current = [joint.name], joint
         while current.mimic is not None:
             target = current.mimic.joint
-            if target not in by_name:
-                others = [name for name in by_name if name != current.name]
+            if target not in moving:
+                others = [name for name in moving if name != current.name]
                 similar = [name for name in others if target and name.endswith(target)]
                 allowed = "a moving joint: " + ", ".join(similar or others)
                 raise_invalid(source, f"joint {current.name} that mimics {target!r}", allowed)
-            current = by_name[target]
+            current = moving[target]
             if current.name in visited:
                 raise_invalid(source, f"joints that mimic each other: {', '.join(visited)}", "a joint to follow")
             visited.append(current.name)

@@ -92,9 +92,9 @@ class Tip(ABC):
 
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,) of link spheres about points (m, 3) with which the patch can touch a body.
+        """Return the radii (m,), metres, of the largest link spheres about points (m, 3) that let the tip touch a body.
 
-        Metres. Larger spheres could reach the body before the patch does.
+        Larger spheres could reach the body before the patch does.
         """
 
     @property
@@ -199,9 +199,10 @@ class SphereTip(Tip):
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,) of spheres about points (m, 3) that stay off a plane touched by the tip.
+        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) that stay off a plane at the tip.
 
-        Metres. They do if the line from the tip's centre to the point is inclined to the plane by at least 20 degrees.
+        The tip touches the plane. They stay off if the line from the tip's centre to the point is inclined to the plane
+        by at least 20 degrees.
         """
         return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
@@ -280,16 +281,16 @@ class CylinderTip(Tip):
         return self._axis_distances(points, 0.0) - self.radius
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3) inside the cylinder with round ends.
+        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) in the cylinder with round ends.
 
-        They stay ``SLACK`` behind its surface; 0 for points nearer to it or outside.
+        They stay ``SLACK`` behind its surface; 0 for centres nearer to it or outside.
         """
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, 0.0) - SLACK, 0.0))
 
     def _axis_distances(self, points: FloatArray, first: float) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, 3) from the axis between its fraction ``first`` and its end.
+        """Return the distances (m,), metres, of points (m, 3) from a part of the axis that ends with it.
 
-        The fraction is 0 at the start, and minus infinity for an axis continued behind it.
+        The part begins at the fraction ``first``: 0 is the axis's start, minus infinity continues it behind its start.
         """
         a, b = self.ends
         t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), first, 1.0)
@@ -353,15 +354,18 @@ class CapsuleTip(CylinderTip):
         return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3) inside the capsule.
+        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) inside the capsule.
 
-        They stay ``SLACK`` behind its surface; 0 for points nearer to it or outside. Behind its start the capsule
+        They stay ``SLACK`` behind its surface; 0 for centres nearer to it or outside. Behind its start the capsule
         counts as continued, since the finger may be as thick there.
         """
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, -np.inf) - SLACK, 0.0))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
-        """Return ``a + s (b - a) = p - r n``, and that n tilts beyond the perpendicular only at the ends."""
+        """Return the constraints that the capsule touches the contact point with its side or a round end.
+
+        ``a + s (b - a) = p - r n``, where n tilts beyond the perpendicular of the axis only at the ends.
+        """
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         leans = ca.dot(along, touch.n)
@@ -443,9 +447,10 @@ class EllipsoidTip(Tip):
         return np.asarray((gauge - 1.0) * np.max(axes))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3), as for a ball inside the ellipsoid.
+        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) that stay off a plane at a ball.
 
-        The ball has the ellipsoid's centre and its smallest semi-axis as radius; see ``SphereTip.most_radius``.
+        The ball touches the plane. It has the ellipsoid's centre and its smallest semi-axis as radius; see
+        ``SphereTip.most_radius``.
         """
         smallest = float(np.min(self.semi_axes))
         return np.asarray(smallest + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
@@ -546,7 +551,7 @@ class HullTip(Tip):
         return np.asarray(np.max(points @ normals.T - support, axis=1))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the largest radii (m,), metres, of spheres about points (m, 3) behind the patch's tangent planes."""
+        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) behind the tangent planes."""
         normals, support = self._tangent_planes(self.angle, FINE)
         return np.asarray(np.min(support - centres @ normals.T, axis=1) - SLACK)
 
@@ -556,7 +561,10 @@ class HullTip(Tip):
         return Triangles(self.points_with_normals(patch.vertices), patch.faces)
 
     def _tangent_planes(self, angle: float, sides: int) -> tuple[FloatArray, FloatArray]:
-        """Return sampled normals (m, 3) within an angle of the middle, and the corners' heights along these."""
+        """Return the patch's tangent planes: sampled normals (m, 3) and the corners' largest heights (m,) along these.
+
+        The normals are within an angle of the patch's middle.
+        """
         normals = dome(np.asarray(self.facing), angle, sides).vertices
         return normals, np.max(normals @ np.asarray(self.points).T, axis=1)
 
@@ -645,7 +653,10 @@ class FlatTip(Tip):
         return np.asarray((points - frame[:3, 3]) @ frame[:3, 2])
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how far points (m, 3) are behind the rectangle's plane, (m,), metres, at least 0."""
+        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) behind the rectangle's plane.
+
+        They stay ``SLACK`` behind it; 0 for centres nearer to it or in front.
+        """
         frame = self.frame
         return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 

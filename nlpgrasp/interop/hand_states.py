@@ -218,11 +218,10 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
 
 
 def _closing_force(solution: GraspSolution) -> tuple[float, str]:
-    """Return the normal force to set for each jaw, newtons, and the reason why there is none.
+    """Return the normal force to set for each jaw, newtons, or 0 with the reason why there is none.
 
-    Either the force is 0 or the reason is empty.
-
-    The least grip force, with as much of its margin as the limit allows; of files without one, that of the squeeze.
+    The reason is empty where there is a force: the least grip force, with as much of its margin as the limit allows, or
+    the mean force of the squeeze for files without a grip force.
     """
     if solution.grip is not None:
         force = solution.grip.setting(solution.max_force)
