@@ -302,7 +302,10 @@ def missing_room(model: CollisionModel, start: Values, directions: Sequence[Floa
 def _depths_of_fields(
     model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float
 ) -> Iterator[tuple[float, int, FloatArray]]:
-    """Yield depth, metres, field and direction of each retreat that penetrates exactly one table or obstacle."""
+    """Yield penetration depth, field index and direction of each retreat that enters exactly one table or obstacle.
+
+    Depths are in metres.
+    """
     centres, radii = model.spheres.centres(start), model.spheres.radii
     lengths = np.linspace(0.0, length, int(np.ceil(length / ROOM_STEP)) + 1)
     for direction in directions:

@@ -145,7 +145,7 @@ class FingerJoints:
         return KinematicsResult(self._replace_variables(values, result.best), result.violation)
 
     def residual(self, values: Values, target: TargetContact) -> float:
-        """Return the residual of the fingertip at a target contact, in body sizes and radians."""
+        """Return the largest violation of the fingertip's constraints at a target contact, relative to their scales."""
         g, _, low, high = self.linearise(values, target)
         return float(np.max(np.maximum(low - g, g - high), initial=0.0))
 
@@ -180,7 +180,7 @@ class FingerJoints:
     def _critical_clearances(
         self, values: Values, z: FloatArray, clearance_limits: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the slacks (c,) of the critical clearances and their gradients (c, m), over the body's size.
+        """Return the slacks (c,) and gradients (c, m) of the critical clearances, divided by the body's size.
 
         A clearance is critical if it depends on the variables ``z`` (m,) and is near its limit.
         """

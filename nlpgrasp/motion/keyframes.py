@@ -128,9 +128,9 @@ class _ShapeCheck:
         return 1.0
 
     def touching(self, corners: Sequence[Values]) -> str:
-        """Return what the links run into on an approach through given postures, as text; empty if it is to be kept.
+        """Return, as text, what the links run into on an approach, or an empty text for an approach to be kept.
 
-        It is kept if it is free, or if it is the last to be tried.
+        The approach goes through the postures ``corners``. It is kept if it is free, or if it is the last to be tried.
         """
         if not self._links.has_shapes:
             return ""
@@ -234,8 +234,10 @@ def _free_height(
 ) -> tuple[float, str]:
     """Return the height to which spheres (m, 3) rise freely, metres, and the obstacle that stops them, if any."""
     initial = [field.distance(points) - radii for field in fields]
-    limits, height, clearances, up = [np.minimum(clearance, 0.0) for clearance in initial], 0.0, initial, np.eye(3)[-1]
+    limits = [np.minimum(clearance, 0.0) for clearance in initial]  # no deeper than at the start
+    height, clearances, up = 0.0, initial, np.eye(3)[-1]
     while height < LIFT_HEIGHT:
+        # no clearance shrinks by more than the rise; at least ``STEP``, or spheres at their limit would never rise
         advance = min(float(np.min(clearance - limit)) for clearance, limit in zip(clearances, limits, strict=True))
         next_height = min(height + max(STEP, advance), LIFT_HEIGHT)
         clearances = [field.distance(points + next_height * up) - radii for field in fields]

@@ -214,12 +214,12 @@ def _path_record(
     model: CollisionModel, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
 ) -> PalmPath:
     """Return the palm path that an approach search found, from start to grasp."""
-    tree, is_other = model.hand.tree, ~model.tip_mask()
+    tree, is_no_tip = model.hand.tree, ~model.tip_mask()
     approaching, closing = list(reversed(approach.outside)), list(reversed(fingers.postures))[1:]
     values = [posture.values for posture in (*approaching, *closing)]
     positions = [tree.joint_positions(v["joints"]) for v in values]
     clearances = [float(np.min(p.clearances, initial=np.inf)) for p in approaching]
-    clearances += [float(np.min(p.clearances[is_other], initial=np.inf)) for p in closing]
+    clearances += [float(np.min(p.clearances[is_no_tip], initial=np.inf)) for p in closing]
     return PalmPath(
         reason="",
         direction=direction,
