@@ -102,7 +102,7 @@ class ConstraintBlock(Range):
 
 @dataclass(frozen=True)
 class FaceConstraints:
-    """Block of surface constraints ``lower <= g <= 0`` of one contact on a spline surface."""
+    """Label, size and limits of a block of surface constraints on a spline surface, ``lower <= g <= 0``."""
 
     label: Label
     size: int
@@ -112,10 +112,10 @@ class FaceConstraints:
 
 @dataclass
 class SplineSurface:
-    """Surface constraints of a contact on a spline surface, nonlinear only in the contact's position.
+    """Values of a contact's surface constraints on a spline surface: a function of the position plus a linear term.
 
-    ``function(p)`` plus a linear expression of the variables. Separate because a mesh's spline exists only as ``MX``,
-    while everything else is an ``SX`` graph that evaluates many times faster.
+    Separate because a mesh's spline exists only as ``MX``, while everything else is an ``SX`` graph that evaluates many
+    times faster.
     """
 
     function: ca.Function  # p (space,) scaled -> rows

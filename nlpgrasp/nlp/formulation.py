@@ -43,6 +43,7 @@ SMOOTHING = 1e-12  # solver units, added under square roots to make them differe
 SUPPORT, BALANCE = "support", "wrench balance"  # kinds of containment constraints
 TRANSCRIPTIONS = ("support", "vertex")  # transcriptions of the containment, outer and inner
 BOX_MARGIN = 0.03  # of the body's size, margin of contact points beyond the bounding box during iterations
+MOST_NORMAL = 1.1  # largest component of a normal during iterations, which is of unit length at the solution
 MOST_BETA = 100.0  # solver units, upper bound of beta
 
 
@@ -121,7 +122,7 @@ def _add_contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> 
     lower, upper = problem.body.bounds + BOX_MARGIN * scaling.length * np.array([[-1.0], [1.0]])
     size, origin = scaling.length, scaling.origin
     positions = [program.variable("position", space, lower, upper, size, origin, index=i, unit="m") for i in range(k)]
-    normals = [program.variable("normal", space, -1.1, 1.1, index=i) for i in range(k)]
+    normals = [program.variable("normal", space, -MOST_NORMAL, MOST_NORMAL, index=i) for i in range(k)]
     return ContactSymbols(positions, normals)
 
 
@@ -344,9 +345,10 @@ def has_pieces(problem: GraspProblem) -> bool:
 
 
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return ``phi(y)^p`` as a function of ``(y, p_1 ..., n_1 ...)``, and p (1 or 2); None without closed form.
+    """Return the support function or its square as a CasADi function, and the power 1 or 2; None without closed form.
 
-    Positions in metres, inward unit normals; y in 1/N and 1/(N m), so phi is dimensionless.
+    Its arguments are ``(y, p_1 ..., n_1 ...)``. Positions in metres, inward unit normals; y in 1/N and 1/(N m), so phi
+    is dimensionless.
     """
     if not has_closed_form(problem):
         return None
@@ -373,10 +375,10 @@ def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function
 
 
 def _symbolic_work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:
-    """Return symbols (y, positions, normals), and each contact's work per unit force along ``scaling.beta y``.
+    """Return the symbolic arguments of the support function, and each contact's work per unit force along the twist.
 
-    ``G_i^T y`` is the velocity of the contact point under the twist y: its normal part, the norm of its tangential
-    part, and the spin about the normal.
+    The arguments are y, positions and normals; the twist is ``scaling.beta y``. The work is the velocity of the contact
+    point under the twist: its normal part, the norm of its tangential part, and the spin about the normal.
     """
     space = problem.body.space
     y = ca.SX.sym("y", problem.dimension)

@@ -107,9 +107,10 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
-    """Return a similar problem that has a support function in closed form.
+    """Return a problem with a support function in closed form: the given one, or else a similar one.
 
-    It has the L2 budget and, if that is not enough, point or friction contacts with the same friction coefficients.
+    The similar one has the L2 budget and, if that is not enough, point or friction contacts with the same friction
+    coefficients.
     """
     if has_closed_form(problem):
         return problem

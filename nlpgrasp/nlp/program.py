@@ -227,9 +227,9 @@ class Program:
     def constrain_spline_surface(
         self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
     ) -> None:
-        """Add the surface constraints of a contact on a spline surface, with values ``function(position) + linear``.
+        """Add the surface constraints of a contact on a spline surface; call it last.
 
-        ``rows`` are their blocks, with labels and limits. Call last.
+        ``rows`` are their blocks, with labels and limits; their values are ``function(position) + linear``.
         """
         for row in rows:
             self._add_constraints(row.label, row.size, (row.lower, 0.0), row.scale)
@@ -335,7 +335,7 @@ class Program:
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper limits of the scalar constraints, (m,) each, in the order of their blocks ``rows``."""
+        """Lower and upper limits of all scalar constraints, (m,) each, block by block."""
         return _stacked(self._limits)
 
 

@@ -90,5 +90,8 @@ class TaskSamples:
         return result
 
     def _directions_of(self, local: FloatArray) -> FloatArray:
-        """Return for each local direction u the direction y of least norm with ``L^T y = u``, solver units."""
+        """Return the direction of wrench space of least norm for each direction in the task's axes, solver units.
+
+        For a direction u in the axes L it is the y of least norm with ``L^T y = u``.
+        """
         return np.asarray(np.linalg.lstsq(self._axes, local.T, rcond=None)[0].T * self.unit)

@@ -42,19 +42,21 @@ class VirtualWork:
         if not isinstance(problem.hand, PosedHand):
             raise InputError("GraspProblem.hand", problem.hand, "a hand with joints")
         k, z = len(problem.models), program.z
-        y, rates = ca.SX.sym("y", 6), ca.SX.sym("rates", len(problem.hand.loaded_joints))
+        y, multiplier_rates = ca.SX.sym("y", 6), ca.SX.sym("rates", len(problem.hand.loaded_joints))
         forces, moments, initial_normals = (ca.SX.sym(name, 3, k) for name in ("f", "m", "n"))
         points = [ca.DM(scaling.origin) + scaling.length * z[program.block("position", i).range] for i in range(k)]
-        motions = problem.hand.contact_motion(program.hand_symbols, rates, points)
+        motions = problem.hand.contact_motion(program.hand_symbols, multiplier_rates, points)
         work = ca.SX(0)
         for i, (velocity, angular) in enumerate(motions):
+            # forces and moments turn with the normal, to first order: the derivative needs no more
             rotation = ca.cross(initial_normals[:, i], z[program.block("normal", i).range])
             force = forces[:, i] + ca.cross(rotation, forces[:, i])
             moment = moments[:, i] + ca.cross(rotation, moments[:, i])
             body_velocity = y[:3] + ca.cross(y[3:], points[i] - ca.DM(scaling.origin))
             work += ca.dot(body_velocity - velocity, force) + ca.dot(y[3:] - angular, moment)
+        # by the envelope theorem y, forces, moments and multipliers count as constant
         slope = ca.gradient(scaling.beta * work, z)
-        arguments = [z, initial_normals, y, forces, moments, rates]
+        arguments = [z, initial_normals, y, forces, moments, multiplier_rates]
         self._slope = ca.Function("slope", arguments, [ca.densify(slope)], {"cse": True})
         self._k = k
 
