@@ -160,10 +160,11 @@ class ConstraintValues:
         if not constraints.clearances:
             return ca.Function("rows", inputs, [values])
         points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in constraints.clearances])
+        # distances to a mesh exist only as MX: the SX function of everything else is called inside an MX function
         without_distances = ca.Function("rows", inputs, [values, points])
         symbols = [ca.MX.sym(f"x{i}", s.shape[0]) for i, s in enumerate(inputs)]
-        rows, centres = without_distances(*symbols)
-        distances = [c.distance(centres[:, i]) for i, c in enumerate(constraints.clearances)]
+        rows, clearance_points = without_distances(*symbols)
+        distances = [c.distance(clearance_points[:, i]) for i, c in enumerate(constraints.clearances)]
         return ca.Function("rows", symbols, [ca.vertcat(rows, *distances)])
 
 

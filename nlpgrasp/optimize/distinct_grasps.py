@@ -244,7 +244,7 @@ def _certify_candidate(
 
 
 def _complete_record(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
-    """Return the record of a start's grasp, with robustness and hand record if time permits."""
+    """Return the record of a start's grasp, after computing missing robustness and hand record if time permits."""
     candidate, grasp = start.on_body.candidate, start.on_body.grasp
     with single_thread():
         if deadline.should_stop():
@@ -256,7 +256,7 @@ def _complete_record(compiled: CompiledProblem, start: StartGrasp, deadline: Dea
 
 
 def _kept_grasp_record(compiled: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
-    """Return the record of a start's grasp, with its least finger forces."""
+    """Return the record of a start's grasp from given results; only its finger forces are computed."""
     on_body, bounds = start.on_body, start.record.mu
     exerted = compute_exerted_forces(compiled.problem, on_body.grasp, compiled.budget(on_body.candidate), bounds)
     return FoundGrasp(

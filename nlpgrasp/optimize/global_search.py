@@ -181,7 +181,7 @@ def evaluation_limit(problem: GraspProblem, starts: int) -> float:
 
 
 def _limit_fraction(problem: GraspProblem, starts: int) -> float:
-    """Return the factor on the full limits of the short branch and bound, which grows with the number of starts."""
+    """Return the fraction of the full limits of the short branch and bound for a number of starts."""
     flat = isinstance(problem.body, Box | Prism)
     return min(1.0, (FIRST_SHARE_FLAT if flat else 0.0) + FURTHER_SHARE * (starts - 1))
 

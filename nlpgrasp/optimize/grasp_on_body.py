@@ -103,10 +103,11 @@ def surface_differences(body: Mesh, start: FloatArray, grasp: Grasp, smooth: Flo
         Whether there is no hand with a pose: contacts then have the normal of one triangle, also on edges.
     """
     deviations = body.angles_off_normals(grasp.points, -grasp.normals, on_edges=not free)
+    # on an edge the mesh has many normals: the grasp's is the one to compare with if it is among them
     mesh_normals = np.where((deviations <= OWN_NORMAL)[:, None], grasp.normals, -body.closest(grasp.points)[1])
     angles = np.arccos(np.clip(np.sum(smooth * mesh_normals, axis=1), -1.0, 1.0))
     moved = np.linalg.norm(grasp.points - start, axis=1)
-    return SurfaceMatch(body.closest(start)[2], angles, moved, deviations)
+    return SurfaceMatch(distances=body.closest(start)[2], angles=angles, moved=moved, stated=deviations)
 
 
 @dataclass(frozen=True)

@@ -44,9 +44,9 @@ IntArray = NDArray[np.intp]
 def choose_free_approach(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> tuple[StartGrasp, ...]:
-    """Return the best start with a collision-free approach, followed by the starts that are blocked.
+    """Return the chosen start, with a collision-free approach if possible, followed by the blocked ones.
 
-    The best start comes first if its approach is collision-free, else the next by decreasing mu whose approach is, else
+    Chosen is the best start if its approach is collision-free, else the next by decreasing mu whose approach is, else
     the best whose links do not penetrate anything on the way in.
 
     Parameters

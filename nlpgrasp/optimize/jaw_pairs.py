@@ -61,7 +61,7 @@ def _select_spaced(pairs: FloatArray, distance: float) -> list[int]:
 
 
 def _antipodal_pairs(compiled: CompiledProblem) -> tuple[FloatArray, FloatArray, ObjectArray]:
-    """Return points, inward normals (b, 2, space) and faces (b, 2) of opposite samples made antipodal."""
+    """Return opposite surface samples made antipodal, as points, inward normals (b, 2, space) and faces (b, 2)."""
     tables, body = compiled.sample_tables, compiled.problem.body
     pairs = tables.pairs[: len(tables.pairs) // 2]  # the others are the same in reverse
     points, normals = tables.contacts_of(pairs)

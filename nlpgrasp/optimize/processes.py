@@ -1,4 +1,4 @@
-"""Worker processes with single-threaded linear algebra, and pickled payloads for them."""
+"""Worker processes, pickled payloads for them, and a context for linear algebra on one thread."""
 
 from __future__ import annotations
 

@@ -113,9 +113,9 @@ def put_on_body(
     candidate: GraspCandidate,
     smooth_points: FloatArray | None = None,
 ) -> GraspOnBody:
-    """Return the grasp, on the body's actual surface, of a candidate that is already on its faces.
+    """Return the grasp on the body's actual surface for a candidate on the faces of a compiled problem.
 
-    ``project_onto_body`` moves a candidate there.
+    ``project_onto_body`` moves a candidate onto these faces.
 
     Parameters
     ----------

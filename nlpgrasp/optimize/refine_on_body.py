@@ -214,9 +214,10 @@ class JointLimitMargins:
 
 
 def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> GraspCandidate:
-    """Return a posed hand refined on a mesh's smoothed surface.
+    """Return a candidate with a posed hand after coarse refinement on a mesh's smoothed surface.
 
-    Contacts move farther there than on triangles.
+    Contacts move farther on it than on triangles. A candidate that cannot be projected onto the constraints is returned
+    unchanged.
     """
     moved, violation = project_onto_constraints(compiled, compiled.projected_onto_faces(candidate))
     if violation > TOUCHING:
@@ -227,7 +228,7 @@ def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate,
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
 ) -> tuple[NDArray[np.bool_], GraspCandidate]:
-    """Return the mask of joints (m,) that can keep their margins while all fingertips touch, and such a candidate."""
+    """Return the mask (m,) of joints that can keep their margins while all fingertips touch, and such a candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
     for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrow_limits(keeps_margin)

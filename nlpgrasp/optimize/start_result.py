@@ -137,7 +137,10 @@ class StartGrasp(StartResult):
 
     @property
     def ranking_bounds(self) -> Bounds:
-        """Bounds by which starts are ranked: nu for that objective, else robust mu where computed, else mu."""
+        """Bounds on the quality by which starts are ranked.
+
+        The quality is nu where that is the objective, else robust mu where it is computed, else mu.
+        """
         if self.volume is not None:
             return Bounds(self.volume, self.volume)
         return self.record.mu if self.robust is None else self.robust.mu
@@ -176,14 +179,15 @@ def format_error(error: Exception) -> str:
 def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
     """Return the best solved start; with none solved, the best whose only flaw is a collision.
 
-    Of equals it is the earliest. The lower bounds of two starts differ by chance within their certificates' gap, while
-    the upper bounds are nearly always the values themselves: among the starts whose lower bounds are that close, the
-    largest upper bound wins.
+    Among the starts whose lower bounds are close to the largest, the one with the largest upper bound is the best:
+    lower bounds differ by chance within their certificates' gap, while upper bounds are nearly always the values
+    themselves. Of equal upper bounds, the earliest start is the best.
     """
     grasps = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
     eligible = [r for r in grasps if r.solved] or grasps
     if not eligible:
         return None
-    lower = max(r.ranking_bounds.lower for r in eligible)
-    tied = [r for r in eligible if r.ranking_bounds.upper >= lower and r.ranking_bounds.lower >= (1.0 - TIE) * lower]
+    best_lower = max(r.ranking_bounds.lower for r in eligible)
+    least_lower = (1.0 - TIE) * best_lower
+    tied = [r for r in eligible if r.ranking_bounds.upper >= best_lower and r.ranking_bounds.lower >= least_lower]
     return max(tied, key=lambda r: (r.ranking_bounds.upper, -r.record.index))

@@ -212,12 +212,9 @@ class SampleTables:
         models, origin = problem.models, problem.origin
         self._jaws = isinstance(problem.hand, ParallelJaw)
         allowed = [_satisfying_samples(rows, hand, clouds, i) for i in range(len(models))]
-        keys = [(model, id(clouds[i]), allowed[i].tobytes()) for i, model in enumerate(models)]
-        first = [keys.index(key) for key in keys]
-        order = sorted(set(first))
-        self.of_contact = [order.index(i) for i in first]
+        distinct_contacts, self.of_contact = _distinct_contacts(models, clouds, allowed)
         self.distinct: list[SampleTable] = []
-        for i in order:
+        for i in distinct_contacts:
             limit = most if rule.has_closed_form(models[i]) else PROJECTED_SAMPLES
             samples = _table_samples(clouds[i], allowed[i], limit)
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
@@ -332,6 +329,26 @@ def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_], most: int) ->
     if len(indices) > most:
         indices = np.random.default_rng(0).choice(indices, most, replace=False)
     return cloud.subset(indices)
+
+
+def _distinct_contacts(
+    models: Sequence[ContactModel], clouds: Sequence[SampleCloud], allowed: Sequence[NDArray[np.bool_]]
+) -> tuple[list[int], list[int]]:
+    """Return the contacts with distinct models or samples, and each contact's index among these.
+
+    Of contacts with one model and the same samples, the first counts.
+
+    Parameters
+    ----------
+    models : sequence of k ContactModel
+    clouds : sequence of k SampleCloud
+    allowed : sequence of k (m,) bool arrays
+        Mask of each contact's samples in its cloud.
+    """
+    keys = [(model, id(cloud), mask.tobytes()) for model, cloud, mask in zip(models, clouds, allowed, strict=True)]
+    first = [keys.index(key) for key in keys]
+    distinct = sorted(set(first))
+    return distinct, [distinct.index(i) for i in first]
 
 
 def _satisfying_samples(

@@ -127,7 +127,7 @@ class Linearisation:
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
     def evaluate_at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return all constraint values at variables z with other cuts, and the Jacobian (rows, n)."""
+        """Return the values (rows,) and Jacobian (rows, n) of all constraints at variables z with given cuts."""
         if self.outside_cuts is not None:
             support, slopes = support_gradients(self.compiled, self.candidate_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
@@ -144,7 +144,7 @@ class Linearisation:
         return GraspCandidate(self.faces, contact_points(self.compiled, program, z), hand_of(program, z))
 
     def grasp_at(self, z: FloatArray) -> Grasp:
-        """Return the grasp at variables z, with the normals among these."""
+        """Return the grasp that the program's variables z (n,) describe, with their normals scaled to unit length."""
         normals = np.stack([z[block.range] for block in self.functions.program.blocks("normal")])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return self.compiled.grasp_at(contact_points(self.compiled, self.functions.program, z), normals / lengths)
@@ -255,7 +255,7 @@ def reduced_hessian(
 def _moving_minimiser_part(
     linear: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
-    """Return the Hessian's part (s, s) from the motion of minimisers, in a basis (n, s).
+    """Return the part (s, s) of the Hessian that the motion of the cuts' minimisers causes, in a basis (n, s).
 
     It is ``-g_zy g_yy^-1 g_yz``, summed over the minimisers with indices ``moving`` among the cuts.
     """

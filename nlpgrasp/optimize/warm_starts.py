@@ -323,7 +323,7 @@ def _certify_start(
     started: float,
     floor: float = 0.0,
 ) -> StartGrasp:
-    """Return a grasp as a certified start, with bounds of at least ``floor`` if the grasp is feasible."""
+    """Return the certified start of a grasp; the bounds on mu are at least ``floor`` if the grasp is feasible."""
     bounds = mu(
         on_body.grasp, compiled.problem.task, compiled.options.rtol, force_budget=compiled.budget(on_body.candidate)
     )

@@ -130,7 +130,7 @@ def prefer_robust_start(
 def restrict_to_pressing(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best of the starts whose contacts can all press in balance, with all of these starts.
+    """Return the best start whose contacts can all press in balance, and all such starts.
 
     Other grasps of a hand with joints exert the task only while it pushes into the fingers. Both arguments are returned
     unchanged if the best start can press already, for hands without joints, or if no start can press.

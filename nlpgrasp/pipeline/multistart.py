@@ -316,10 +316,10 @@ class Multistart:
         self._clock.mark("closing the gap")
 
     def _add_start(self, candidates: Sequence[GraspCandidate] = ()) -> None:
-        """Run one more start in this process, from given candidates if there are any.
+        """Run one more start in this process, and append its result.
 
-        Without candidates the start proposes them itself, also from the bound's relaxed placements. Requested starts
-        that have not been run come first.
+        It begins from given candidates. Without candidates the start proposes them itself, also from the bound's
+        relaxed placements. Requested starts that have not been run come first.
         """
         finished = {result.record.index for result in self.results}
         index = next((i for i in range(self.runner.count) if i not in finished), self.next_index)
@@ -327,7 +327,7 @@ class Multistart:
         self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, relaxed, candidates))
 
     def _propose_near(self, contacts: Sequence[FloatArray] | None, starts: int) -> list[Sequence[GraspCandidate]]:
-        """Return the candidates of each of several further starts, also near known contacts.
+        """Return the proposed candidates of each further start, some of them near known contacts.
 
         Candidates near the bound's relaxed placements are proposed as well. ``contacts`` are arrays (k, space); with
         None, candidates are those of a solve with as many starts. They are empty where the proposal fails numerically:
