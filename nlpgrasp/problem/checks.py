@@ -247,9 +247,9 @@ def warn_of_lengths(
 def _lengths(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
 ) -> Iterator[tuple[str, float, float, float]]:
-    """Yield each length of a problem with its name, the length to compare with the body, and the limit of that length.
+    """Yield the lengths of a problem that are compared with the body's size.
 
-    Each entry is (name, given length, compared length, limit): metres, the limit in body sizes.
+    Each entry is (name, given length, compared length, limit of the compared length): metres, the limit in body sizes.
     """
     for i, model in enumerate(models):
         torsion = model.coefficients.get("torsional_friction", 0.0)

@@ -46,9 +46,9 @@ class Bounds:
 
     @property
     def beta(self) -> Bounds | None:
-        """Interval of the paper's mu (3.3-4a): the largest beta at which the grasp exerts ``A_beta``; or None.
+        """Interval of the paper's mu (3.3-4a), the largest task scale that the grasp exerts; or None.
 
-        None for measures other than mu of a centred task ellipsoid.
+        The scale is beta of ``A_beta``. None for measures other than mu of a centred task ellipsoid.
         """
         if self.task_beta is None:
             return None

@@ -91,7 +91,7 @@ Evaluation = Callable[[Grasp | GraspStack, Task | None, _Settings], Result]
 
 @dataclass(frozen=True)
 class _Measure:
-    """Quality measure that a table can have as a column."""
+    """Entry of ``MEASURES``: evaluation of a quality measure, and what it needs and yields."""
 
     evaluate: Evaluation
     needs_task: bool = False

@@ -155,7 +155,7 @@ class _SlidingContact:
         )
 
     def _distances(self, i: int, j: int) -> FloatArray:
-        """Return the distances (j - i - 1,) of wrenches between stations i and j from combinations of w_i and w_j.
+        """Return distances (j - i - 1,) of wrenches between two stations from combinations of the stations' wrenches.
 
         Combinations ``a w_i + b w_j`` with a, b >= 0 and a + b >= 1 work at least as much as the lesser of the two. The
         nearest one is taken where it is such a combination, else the nearest of the segment.

@@ -30,7 +30,7 @@ from nlpgrasp.solution.solution import GraspSolution, require_solution
 
 PUSH, SECONDS = 1.0, 2.0  # newtons; seconds of each push
 DEFAULT_MASS = ObjectMass(0.1, "as the task carries no weight upwards")  # kilograms: default mass
-TORQUES, SLIPPERY, OFF = "torques, a fifth of the gain", "half the friction", "object 5 mm, 5 deg off"
+TORQUES, SLIPPERY, DISPLACED = "torques, a fifth of the gain", "half the friction", "object 5 mm, 5 deg off"
 FRICTION_SHARE, GAIN_SHARE = 0.5, 0.2  # shares of the friction and of the gain
 OFFSET, TILT, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # metres and radians of displacement; draws
 AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
@@ -202,7 +202,7 @@ def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) 
     yield _push_trials(SLIPPERY, HandWorld(slippery_scene()), size)
     rng = np.random.default_rng(SEED)
     draws = [_random_displacement(rng) for _ in range(DRAWS)]
-    yield [trial for draw in draws for trial in _push_trials(OFF, HandWorld(scene), size, displacement=draw)]
+    yield [trial for draw in draws for trial in _push_trials(DISPLACED, HandWorld(scene), size, displacement=draw)]
     pushes = _push_trials(CONTROL, HandWorld(scene), size, squeeze=False)
     yield [*pushes, _lift_trial(CONTROL, HandWorld(scene), squeeze=False)]
 

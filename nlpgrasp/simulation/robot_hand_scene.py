@@ -426,7 +426,8 @@ def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) 
 def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
     """Return the position gain of each free joint.
 
-    It is the squeeze's, or a given one for revolute joints.
+    It is the squeeze's, or ``gain`` for revolute joints if that is given. A joint that the squeeze does not name has
+    the largest gain of those it names.
 
     Raises
     ------

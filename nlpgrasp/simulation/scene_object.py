@@ -179,9 +179,9 @@ def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMa
 
 
 def _carried_weight(part: Task) -> float:
-    """Return the weight that a part of a task carries, newtons: the upward force at its centre.
+    """Return the weight, newtons, that a part of a task carries; 0 if it carries none.
 
-    0 for a part that pushes from zero, or without an upward force.
+    The weight is the upward force at the part's centre. A part that pushes from zero carries none.
     """
     axes = np.eye(3, 6)
     largest, smallest = part.support(axes)[0], -part.support(-axes)[0]
@@ -193,7 +193,10 @@ def _carried_weight(part: Task) -> float:
 
 
 def _isotropic_force(part: Task, solution: GraspSolution) -> float:
-    """Return the force of a part of a task that acts equally in all directions near the centre of mass; else 0."""
+    """Return the force, newtons, of a part of a task that is equal in all directions near the centre of mass.
+
+    0 for other parts.
+    """
     if not isinstance(part, TaskEllipsoid) or not part.is_centred:
         return 0.0
     forces, moments = part.axes[:, :3], part.axes[:, 3:]

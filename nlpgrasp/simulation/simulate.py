@@ -132,9 +132,9 @@ def _conditions(data: SimulationInput, share: float) -> list[_Condition]:
 
     The one with displaced contacts is left out if the solution states no displacement.
     """
-    grasp, pulls = data.grasp, share * data.wrenches
-    with_weight = forces_for_wrenches(grasp, data.labels, pulls + data.weight, data.budget, data.effort)
-    without_weight = forces_for_wrenches(grasp, data.labels, pulls, data.budget, data.effort)
+    grasp, scaled_wrenches = data.grasp, share * data.wrenches
+    with_weight = forces_for_wrenches(grasp, data.labels, scaled_wrenches + data.weight, data.budget, data.effort)
+    without_weight = forces_for_wrenches(grasp, data.labels, scaled_wrenches, data.budget, data.effort)
     result = [
         _Condition(AS_SOLVED, grasp, with_weight, EARTH),
         _Condition(WEIGHTLESS, grasp, without_weight, 0.0),
