@@ -153,7 +153,7 @@ def _corner_angles(corners: FloatArray) -> FloatArray:
 def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, crease_cosine: float) -> FloatArray:
     """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle.
 
-    There are none if too many of the edges are isolated.
+    There are none if too many of their vertices are loose ends, where a single such edge ends.
     """
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     triangle_of_edge = np.tile(np.arange(len(faces)), 3)
@@ -163,8 +163,8 @@ def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray
     sharp = np.sum(normals[triangle_of_edge[shared]] * normals[triangle_of_edge[shared + 1]], axis=1) < crease_cosine
     edges = ends[shared[sharp]]
     degrees = np.bincount(edges.ravel(), minlength=1)
-    is_continuous = np.sum(degrees == 1) <= MOST_LOOSE_ENDS * np.sum(degrees > 0)
-    return vertices[edges] if is_continuous else np.zeros((0, 2, 3))
+    is_broken = np.sum(degrees == 1) > MOST_LOOSE_ENDS * np.sum(degrees > 0)
+    return np.zeros((0, 2, 3)) if is_broken else vertices[edges]
 
 
 def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:

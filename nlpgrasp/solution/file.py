@@ -72,7 +72,7 @@ def parse(text: str, name: str) -> Json:
 
 @lru_cache
 def solution_schema() -> Json:
-    """Return the JSON Schema of solution files (schema 1), read from a file of this package."""
+    """Return the JSON Schema of solution files (schema 1) from the file that ``docs/make_schema.py`` updates."""
     text = files("nlpgrasp.solution").joinpath("schema/nlpgrasp-1.schema.json").read_text(encoding="utf-8")
     return dict(json.loads(text))
 

@@ -205,12 +205,12 @@ class ForcesNeeded:
 
     def to_dict(self) -> Json:
         """Return the required forces as JSON data."""
-        largest, finger, total = self.stated_summary or self.summary
+        largest_force, finger, total = self.stated_summary or self.summary
         columns = {"force": self.forces, "normal": self.normal, "size": self.size, "largest": self.largest}
         data: Json = {
             "wrench": self.wrench.tolist(),
             "fingers": finger_entries(**columns, moment=self.moments),
-            "largest": largest,
+            "largest": largest_force,
             "finger": finger,
             "total": total,
             "budget": self.budget.to_dict(),

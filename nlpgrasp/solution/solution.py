@@ -213,9 +213,10 @@ class GraspSolution(InNotebook):
 
     @property
     def finger_limit(self) -> float | None:
-        """Limit ``max_force`` of each finger's force, newtons, or None if nothing limits it.
+        """Limit of each finger's force, newtons, or None if nothing limits it.
 
-        For parallel jaws with a grip force, ``max_force`` limits that force alone, so that this is None.
+        It is ``max_force``, but for parallel jaws with a grip force: there ``max_force`` limits the grip force alone,
+        so that this is None.
         """
         return self.max_force if self.grip is None else None
 

@@ -444,7 +444,7 @@ class JointSqueeze:
 
     @classmethod
     def from_dict(cls, data: Json, count: int, hand: Json, problem_hand: Json, name: str) -> JointSqueeze:
-        """Return the record that ``to_dict`` wrote, for ``count`` contacts.
+        """Return the joint squeeze stated in a file, with the joints' positions and torque limits from its hand.
 
         Parameters
         ----------
@@ -467,14 +467,14 @@ class JointSqueeze:
         torques = {joint: number(f"{name}.torques.{joint}", tau) for joint, tau in data["torques"].items()}
         jacobians = array(f"{name}.jacobians", data["jacobians"], (count, 6, len(torques)))
         positions, limits = hand.get("joint_positions", {}), problem_hand.get("torque_limits") or {}
+        limits_field = "problem.hand.torque_limits"
         if not isinstance(limits, Mapping):
-            raise InputError("problem.hand.torque_limits", limits, "limits by joint")
+            raise InputError(limits_field, limits, "limits by joint")
         unknown = [joint for joint in torques if joint not in positions]
         if unknown:
             raise InputError(f"{name}.torques", f"joint {unknown[0]}", "joints of hand.joint_positions")
-        field = "problem.hand.torque_limits"
         joint_limits = {
-            joint: number(f"{field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits
+            joint: number(f"{limits_field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits
         }
         grasp = {joint: float(positions[joint]) for joint in torques}
         return cls(torques, joint_limits, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))

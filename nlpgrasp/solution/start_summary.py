@@ -95,7 +95,7 @@ def ipopt_lines(solver: Json) -> list[str]:
 
 
 def answer_start(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
-    """Return the winning start; by default, the start with the largest certified upper bound."""
+    """Return the start with the index ``best_start``; for None, the one with the largest certified upper bound."""
     if best_start is not None:
         return next((s for s in starts if s.index == best_start), None)
     solved = [s for s in starts if s.has_grasp and s.mu != UNKNOWN]
