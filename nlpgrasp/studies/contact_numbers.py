@@ -82,11 +82,11 @@ def how_many_contacts(
     problems = [problem_with(k) for k in contact_counts]
     for k, problem in zip(contact_counts, problems, strict=True):
         _check_problem(k, problem, problems[0])
-    pairs = [(i, i + 1) for i in range(len(problems) - 1)]
-    family = solve_family(problems, pairs, NumberConversion(), starts, seed, options)
-    results = dict(zip(contact_counts, family, strict=True))
-    solutions = tuple((k, solution) for k, (solution, _) in results.items())
-    return ContactCurve(solutions, {k: reached for k, (_, reached) in results.items()}, bounds)
+    successive = [(i, i + 1) for i in range(len(problems) - 1)]  # exchange warm starts
+    family = solve_family(problems, successive, NumberConversion(), starts, seed, options)
+    solutions = tuple((k, solution) for k, (solution, _) in zip(contact_counts, family, strict=True))
+    starts_near_best = {k: near_best for k, (_, near_best) in zip(contact_counts, family, strict=True)}
+    return ContactCurve(solutions, starts_near_best, bounds)
 
 
 @dataclass(frozen=True)

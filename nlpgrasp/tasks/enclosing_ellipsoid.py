@@ -51,8 +51,12 @@ def enclose(
     gap = number("gap", gap, above=0.0)
     if outliers >= 0.5:
         raise InputError("outliers", outliers, "a share below 0.5")
-    if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
-        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
+    if probability is not None:
+        allowed = "a share between 0 and 1, without outliers"
+        if not 0.0 < number("probability", probability) < 1.0:
+            raise InputError("probability", probability, allowed)
+        if outliers > 0.0:
+            raise InputError("probability", probability, allowed)
     fixed_center = None if center is None else array("center", center, (rows.shape[1],))
     local = NormalisedWrenches.of(rows, fixed_center)
     if len(local.flat):
@@ -68,11 +72,11 @@ def enclose(
         offset, axes = _covariance(local.points, probability, fixed_center is not None)
     norms = ellipsoid_norms(local.points, offset, axes)
     return EnclosingEllipsoid(
-        local.denormalise(offset),
-        local.denormalise_axes(axes),
-        norms <= 1.0 + INSIDE,
-        excess,
-        local.flat,
+        center=local.denormalise(offset),
+        axes=local.denormalise_axes(axes),
+        inside=norms <= 1.0 + INSIDE,
+        gap=excess,
+        flat=local.flat,
     )
 
 

@@ -148,7 +148,7 @@ class SupportFunction:
 
     @classmethod
     def from_dict(cls, data: Json) -> SupportFunction:
-        """Return the support function with the stored samples: one created in this process, else that of their hull.
+        """Return the support function of this process that has the stored samples, or else that of their hull.
 
         Warns
         -----

@@ -157,6 +157,9 @@ def test_search_and_near_names(library):
     assert "dimension  wrenches  units" in str(ready)
     with pytest.raises(ng.InputError, match="no such folder"):
         library["peg"]
+    library.path.mkdir()
+    with pytest.raises(ng.InputError, match=r"expected the name of an entry; the library has none$"):
+        library["peg"]
 
 
 NAMES = ["peg", "Peg", "PEG", "peg in hole", "peg-in-hole", "a/b", "a\\b", "..", ".", "né", "ñ", "x" * 100, "CON", "%"]

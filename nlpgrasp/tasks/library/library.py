@@ -486,10 +486,9 @@ class LibraryFolder:
         match = self.find(name)
         if match is None:
             names = [entry.name for entry in self.entries()]
-            suggestions = (
-                ", ".join(map(repr, (similar_names(name, names) or names)[:NEAREST])) or "none: it has no entries"
-            )
-            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {suggestions}")
+            suggestions = ", ".join(map(repr, (similar_names(name, names) or names)[:NEAREST]))
+            examples = f", such as {suggestions}" if names else "; the library has none"
+            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry{examples}")
         return match
 
     def file(self, name: str) -> Path:

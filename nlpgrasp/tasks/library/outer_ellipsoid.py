@@ -135,9 +135,9 @@ def _enclose_by_cutting_planes(points: FloatArray, inner: Sequence[InnerEllipsoi
 
 
 def _largest_norm(ellipsoid: MinVolumeEllipsoid, points: FloatArray, inner: Sequence[InnerEllipsoid]) -> float:
-    """Return an upper bound on the norms of points and inner ellipsoids, with ``ellipsoid`` as the unit ball.
+    """Return a tight upper bound on the norms of points and inner ellipsoids.
 
-    The bound is tight.
+    The norm is 1 on the surface of ``ellipsoid``.
     """
     largest = float(np.max(ellipsoid_norms(points, ellipsoid.center, ellipsoid.axes), initial=0.0))
     return max([largest, *(farthest_point(item, ellipsoid)[0] for item in inner)])

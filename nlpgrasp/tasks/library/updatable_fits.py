@@ -217,7 +217,10 @@ class MinVolumeFit(UpdatableFit):
 
     @classmethod
     def from_dict(cls, data: Json, task: TaskEllipsoid, stored: FloatArray | None) -> MinVolumeFit:
-        """Return the fit from the data of its ``to_dict`` or of an earlier version's, and the wrenches."""
+        """Return the fit of a task ellipsoid from its stored data and wrenches.
+
+        The data are those of ``to_dict`` of this or of an earlier version.
+        """
         d = task.dimension
         if "kept" in data:
             rows, count, inner = _read_earlier_data(data, d)
