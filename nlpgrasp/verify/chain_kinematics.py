@@ -182,9 +182,10 @@ def _read_link(element: ET.Element) -> Link:
 
 
 def _with_signed_limits(link: Link, links: Sequence[Link]) -> Link:
-    """Return the link with negated limits of its mimic joint if they lack the sign of the multiplier.
+    """Return a link with limits of its mimic joint that have the sign of the multiplier.
 
-    That is the case if no two positions of the followed joint satisfy the stated limits, and some satisfy the negated.
+    Limits without it are negated. They lack it if no two positions of the followed joint satisfy the stated limits, and
+    some satisfy the negated.
     """
     follow = link.follow
     if follow is None or follow.multiplier >= 0.0:

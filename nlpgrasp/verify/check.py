@@ -150,7 +150,7 @@ class NotCheckedError(NlpgraspError):
 
 
 def broken_data_message(error: Exception) -> str:
-    """Return the message about an exception of ``BROKEN`` that invalid data raised."""
+    """Return the message for an exception that invalid data raised; ``BROKEN`` has the types."""
     return f"the file makes no sense here: {type(error).__name__}: {error}"
 
 
@@ -163,8 +163,8 @@ def guard(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
 
 
 def states_all_hand_fields(solution: GraspSolution) -> bool:
-    """Return whether a file must have all hand and approach fields, as this version's solve writes them.
+    """Return whether the version that wrote a file states all hand and approach fields.
 
-    Options in files of earlier versions lack ``link_tolerance``.
+    Earlier versions lack the option ``link_tolerance``.
     """
     return "link_tolerance" in solution.solver.get("options", {})

@@ -395,11 +395,11 @@ def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: Num
     tolerance = JACOBIAN_TOLERANCE + linked_hand.direction_error
     jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(hand_jacobians)))
     for j, (joint, J) in enumerate(hand_jacobians.items()):  # J (k, 6): velocities of the contacts
-        arm = max(1.0, float(np.max(np.abs(J))))
-        if not np.max(np.abs(jacobians[:, :, j] - J)) <= tolerance * arm:
+        largest_entry = max(1.0, float(np.max(np.abs(J))))
+        if not np.max(np.abs(jacobians[:, :, j] - J)) <= tolerance * largest_entry:  # also for NaN
             yield f"Jacobian of joint {joint} is not that of the hand in its posture"
         torque = float(np.sum(J * forces))
-        if not abs(torques[joint] - torque) <= tolerance * size * arm:
+        if not abs(torques[joint] - torque) <= tolerance * size * largest_entry:
             yield f"joint {joint} needs {torque:.4g}, stated {torques[joint]:.4g}"
     limits = linked_hand.data.get("torque_limits") or {}
     ratios = {joint: abs(torques[joint]) / limits[joint] for joint in hand_jacobians if joint in limits}
@@ -408,6 +408,7 @@ def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: Num
         largest_ratio is not None and not _agrees(stated["worst_share"], largest_ratio)
     ):
         yield f"the worst joint's share of its torque limit is {largest_ratio}, stated {stated.get('worst_share')}"
+    # of joints with equal ratios each may be stated as the worst
     elif worst_joint is not None and not (worst_joint in ratios and _agrees(ratios[worst_joint], largest_ratio)):
         yield f"joint {worst_joint} is not the worst"
     yield from _command_errors(stated, solution)

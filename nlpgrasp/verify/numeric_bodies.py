@@ -194,7 +194,7 @@ def _from_sides(axis: int, half: FloatArray) -> Distance:
 
 
 def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
-    """Return the function from a point to distance, outward normal and overshoot of one side of a box."""
+    """Return the ``Piece`` function of one side of a box."""
     outward, tangent_axes = sign * np.eye(3)[axis], [i for i in range(3) if i != axis]
     return lambda p: (
         float(sign * p[axis] - half[axis]),
@@ -296,7 +296,7 @@ def _edges_intersect(start: FloatArray, end: FloatArray) -> bool:
 
 
 def _edge_piece(v: FloatArray, i: int) -> Piece:
-    """Return the function from a point to distance, outward normal and overshoot of a polygon's edge.
+    """Return the ``Piece`` function of one edge of a polygon.
 
     The edge leads from vertex i of the counter-clockwise polygon to the next.
     """

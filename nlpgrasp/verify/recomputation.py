@@ -310,9 +310,9 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return a test of names that is true for the scalar constraints of a constraint.
+    """Return the predicate whether a name is that of one of a constraint's scalar constraints.
 
-    For types of other packages, every name.
+    For types of other packages, it is true for every name.
     """
     kind = str(data["type"])
     if kind == "obstacle":

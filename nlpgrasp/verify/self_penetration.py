@@ -40,13 +40,13 @@ class NumericSelfPenetration:
     def __init__(self, hand: NumericLinkedHand, samples: Mapping[str, FloatArray]) -> None:
         self._hand, self._samples = hand, samples
         self._parts = {link: [_Part(shape) for shape in shapes] for link, shapes in hand.shapes.items()}
-        self._centres = {link: (points.min(axis=0) + points.max(axis=0)) / 2.0 for link, points in samples.items()}
-        self._radii = {
-            link: float(np.max(np.linalg.norm(points - self._centres[link], axis=1)))
+        self._ball_centres = {link: (points.min(axis=0) + points.max(axis=0)) / 2.0 for link, points in samples.items()}
+        self._ball_radii = {
+            link: float(np.max(np.linalg.norm(points - self._ball_centres[link], axis=1)))
             for link, points in samples.items()
         }
         self._pairs = list(_separate_links(hand))
-        self._permanent: dict[tuple[str, str], bool] = {}
+        self._permanent: dict[tuple[str, str], bool] = {}  # whether a pair overlaps by construction, once it is known
         self._last: tuple[Mapping[str, float], LinkPenetration] | None = None  # an approach does not change the joints
 
     def in_posture(self, hand: NumericLinkedHand, tolerance: float) -> LinkPenetration:
@@ -67,8 +67,8 @@ class NumericSelfPenetration:
             return 0.0
         first, second = (hand.poses[link] for link in pair)
         relative = np.linalg.inv(second) @ first
-        between = relative[:3, :3] @ self._centres[pair[0]] + relative[:3, 3] - self._centres[pair[1]]
-        if np.linalg.norm(between) > self._radii[pair[0]] + self._radii[pair[1]]:
+        between = relative[:3, :3] @ self._ball_centres[pair[0]] + relative[:3, 3] - self._ball_centres[pair[1]]
+        if np.linalg.norm(between) > self._ball_radii[pair[0]] + self._ball_radii[pair[1]]:
             return 0.0
         samples = [self._samples[pair[0]] @ relative[:3, :3].T + relative[:3, 3], self._samples[pair[1]]]
         if _are_apart(*samples):

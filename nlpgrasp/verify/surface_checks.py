@@ -52,7 +52,7 @@ def _tip_kinds(hand: NumericHand | None, count: int) -> Sequence[str | None]:
 def _check_other_mesh(
     solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other_mesh: OtherMeshError
 ) -> tuple[NumericBody | None, list[Check]]:
-    """Return the body and the checks for a mesh without the recorded fingerprint: failed or not made.
+    """Return the body and the failed or unmade checks for a mesh with another fingerprint than the recorded one.
 
     If contacts and normals fit the mesh, and it was read by the same versions, the recorded fingerprint is wrong: the
     check fails. Otherwise it may be another mesh, which proves nothing about the file: the body is None and the checks

@@ -58,14 +58,16 @@ class StatedLeaves:
     def __init__(
         self, data: Json, groups: Sequence[StatedGroup], contacts: Sequence[Json], task: Task, budget: StatedBudget
     ) -> None:
-        self.leaves, self.budget, self._dual_weights_data = data["leaves"], budget, data["mixtures"]
+        self.leaves, self.budget = data["leaves"], budget
+        self._dual_weights_data = data["mixtures"]  # the file's name of the sets of dual weights
         thresholds = data["thresholds"] if budget.has_thresholds else np.zeros(len(data["mixtures"]))
         self._thresholds = array("thresholds", thresholds, (None,))
         self.twists = array("directions", data["directions"], (None, task.dimension))
         self.supports = task.support(self.twists)[0]
         self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
         self._models = [StatedContact.of(contacts[group.contacts[0]], budget) for group in groups]
-        self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
+        self._groups = groups
+        self._group_of_slot = [i for i, group in enumerate(groups) for _ in group.contacts]  # of each cell of a node
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the claimed and the recomputed upper bounds of the leaves, (n,) each.
@@ -89,7 +91,7 @@ class StatedLeaves:
         """Return upper bounds of nodes from one set of dual weights, refined to confirm the claimed bounds."""
         weights, twists, threshold, task_power = self._dual_weights(index)
         aggregate = max if self.budget.shared and len(weights) == 1 else sum
-        cells_of_nodes = [list(zip(self._slots, node, strict=True)) for node in nodes]
+        cells_of_nodes = [list(zip(self._group_of_slot, node, strict=True)) for node in nodes]
         offset = threshold * float(np.sum(weights))
         largest = self._support_sum_bounds(
             {slot for cells in cells_of_nodes for slot in cells}, twists, weights, threshold
@@ -331,11 +333,12 @@ class StatedContact:
         return self._elliptic(normal, *sizes[:2]) if self.elliptic else self._longest(normal, parts)
 
     def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
-        """Return the lengths of ``(v_n, a_1, a_2, ...)`` after projection onto the cone ``a_i <= c_i n``, for all i.
+        """Return the lengths of velocities projected onto the cone of a contact whose parts have separate limits.
 
-        Each part i has a coefficient c and a magnitude a of velocity. The squared distance at a normal force n is
-        ``(n - v_n)^2 + sum of (a - c n)_+^2``. Its slope is the least of ``n - v_n - sum over A of c (a - c n)`` over
-        sets A of parts, so that it vanishes at the largest of their roots.
+        The velocities are ``(v_n, a_1, a_2, ...)``, the cone is ``a_i <= c_i n`` for all i. Each part i has a
+        coefficient c and a magnitude a of velocity. The squared distance at a normal force n is ``(n - v_n)^2 + sum of
+        (a - c n)_+^2``. Its slope is the least of ``n - v_n - sum over A of c (a - c n)`` over sets A of parts, so that
+        it vanishes at the largest of their roots.
         """
         n = np.maximum(normal, 0.0)
         for mask in product((False, True), repeat=len(parts)):
@@ -344,9 +347,9 @@ class StatedContact:
         return np.asarray(np.sqrt(n**2 + sum(np.minimum(a, c * n) ** 2 for c, a in parts)))
 
     def _elliptic(self, normal: FloatArray, sliding: FloatArray, torsion: FloatArray) -> FloatArray:
-        """Return the length of the velocities' projection onto the elliptic cone ``|(f_t / c_1, m / c_2)| <= n``.
+        """Return the lengths of velocities projected onto the cone of a contact with elliptic friction.
 
-        Outside the cone, the length is found by a search over its rim.
+        The cone is ``|(f_t / c_1, m / c_2)| <= n``. Outside the cone, the length is found by a search over its rim.
         """
         c, d, _ = self.coefficients
 

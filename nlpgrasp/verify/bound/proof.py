@@ -64,7 +64,7 @@ class Proof:
 
     @cached_property
     def faces(self) -> Faces:
-        """Faces of the body by name, without the edge margin."""
+        """Faces of the body by name, each reduced by the edge margin along its sharp edges."""
         margin = number("edge_margin", self.problem.get("edge_margin", 0.0), at_least=0.0)
         return faces_of(self.problem["body"], margin)
 
@@ -161,9 +161,9 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _check_turned(self) -> tuple[str, str]:
-        """Check that rotational symmetry allows a contact's stored restriction; return an error text and a summary.
+        """Check that symmetry allows contacts to be restricted to a line or a pole; return an error text and a summary.
 
-        Such a contact is restricted to a half-plane, a meridian or a pole.
+        The line is that of a half-plane through the axis, or a meridian.
         """
         rotation_test = RotationTest(self.problem["body"], self.task, self.origin, self.size)
         reductions = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]

@@ -69,7 +69,10 @@ class StatedRegion:
         return any(float(d((point - r * normal)[None])[0]) < least - slack for d, least, r in self.away)
 
     def half_spaces(self) -> FloatArray:
-        """Return the half-spaces that the contact must be in, (m, space + 2): direction, offset, radius."""
+        """Return the half-spaces (m, space + 2) that limit the contact: direction, offset and radius of each.
+
+        The radius is the distance of the limited point from the contact, along the outward normal.
+        """
         return np.concatenate([np.column_stack([A, b, np.full(len(b), radius)]) for A, b, radius in self.inside])
 
     def equals(self, other: StatedRegion) -> bool:

@@ -212,9 +212,9 @@ class RotationTest:
 def error_of_reduction(
     groups: Sequence[Json], rotation_test: RotationTest, faces: Faces, regions: Sequence[StatedRegion]
 ) -> str:
-    """Return a message if symmetry does not justify the stored reductions, or an empty text if it does.
+    """Return an error text if symmetry does not justify the contacts' stored restrictions; an empty text if it does.
 
-    Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
+    Two restrictions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
     any half-plane through the axis. On a sphere, one contact at a pole and one on a meridian through it.
     """
     reduced = [group for group in groups if group["turned"] is not None]
