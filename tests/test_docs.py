@@ -92,7 +92,8 @@ EXPECTED = {
     "gripper_and_part": (
         "1 of 1 parts have a grasp",
         "part: Solved",
-        "set the gripper to 6.",
+        "set the gripper to 7.",
+        "the task needs 6.",
         "; the limit is 40 N",
         "of the pads on their faces",
     ),

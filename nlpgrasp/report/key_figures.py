@@ -179,7 +179,9 @@ def _effort_figure(solution: GraspSolution) -> KeyFigure:
 
 def _grip_figure(solution: GraspSolution, grip: GripForce) -> KeyFigure:
     """Return the key figure of the force to set a gripper to."""
-    force = f"{format_upper(grip.force.upper, GRIP_DIGITS)} N" if grip.holds else "no force holds the task"
+    force = (
+        f"{format_upper(grip.setting(solution.max_force), GRIP_DIGITS)} N" if grip.holds else "no force holds the task"
+    )
     warning = grip.warning(solution.max_force)
     tone = "bad" if solution.is_too_weak or not grip.holds else "weak" if warning else ""
     lines = (capitalise(line) for line in (solution.grip_line(), warning) if line)

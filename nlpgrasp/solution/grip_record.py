@@ -66,8 +66,9 @@ class GripForce(Record):
         end = "" if limit is None else f"; the limit is {format_number(limit)} {FORCE_UNIT}"
         if not self.holds:
             return f"no force of the jaws holds the whole task{end}"
-        force = f"set the gripper to {format_upper(self.force.upper, DIGITS)} {FORCE_UNIT}"
-        return f"{force} (normal force of each jaw; {self._margin_text()}){end}"
+        force, least = (format_upper(value, DIGITS) for value in (self.setting(limit), self.force.upper))
+        needed = f"the task needs {least} {FORCE_UNIT}, {self._margin_text()}"
+        return f"set the gripper to {force} {FORCE_UNIT} (normal force of each jaw; {needed}){end}"
 
     def warning(self, limit: float | None) -> str:
         """Return a warning that the jaws cannot hold the task with margin; an empty text if they can."""

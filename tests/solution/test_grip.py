@@ -33,8 +33,8 @@ def limited(solution, **limits):
 
 def test_print_begins_with_the_force_its_margin_and_its_limit(solution):
     force, safe = (format_upper(b.upper, 3) for b in (solution.grip.force, solution.grip.with_margin))
-    margin = f"{safe} N with a safety factor of 1.2 and friction 10 % lower"
-    line = f"  set the gripper to {force} N (normal force of each jaw; {margin}); the limit is 120 N"
+    needed = f"the task needs {force} N, {safe} N with a safety factor of 1.2 and friction 10 % lower"
+    line = f"  set the gripper to {safe} N (normal force of each jaw; {needed}); the limit is 120 N"
     assert str(solution).splitlines()[2] == line
     assert solution.grip_force == solution.grip.force.upper
     assert "max_force" not in "".join(solution.caveats)
