@@ -190,7 +190,7 @@ class _PoseArranger:
         return _PosedGrasp(grasp, False, CONTACTS, index)
 
     def further_poses(self, posed: Sequence[_PosedGrasp], count: int) -> list[_PosedGrasp]:
-        """Return additional poses of free grasps, as many as are missing from ``count``, if there are so many.
+        """Return additional poses of free grasps, at most as many as are missing from ``count``.
 
         Turned poses come first, then flipped ones.
         """

@@ -217,7 +217,7 @@ def _joint_prices(compiled: CompiledProblem, optimum: LocalOptimum) -> list[Shad
 
 
 def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> FloatArray:
-    """Return the shortest displacement (space,) that moves a contact one metre away from each active edge.
+    """Return the shortest displacement (space,) whose linearised distance from each active edge grows by a metre.
 
     It is linearised. An edge is active if the contact is at its margin; without such edges the displacement is zero.
     """

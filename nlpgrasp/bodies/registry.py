@@ -1,4 +1,4 @@
-"""Registry of body types for JSON files."""
+"""Registry of body types for JSON files, and the places in which a new type is entered."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Kind = TypeVar("Kind", bound=Body)
 
 
 def register(body: type[Kind]) -> type[Kind]:
-    """Register a body type for JSON files; verification and global bounds need further entries.
+    """Register a body type for JSON files; below, the entries that verification and global bounds need.
 
     Usable as a decorator. Files with the body are verified once ``nlpgrasp.verify.register_body`` has its numeric
     counterpart. A global bound and its verification need surface cells of the type, in three places: ``MAKERS`` of

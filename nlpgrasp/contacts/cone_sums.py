@@ -635,7 +635,7 @@ def minimise_nonnegative(
 
 
 def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
-    """Return the minimisers (N, m) with the inactive components of l fixed at zero."""
+    """Return the minimisers (N, m), of any sign, with the inactive components fixed at zero."""
     restricted = matrix * (active[:, None] & active)
     restricted.reshape(-1, right.shape[1])[:: len(right) + 1] += ~active  # its diagonal
     return solve_matrices(restricted, shift, right * active)

@@ -179,7 +179,7 @@ class AllowedRegion:
 def allowed_regions(
     problem: GraspProblem,
 ) -> tuple[list[AllowedRegion], tuple[str, ...], tuple[PlacementConstraint, ...]]:
-    """Return each contact's allowed region, the names of dropped problem parts, and the kept constraints.
+    """Return each contact's allowed region, the names of dropped hand and constraints, and the kept constraints.
 
     Dropped are the hand, constraints that couple contacts, and user-defined expressions.
     """

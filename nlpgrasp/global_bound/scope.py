@@ -110,7 +110,7 @@ def whole_scope(problem: GraspProblem) -> BoundScope:
 
 
 def _relax(problem: GraspProblem, contacts: Sequence[ContactModel]) -> tuple[list[AllowedRegion], tuple[str, ...]]:
-    """Return the allowed region of each contact, and the names of dropped problem parts.
+    """Return the allowed region of each contact, and the names of all dropped parts, edge margin and pads included.
 
     These are also the edge margin of a mesh, and what relaxed contacts ignore.
     """

@@ -115,7 +115,7 @@ def fit_around_tips(fits: Mapping[str, SphereFit], tree: LinkTree, clearance: fl
 
 
 def links_thicker_than_tips(fits: Mapping[str, SphereFit], tree: LinkTree) -> dict[str, float]:
-    """Return how far each link thicker than its fingertip sticks out of spheres and fingertip, metres, by link.
+    """Return by link how far its shapes stick out of its spheres and fingertip, metres, where it is thicker than this.
 
     Fingertips fitted to their links as hulls are as thick as these.
     """

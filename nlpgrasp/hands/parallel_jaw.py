@@ -447,7 +447,7 @@ class Jaws:
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return penetration depths (m,) and mean distances (m,) of approaches, and the mask (m,) of those into solids.
+        """Return each approach's penetration depth and mean distance from solids, and whether it enters one, (m,) each.
 
         Approaches are straight. The lines of fingers and palm are followed from the grasp outwards, by steps that
         depend on the distance.
@@ -500,7 +500,7 @@ class Jaws:
         return 0.0 - least_gap, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
     def _clearance_lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return the lines of fingers and palm by starts (n, space), setbacks (n,) and the mask (n,) of lines on pads.
+        """Return start points (n, space) of finger and palm lines, distances (n,) to skip, and which lie on pads (n,).
 
         The lines are parallel to the approach, and go from their start outwards, after their setback; metres.
         Finger lines begin at the pads, palm lines between them, set back by a finger's length. The first line of each

@@ -199,7 +199,7 @@ class SphereTip(Tip):
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) that stay off a plane at the tip.
+        """Return the radii (m,), metres, of the largest spheres about points (m, 3) within a plane touching the tip.
 
         The tip touches the plane. They stay off if the line from the tip's centre to the point is inclined to the plane
         by at least 20 degrees.
@@ -288,7 +288,7 @@ class CylinderTip(Tip):
         return np.asarray(np.maximum(self.radius - self._axis_distances(centres, 0.0) - SLACK, 0.0))
 
     def _axis_distances(self, points: FloatArray, first: float) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, 3) from a part of the axis that ends with it.
+        """Return the distances (m,), metres, of points (m, 3) from the axis between its fraction ``first`` and its end.
 
         The part begins at the fraction ``first``: 0 is the axis's start, minus infinity continues it behind its start.
         """
@@ -447,7 +447,7 @@ class EllipsoidTip(Tip):
         return np.asarray((gauge - 1.0) * np.max(axes))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) that stay off a plane at a ball.
+        """Return the radii (m,), metres, of the largest spheres about points (m, 3), as for an inscribed ball.
 
         The ball touches the plane. It has the ellipsoid's centre and its smallest semi-axis as radius; see
         ``SphereTip.most_radius``.

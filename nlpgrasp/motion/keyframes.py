@@ -128,7 +128,7 @@ class _ShapeCheck:
         return 1.0
 
     def touching(self, corners: Sequence[Values]) -> str:
-        """Return, as text, what the links run into on an approach, or an empty text for an approach to be kept.
+        """Return, as text, what the links run into on an approach; empty if it is free or the last one to be tried.
 
         The approach goes through the postures ``corners``. It is kept if it is free, or if it is the last to be tried.
         """

@@ -107,7 +107,7 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
-    """Return a problem with a support function in closed form: the given one, or else a similar one.
+    """Return the problem, with the L2 budget and simpler contacts as far as a closed-form support needs them.
 
     The similar one has the L2 budget and, if that is not enough, point or friction contacts with the same friction
     coefficients.

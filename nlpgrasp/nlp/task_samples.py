@@ -90,8 +90,5 @@ class TaskSamples:
         return result
 
     def _directions_of(self, local: FloatArray) -> FloatArray:
-        """Return the direction of wrench space of least norm for each direction in the task's axes, solver units.
-
-        For a direction u in the axes L it is the y of least norm with ``L^T y = u``.
-        """
+        """Return for each direction u in the task's axes L the y of least norm with ``L^T y = u``, solver units."""
         return np.asarray(np.linalg.lstsq(self._axes, local.T, rcond=None)[0].T * self.unit)

@@ -262,7 +262,7 @@ class _TrustRegionSearch:
             self._reject(trial, length)
 
     def _accept(self, step: TrustRegionStep, trial: RefinementPoint, cuts: FloatArray, length: float) -> None:
-        """Accept a step: move to its candidate, keep the cuts that bound the step, and enlarge the trust region."""
+        """Accept a step: move to its candidate and enlarge the trust region; of kept cuts, those that bound it stay."""
         point = self.result.point
         binding = cuts[np.flatnonzero(step.cut_multipliers > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
         binding = binding[new_directions(self.compiled, trial.minimisers, binding)]

@@ -225,7 +225,7 @@ class Linearisation:
 def reduced_hessian(
     linear: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
 ) -> FloatArray:
-    """Return the positive part of the Lagrangian's reduced Hessian, (n, n), solver units.
+    """Return the Lagrangian's reduced Hessian, (n, n), solver units, with eigenvalues of at least ``LEAST_CURVATURE``.
 
     The Lagrangian is ``-beta + multipliers g``.
 
@@ -255,7 +255,7 @@ def reduced_hessian(
 def _moving_minimiser_part(
     linear: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
-    """Return the part (s, s) of the Hessian that the motion of the cuts' minimisers causes, in a basis (n, s).
+    """Return the part (s, s) of the Hessian, in a basis (n, s), due to weakest directions that move with the contacts.
 
     It is ``-g_zy g_yy^-1 g_yz``, summed over the minimisers with indices ``moving`` among the cuts.
     """

@@ -46,7 +46,7 @@ class Bounds:
 
     @property
     def beta(self) -> Bounds | None:
-        """Interval of the paper's mu (3.3-4a), the largest task scale that the grasp exerts; or None.
+        """Interval times the task's beta, which is the paper's mu (3.3-4a); None if not mu of a centred ellipsoid.
 
         The scale is beta of ``A_beta``. None for measures other than mu of a centred task ellipsoid.
         """

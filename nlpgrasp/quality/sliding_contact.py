@@ -155,7 +155,7 @@ class _SlidingContact:
         )
 
     def _distances(self, i: int, j: int) -> FloatArray:
-        """Return distances (j - i - 1,) of wrenches between two stations from combinations of the stations' wrenches.
+        """Return how far (j - i - 1,) wrenches at stations between i and j are from combinations of those at i, j.
 
         Combinations ``a w_i + b w_j`` with a, b >= 0 and a + b >= 1 work at least as much as the lesser of the two. The
         nearest one is taken where it is such a combination, else the nearest of the segment.
@@ -169,7 +169,7 @@ class _SlidingContact:
         return np.asarray(np.linalg.norm(between - weights @ ends, axis=1))
 
     def _deviations(self, arms: FloatArray) -> FloatArray:
-        """Return how far (m - 1,) the contact's wrench is from combinations of those at neighbouring stations, at most.
+        """Return upper bounds (m - 1,), by chord, on the wrench's distance from combinations of those at its ends.
 
         At a fraction a of the chord, with ``b = (1 - a) n_0 + a n_1``, the wrench of the chord times |b| is
         ``(1 - a) w_0 + a w_1 - a (1 - a) (0, (p_1 - p_0) x (n_1 - n_0))``. Its last term is largest and |b| least at

@@ -264,7 +264,7 @@ def forces_for_wrenches(
 
 
 def grip_forces(grasp: Grasp, budget: ForceBudget) -> FloatArray:
-    """Return internal finger forces (n,): those for a wrench along each axis plus those for its opposite."""
+    """Return internal finger forces (n,), summed over axes: the forces for a wrench and for its opposite."""
     d, space = grasp.dimension, grasp.space
     ends = np.diag([1.0] * space + [grasp.mean_arm] * (d - space))
     result = finger_forces(grasp, np.concatenate([ends, -ends]), force_budget=budget)

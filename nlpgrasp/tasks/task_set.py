@@ -148,7 +148,7 @@ class SupportFunction:
 
     @classmethod
     def from_dict(cls, data: Json) -> SupportFunction:
-        """Return the support function of this process that has the stored samples, or else that of their hull.
+        """Return the function created in this process that has the stored samples, or else the support of their hull.
 
         Warns
         -----

@@ -121,14 +121,14 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
     wrenches = np.array([wrench for wrench, _ in solution.forces])
     if wrenches.shape[1:] != (grasp.dimension,):
         return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
-    outside = _wrenches_outside_task(task, wrenches, factor)
+    outside = _non_extreme_wrenches(task, wrenches, factor)
     if outside:
         detail = f"wrench {outside[0]} is not the stated lower bound times one that the task asks for"
         return [Check(name, False, detail)]
     return [Check(name, True, f"{len(wrenches)} of the task's, times {factor:.6g}")]
 
 
-def _wrenches_outside_task(task: Task, wrenches: FloatArray, factor: float) -> list[int]:
+def _non_extreme_wrenches(task: Task, wrenches: FloatArray, factor: float) -> list[int]:
     """Return the indices of wrenches (m, d) that are no end or vertex of the task scaled by ``factor``.
 
     For tasks other than ellipsoids and polytopes: of wrenches outside the scaled task.

@@ -310,7 +310,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return the predicate whether a name is that of one of a constraint's scalar constraints.
+    """Return a test of names that is true for the scalar constraints of one constraint of the problem.
 
     For types of other packages, it is true for every name.
     """

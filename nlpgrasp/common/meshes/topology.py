@@ -184,7 +184,7 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
 def _closing_triangles(
     faces: IntArray, group: IntArray, is_kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return the mask (f,) of those triangles of opposite pairs that close the surface of the kept triangles.
+    """Return the mask (f,) of triangles, at most one of opposite ones, that close the surface of the kept triangles.
 
     A group has the same three vertices, and at most one triangle of it is chosen. An open edge with a single group of
     undecided triangles decides that group, then the other edges of the chosen triangle are examined.

@@ -24,7 +24,7 @@ class CurvedSurface(Protocol):
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
     def deviations(self, parts: FloatArray) -> FloatArray:
-        """Return coefficients (n, 2, 3) of bounds on how much a contact's work inside a part differs from its corners.
+        """Return coefficients (n, 2, 3) that bound how far a contact's work inside a part is from that at corners.
 
         Parts are (n, c, q), the coefficients k, and the work z. ``k[:, 0]`` bounds the deviation from a linear
         interpolation between the corners, ``k[:, 1]`` that from any corner: by ``k_0 |v| + k_1 |tau|`` in the force

@@ -177,7 +177,7 @@ class MinVolumeFit(UpdatableFit):
         return union._refitted(self)
 
     def _refitted(self, previous: MinVolumeFit | None) -> MinVolumeFit:
-        """Return the fit with its minimum-volume ellipsoid computed anew."""
+        """Return the fit with the ellipsoid of all its wrenches: a previous one if it contains them, else a new one."""
         former = None if previous is None else OuterEllipsoid(previous.center, previous.axes, previous.gap)
         outer = enclose_wrenches(self.rows, self.inner, former)
         return replace(self, center=outer.center, axes=outer.axes, gap=None if self.unstored else outer.gap)
