@@ -27,6 +27,7 @@ GRIPPER = ng.ParallelJaw(
 )
 SOFT = ng.SoftContact(0.5, 0.004)
 KEEP = 20
+MASS, PUSH = 0.4, 2.0  # of each part, kilograms; disturbance, newtons
 TOOTH_MARGIN = 5e-4  # metres: teeth are narrower than the margin by default, 0.4 of a pad's width
 PAIRS, TURNS = 100, 12  # of the brute-force sampler
 
@@ -71,12 +72,12 @@ def handle():
 PARTS = {"bracket": bracket, "pipe": pipe, "gear": gear, "profile": profile, "handle": handle}
 
 
-def problem_of(name, contacts):
-    """Return the problem of lifting a part of 0.4 kg off a table, with disturbances of 2 N and 20 N mm."""
+def problem_of(name, contacts, push=PUSH):
+    """Return the problem of lifting a part off a table, with disturbances of ``push`` newtons and 20 N mm."""
     shape = PARTS[name]().apply_scale(1e-3)
     shape.apply_translation([0.0, 0.0, -shape.bounds[0, 2]])
     part = ng.Mesh(shape)
-    task = ng.lift(part.centroid, 0.4) + ng.disturbance(2.0, 0.02, part.centroid)
+    task = ng.lift(part.centroid, MASS) + ng.disturbance(push, 0.02, part.centroid)
     table = ng.Table.under(part, 0.001)
     models = SOFT if contacts == "soft" else ()
     return ng.GraspProblem(
@@ -87,6 +88,11 @@ def problem_of(name, contacts):
         name=f"{name}, {contacts}",
         edge_margin=TOOTH_MARGIN if name == "gear" else None,
     )
+
+
+def solve(problem, keep):
+    """Return the solution of a problem, by one start, with kept grasps."""
+    return ng.solve(problem, starts=1, keep=keep, options=ng.SolveOptions(workers=1, global_bound=False))
 
 
 def sampled(problem):
@@ -108,8 +114,7 @@ def run(part="all", contacts="pads"):
     for name in PARTS if part == "all" else [part]:
         problem = problem_of(name, contacts)
         start_time = time.process_time()
-        options = ng.SolveOptions(workers=1, global_bound=False)
-        solution = ng.solve(problem, starts=1, keep=KEEP, options=options)
+        solution = solve(problem, KEEP)
         seconds = time.process_time() - start_time
         count, tried = sampled(problem)
         if not solution.success:

@@ -5,7 +5,7 @@ The Panda's URDF (``make robots``) has boxes for the fingers and a link at the t
 """
 
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -26,6 +26,11 @@ AWAY = (9.0, 9.0, 9.0)  # metres: the part's position while the opening is set
 LINKAGE = {
     f"{side}_inner_{name}_joint": s for side in ("left", "right") for name, s in (("finger", -1), ("knuckle", 1))
 }
+
+
+def least_distance(model, data, geoms, others):
+    """Return the least signed distance between two sets of geoms by index, metres, at most ``FARTHEST``."""
+    return min(mujoco.mj_geomDistance(model, data, i, j, FARTHEST, None) for i in geoms for j in others)
 
 
 class GripperFile:
@@ -65,8 +70,7 @@ class GripperFile:
 
     def _distance(self, geoms, others):
         """Return the least signed distance between two sets of geoms, metres."""
-        pairs = ((i, j) for i in geoms for j in others)
-        return min(mujoco.mj_geomDistance(self.model, self.data, i, j, FARTHEST, None) for i, j in pairs)
+        return least_distance(self.model, self.data, geoms, others)
 
     def _open(self, opening):
         """Open the pads to a distance, metres."""
@@ -109,12 +113,13 @@ def panda(pieces):
 
 def robotiq(pieces):
     """Return the Robotiq 2F-85 by its URDF, and the pose of its base against the exported tool centre point."""
-    path = robotiq_2f85(Path(mkdtemp()) / "robotiq_2f85.urdf")
     joints = {"finger_joint": 1.0, "right_outer_knuckle_joint": 1.0, **LINKAGE}
     links = "left_inner_finger_pad", "right_inner_finger_pad"
     base = np.eye(4)
     base[:3, 3] = -ng.hands.jaws("robotiq_2f85").tool_centre_point
-    return GripperFile(path, links, BASE, joints, 0.8, 0.0, pieces), base
+    with TemporaryDirectory() as folder:
+        path = robotiq_2f85(Path(folder) / "robotiq_2f85.urdf")
+        return GripperFile(path, links, BASE, joints, 0.8, 0.0, pieces), base
 
 
 FILES = {"panda": panda, "robotiq_2f85": robotiq}

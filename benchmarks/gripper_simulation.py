@@ -15,7 +15,7 @@ the pad opened by a millimetre, depth of finger or palm in the part, angle of a 
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
@@ -23,7 +23,8 @@ import numpy as np
 
 import nlpgrasp as ng
 from benchmarks import gripper_files
-from benchmarks.gripper import KEEP, PARTS, SOFT, problem_of
+from benchmarks.gripper import KEEP, MASS, PARTS, PUSH, SOFT, problem_of, solve
+from benchmarks.gripper_files import OPENED, least_distance
 from benchmarks.gripper_pieces import box, pieces_of
 from nlpgrasp.hands.presets import JAWS
 from nlpgrasp.quality import finger_forces, mu
@@ -41,11 +42,9 @@ CONTACT = {"solref": f"{4 * STEP} 1", "solimp": "0.99 0.999 0.0001"}
 SOLVER = {"cone": "elliptic", "impratio": "20", "noslip_iterations": "10", "noslip_tolerance": "1e-8"}
 FREE = {"contype": "0", "conaffinity": "0"}  # touches nothing
 MARK = 1e-4  # metres: radius of the spheres that stand for the contacts
-FARTHEST = 0.05  # metres: largest distance that is measured
-OPENED = 1e-3  # metres by which each pad is opened in the check of the closing axis
 FRICTION = 0.5  # of the pads
 AXES = np.concatenate([np.eye(3, 6), -np.eye(3, 6)])  # directions of the pushes beside the hardest wrench
-BLOCK, MASS, KEPT = (0.03, 0.04, 0.08), 0.4, 5  # metres, kilograms; grasps of each preset
+BLOCK, KEPT = (0.03, 0.04, 0.08), 5  # metres; grasps of each preset
 
 
 class GripperModel:
@@ -114,8 +113,8 @@ class GripperModel:
 
         def add(body, name, corners, attributes):
             size, middle = 0.5 * (corners[1] - corners[0]), 0.5 * (corners[0] + corners[1])
-            box = {"name": name, "type": "box", "size": format_numbers(size), "pos": format_numbers(middle)}
-            SubElement(body, "geom", {**box, **attributes})
+            geom = {"name": name, "type": "box", "size": format_numbers(size), "pos": format_numbers(middle)}
+            SubElement(body, "geom", {**geom, **attributes})
 
         if solids.palm and np.all(solids.palm[0][1] > solids.palm[0][0]):
             add(hand, "palm", solids.palm[0], FREE)
@@ -183,10 +182,8 @@ class GripperModel:
 
     def distance(self, name, others):
         """Return the least signed distance of a geom from others, metres."""
-        number = self.model.geom(name).id
-        return min(
-            mujoco.mj_geomDistance(self.model, self.data, number, self.model.geom(other).id, FARTHEST, None)
-            for other in others
+        return least_distance(
+            self.model, self.data, *([self.model.geom(g).id for g in geoms] for geoms in ([name], others))
         )
 
     def check_pose(self):
@@ -239,15 +236,12 @@ def hard_wrenches(solution):
     return wrenches[np.argsort(-used)]
 
 
-def run(part="all", contacts="soft", push=None):
+def run(part="all", contacts="soft", push=PUSH):
     columns = "grasps  force N  held with margin  held  lost at half  pads off mm  opened off mm  depth mm  tilt mrad"
     print(f"{'':20} {columns}  CPU s")
     counts = np.zeros(4, int)
     for name in PARTS if part == "all" else [part] if part in PARTS else []:
-        problem = problem_of(name, contacts)
-        if push is not None:
-            about = problem.body.centroid
-            problem = replace(problem, task=ng.lift(about, MASS) + ng.disturbance(float(push), 0.02, about))
+        problem = problem_of(name, contacts, float(push))
         solution, pieces = solve(problem, KEEP), pieces_of(name)
         counts += row(problem.name, solution, pieces)
     for name in JAWS if part in ("all", "presets") else []:
@@ -261,14 +255,9 @@ def run(part="all", contacts="soft", push=None):
 def block_between(name):
     """Return the problem of lifting a block with a preset gripper, on soft contacts."""
     part = ng.Box(BLOCK)
-    task = ng.lift([0.0, 0.0, 0.0], MASS) + ng.disturbance(2.0, 0.02)
+    task = ng.lift([0.0, 0.0, 0.0], MASS) + ng.disturbance(PUSH, 0.02)
     table, jaws = ng.Table.under(part, 0.001), ng.hands.jaws(name)
     return ng.GraspProblem(part, SOFT, task, hand=jaws, constraints=[table], force_budget="shared", name=name)
-
-
-def solve(problem, keep):
-    """Return the solution of a problem with its alternatives, as in the benchmark ``gripper``."""
-    return ng.solve(problem, starts=1, keep=keep, options=ng.SolveOptions(workers=1, global_bound=False))
 
 
 def row(name, solution, pieces):

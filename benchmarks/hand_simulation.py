@@ -17,7 +17,7 @@ import trimesh
 import nlpgrasp as ng
 from benchmarks.outside import MESHES, hands_and_bodies
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED
-from nlpgrasp.simulation.hand_protocol import AXES, DRAWS, OFF
+from nlpgrasp.simulation.hand_protocol import AXES, DISPLACED, DRAWS
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import SHADOW, model, robot
 
@@ -60,7 +60,7 @@ class Count:
 
         Trials of a missing simulation count as lost.
         """
-        closings = DRAWS if condition == OFF else 1
+        closings = DRAWS if condition == DISPLACED else 1
         trial_count = len(AXES) * closings + (condition == AS_SOLVED)  # lifted as solved alone
         is_strict = (
             np.zeros(trial_count, bool)
@@ -106,7 +106,7 @@ def _row(name, path, hand, body, counts, moved):
     )
     cells.append(counts["friction 0.6"].add(rough_simulation, AS_SOLVED))
     cells.append(counts["friction 0.3"].add(smooth_simulation, AS_SOLVED))
-    cells.append(counts["off by 5 mm, 5 deg"].add(rough_simulation, OFF))
+    cells.append(counts["off by 5 mm, 5 deg"].add(rough_simulation, DISPLACED))
     control, movement = "", "none"
     if rough_simulation is not None:
         moved.append(rough_simulation.squeezed)

@@ -49,7 +49,7 @@ def fingers(tree: LinkTree) -> tuple[Finger, ...]:
     result = []
     for branch, indices in groups.items():
         names = {robot.free_joints[i].name for i in indices}
-        tips = tuple(i for i, (link, _) in enumerate(tree.tips) if branch and names & _drivers(robot, link))
+        tips = tuple(i for i, (link, _) in enumerate(tree.tips) if branch and names & driving_joints(robot, link))
         last = robot.free_joints[indices[-1]].child
         name = ", ".join(dict.fromkeys(tree.tips[i][0] for i in tips)) or last
         result.append(Finger(name if branch else f"{robot.root} to {last}", tips, tuple(indices)))
@@ -92,7 +92,7 @@ def _branch(robot: Robot, joint: Joint, branching_link: str) -> str:
     return next((j.name for j in chain if robot.rigid_groups[j.parent] == branching_link), chain[0].name)
 
 
-def _drivers(robot: Robot, link: str) -> set[str]:
+def driving_joints(robot: Robot, link: str) -> set[str]:
     """Return the names of the free joints that move a link."""
     return {robot.driving_joint(joint)[0] for joint in robot.chain(link) if joint.moves}
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.closing_trial import FRICTION, MOST_TIPS, ClosingWidths, closing_widths
+from nlpgrasp.hands.finger_chains import driving_joints
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.opposition import mean_alignment, opposed_tips
-from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, suggest_tip
 from nlpgrasp.hands.urdf_hand import resolve_tips
 
@@ -102,15 +102,10 @@ def _followers(tree: LinkTree) -> set[int]:
     joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
     alignment = mean_alignment(tree, joints)
     reach = np.mean(np.linalg.norm(tree.palm_tips(joints), axis=2), axis=0)
-    drivers = [_drivers(tree.robot, link) for link, _ in tree.tips]
+    drivers = [driving_joints(tree.robot, link) for link, _ in tree.tips]
     return {
         i
         for i in range(len(drivers))
         for j in range(len(drivers))
         if drivers[i] == drivers[j] and alignment[i, j] > 0.0 and reach[i] < reach[j]
     }
-
-
-def _drivers(robot: Robot, link: str) -> frozenset[str]:
-    """Return the names of the free joints that move a link."""
-    return frozenset(robot.driving_joint(joint)[0] for joint in robot.chain(link) if joint.moves)

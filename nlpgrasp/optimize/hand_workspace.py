@@ -164,6 +164,7 @@ def _grid_neighbours(tips: FloatArray) -> tuple[FloatArray, IntArray]:
     order = np.lexsort((distances[is_near], cell))
     point, cell = point[order], cell[order]
     rank = np.arange(len(cell)) - np.searchsorted(cell, cell)  # of a point among those near its cell
+    is_kept = rank < PER_CELL
     nearest = np.full((int(np.prod(shape)), PER_CELL), NONE)
-    nearest[cell[rank < PER_CELL], rank[rank < PER_CELL]] = point[rank < PER_CELL]
+    nearest[cell[is_kept], rank[is_kept]] = point[is_kept]
     return corner, nearest.reshape(*shape, PER_CELL)

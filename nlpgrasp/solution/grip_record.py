@@ -74,19 +74,19 @@ class GripForce(Record):
         """Return a warning that the jaws cannot hold the task with margin; an empty text if they can."""
         if not self.holds:
             return "no force of the jaws holds the whole task"
-        no_margin = "" if np.isfinite(self.with_margin.upper) else f"the jaws have no margin: {self._margin_text()}"
-        if limit is None:
-            return no_margin
-        force, most = format_upper(self.force.upper, DIGITS), f"{format_number(limit)} {FORCE_UNIT}"
-        if self.force.upper > limit:
+        most = "" if limit is None else f"{format_number(limit)} {FORCE_UNIT}"
+        if limit is not None and self.force.upper > limit:
+            force = format_upper(self.force.upper, DIGITS)
             excess = f"{format_upper(self.force.upper - limit, DIGITS)} {FORCE_UNIT}"
             shortfall = f"each jaw needs {force} {FORCE_UNIT} for the task, {excess} above max_force = {most}"
             result = f"it holds {format_percent(limit / self.force.upper)} of the task"
             helps = "more friction, a lighter part or a smaller task would help"
             return f"{shortfall}: {result}; {helps}"
-        if self.with_margin.upper > limit and not no_margin:
+        if not np.isfinite(self.with_margin.upper):
+            return f"the jaws have no margin: {self._margin_text()}"
+        if limit is not None and self.with_margin.upper > limit:
             return f"max_force = {most} leaves too little margin: {self._margin_text()}"
-        return no_margin
+        return ""
 
     def _margin_text(self) -> str:
         """Return a text on the grip force with margin: force, safety factor and friction loss."""

@@ -1,5 +1,7 @@
 """Signed distance of clearances: a lower bound, exact near the surface."""
 
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -60,6 +62,15 @@ def test_distance_of_a_slender_mesh_far_outside_its_grid():
     body = ng.Mesh(trimesh.creation.box([0.2, 0.02, 0.02]))
     point = np.array([[0.0, 0.0, 0.5]])
     assert 0.43 < distances(body, point)[0] <= 0.49 + 1e-6
+
+
+def test_a_distance_spline_is_pickled_without_its_compiled_function():
+    mesh = trimesh.creation.box([0.08, 0.05, 0.04])
+    spline = distance_spline(np.asarray(mesh.vertices), np.asarray(mesh.faces), 20, 1.0)
+    unused = pickle.dumps(spline)
+    value = float(spline.function(spline.box[0]))
+    assert pickle.dumps(spline) == unused
+    assert float(pickle.loads(unused).function(spline.box[0])) == value  # noqa: S301
 
 
 def test_derivatives_of_a_distance_spline_are_those_of_scipy(rng):

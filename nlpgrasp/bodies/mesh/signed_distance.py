@@ -143,6 +143,10 @@ class DistanceSpline:
         """Function of a point relative to the origin (3,), whose first two derivatives are splines as well."""
         return _function_with_derivatives(SplineTerms(self.coefficients, self.knots, (3, 3, 3)))
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return the state without the compiled function, which is rebuilt after unpickling."""
+        return {name: value for name, value in self.__dict__.items() if name != "function"}
+
     def extended(self, p: ca.MX) -> ca.MX:
         """Return the spline at a CasADi ``MX`` point, extended beyond its box by a lower bound of the distance.
 
