@@ -276,8 +276,9 @@ def _moving_minimiser_part(
     ratio, gradient = problem.ratio(u)
     axes, curvature = principal_curvatures(problem, u, gradient)
     values, slopes = rows_at(cuts[moving])
-    # change of the constraint over that of the ratio
-    increase = (rows_at((1.0 + DIFFERENCE) * cuts[moving])[0] - values) / (DIFFERENCE * ratio)
+    # change of the constraint over that of the ratio, which a grasp without force closure may not have
+    change = rows_at((1.0 + DIFFERENCE) * cuts[moving])[0] - values
+    increase = np.divide(change, DIFFERENCE * ratio, out=np.zeros_like(change), where=ratio != 0.0)
     tilted_directions = [(u + DIFFERENCE * axis) @ problem.matrix for axis in axes.transpose(1, 0, 2)]
     jacobians = [rows_at(y / np.maximum(task.support(y)[0], LEAST_SUPPORT)[:, None])[1] for y in tilted_directions]
     mixed = (np.array(jacobians) - slopes) / DIFFERENCE  # g_yz, (r - 1, m, s)

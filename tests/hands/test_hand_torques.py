@@ -30,6 +30,7 @@ def solved():
     return solve_once(problem(four_finger_hand()), 1, options=ONE)
 
 
+@pytest.mark.filterwarnings("ignore:link index_middle is thicker")
 @pytest.mark.parametrize(
     ("hand", "contact"),
     [
