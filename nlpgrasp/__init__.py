@@ -29,9 +29,9 @@ class _Package(ModuleType):
         if name not in _OF:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         inside = _OF[name]
-        found = import_module(f"{inside}.{name}") if inside == self.__name__ else getattr(import_module(inside), name)
-        self.__dict__[name] = found
-        return found
+        value = import_module(f"{inside}.{name}") if inside == self.__name__ else getattr(import_module(inside), name)
+        self.__dict__[name] = value
+        return value
 
     def __setattr__(self, name: str, value: object) -> None:
         """Take all but a sub-package that has a public name: ``nlpgrasp.solve`` stays the function."""

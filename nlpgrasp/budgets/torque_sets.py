@@ -200,9 +200,9 @@ class EnumeratedTorqueSet:
                 if size >= (1.0 - ACTIVE) * y[0] > 0.0:
                     gradients = np.concatenate([gradients, [(y[1:] / size) @ self._cone[1:] - self._cone[0]]])
             multipliers = nnls(gradients.T, cost)[0][: len(active)] if len(gradients) else np.zeros(0)
-            both = np.zeros(len(self._linear))
-            both[active] = multipliers
-            prices[i] = both[: self._count] - both[self._count : 2 * self._count]
+            by_limit = np.zeros(len(self._linear))  # upper torque limits, lower ones, flat cones
+            by_limit[active] = multipliers
+            prices[i] = by_limit[: self._count] - by_limit[self._count : 2 * self._count]
         return force, prices
 
     def _stationary(self, sections: Sections, z: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -55,6 +55,8 @@ from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
 ROUNDING = 1e-9  # metres: rounding tolerance of an overhang
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 SPHERES = 6  # of a link
+SURFACE_POINT = "surface point"  # in names of constraints
+POINT_CLEARANCE = 1e-3  # metres: distance from the body of surface points of links without a fingertip
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
@@ -81,6 +83,8 @@ class URDFHand(LinkedHand):
         Link and patch of each contact, in the order of the contacts.
     fits : mapping of str to SphereFit
         Collision spheres of each link, with their error.
+    surface_points : mapping of str to (m, 3) array
+        By link, points of its surface that must be outside the body as well, metres, link frame.
     """
 
     kind: ClassVar[str] = "urdf"
@@ -101,6 +105,7 @@ class URDFHand(LinkedHand):
         if not isinstance(self_collision, bool):
             raise InputError("URDFHand.self_collision", self_collision, "True or False")
         self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
+        self.surface_points: Mapping[str, FloatArray] = {}
         if not self.robot.free_joints:
             fixed = ", ".join(j.name for j in self.robot.joints)
             given = f"no movable joints below {self.robot.root}" + (f" (fixed: {fixed})" if fixed else "")
@@ -227,6 +232,12 @@ class URDFHand(LinkedHand):
         result.clearance = number("URDFHand.clearance", clearance)
         return result
 
+    def with_surface_points(self, points: Mapping[str, FloatArray]) -> URDFHand:
+        """Return the same hand with points (m, 3) of some links' surfaces, link frame, kept outside the body."""
+        result = copy(self)
+        result.surface_points = dict(points)
+        return result
+
     def with_limits(self, limits: FloatArray) -> URDFHand:
         """Return the same hand with other limits of its free joints, (2, m)."""
         result = copy(self)
@@ -275,7 +286,7 @@ class URDFHand(LinkedHand):
         return rows + self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return the links' collision spheres in the body frame."""
+        """Return the links' collision spheres in the body frame; a surface point is one without a radius."""
         poses = self.tree.poses(variables)
         result = []
         for link, fit in self.fits.items():
@@ -283,6 +294,13 @@ class URDFHand(LinkedHand):
             for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
                 position = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
                 result.append(LinkSphere(f"{link}/{i}", position, float(radius), self.clearance))
+        groups = self.robot.rigid_groups
+        with_tip = {groups[link] for link, _ in self.tips}
+        for link, points in self.surface_points.items():
+            least = 0.0 if groups[link] in with_tip else POINT_CLEARANCE
+            for i, point in enumerate(points):
+                position = poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(point))
+                result.append(LinkSphere(f"{link}/{SURFACE_POINT} {i}", position, 0.0, least))
         for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
             if centre is not None:
                 depth = -TIP_DEPTH * tip.standoff

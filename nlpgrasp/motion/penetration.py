@@ -19,6 +19,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import cdist
 
 from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.mesh.display_triangles import triangles
@@ -52,6 +53,9 @@ POSTURE_SPACING = 2e-3  # metres that a link's centre moves between two postures
 MAX_POSTURES = 50  # largest number of postures of a leg
 MOST_AXES = 32  # normals of a convex solid above which others are tried to separate it from another
 RANDOM_POSTURES, PERMANENT = 20, 0.9  # random postures, and the share of them in which links overlap by construction
+MOST_POINTS = 16  # points kept outside an obstacle at a time, at most
+NEAR = 2.5  # distance of these points from the deepest one over the penetration depth, at most
+FINE = 0.2  # size of triangles over this distance
 _axes = np.concatenate([np.eye(3), -np.eye(3)])
 _corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / np.sqrt(3.0)
 DIRECTIONS = np.concatenate([_axes, _corners])  # directions of the pattern search
@@ -69,13 +73,17 @@ class PenetrationModel:
         The links without a collision shape do not penetrate anything.
     tolerance : float
         Metres.
+    hulls : bool
+        Whether each collision shape counts as its convex hull, as in MuJoCo.
     """
 
-    def __init__(self, problem: GraspProblem, hand: URDFHand, tolerance: float = TOLERANCE) -> None:
+    def __init__(
+        self, problem: GraspProblem, hand: URDFHand, tolerance: float = TOLERANCE, hulls: bool = False
+    ) -> None:
         self.hand, self.tolerance = hand, tolerance
         self.obstacles = [_solid_body(BODY, problem.body), *_obstacles(problem.constraints)]
         shapes = {shape.fingerprint: shape for shapes in hand.robot.shapes.values() for shape in shapes}
-        solids = {key: _solid_of_shape(shape) for key, shape in shapes.items()}  # fingers are often alike
+        solids = {key: _solid_of_shape(shape, hulls) for key, shape in shapes.items()}  # fingers are often alike
         self._links = {
             link: _LinkShape.of([solids[shape.fingerprint] for shape in shapes])
             for link, shapes in hand.robot.shapes.items()
@@ -90,19 +98,44 @@ class PenetrationModel:
 
     def in_posture(self, values: Values) -> LinkPenetration:
         """Return the deepest penetration in one posture, given values of the hand's variables."""
-        worst = LinkPenetration(tolerance=self.tolerance)
+        penetrations = self.in_surroundings(values) + self.in_each_other(values)
+        none = LinkPenetration(tolerance=self.tolerance)
+        return max(penetrations, key=lambda penetration: penetration.depth, default=none)
+
+    def in_each_other(self, values: Values) -> list[LinkPenetration]:
+        """Return the penetrations of links in each other in one posture."""
+        return [] if self._self_penetration is None else self._self_penetration.at_joints(values["joints"])
+
+    def in_surroundings(self, values: Values) -> list[LinkPenetration]:
+        """Return the penetrations of links in the body and its surroundings in one posture."""
         poses, centres = self._link_centres(values)
         if not poses:
-            return worst
-        names, radii = list(poses), np.array([self._links[link].radius for link in poses])
+            return []
+        result, names = list[LinkPenetration](), list(poses)
+        radii = np.array([self._links[link].radius for link in poses])
         for obstacle in self.obstacles:
             reaching = obstacle.fast_distance(centres) < radii
             for name in (name for name, is_near in zip(names, reaching, strict=True) if is_near):
                 depth = self._links[name].depth_in(obstacle.in_frame(poses[name]))
-                if depth > worst.depth:
-                    worst = LinkPenetration(depth, name, obstacle.name, self.tolerance)
-        internal = None if self._self_penetration is None else self._self_penetration.at_joints(values["joints"])
-        return internal if internal is not None and internal.depth > worst.depth else worst
+                result += [LinkPenetration(depth, name, obstacle.name, self.tolerance)] if depth > 0.0 else []
+        return result
+
+    def points_inside(self, values: Values, penetration: LinkPenetration) -> FloatArray:
+        """Return points of a link's surface about the deepest one in an obstacle, (m, 3), metres, link frame.
+
+        They are about as far apart as the link is deep, so that an edge of the obstacle between them is half as deep.
+        The deepest point comes first; each of the others is the farthest from those before it.
+        """
+        link = str(penetration.link)
+        obstacle = next(obstacle for obstacle in self.obstacles if obstacle.name == penetration.thing)
+        distance = obstacle.in_frame(self.hand.tree.body_poses(values)[link]).fast_distance
+        chosen = _deepest_points(distance, self._links[link].corners)[:1]
+        if len(chosen):
+            near = _points_near(chosen[0], NEAR * penetration.depth, self._links[link].corners)
+        while 0 < len(chosen) < min(MOST_POINTS, len(near)):
+            gaps = np.min(cdist(near, chosen), axis=1)
+            chosen = np.concatenate([chosen, near[np.argmax(gaps)][None]])
+        return chosen
 
     def over_postures(self, postures: Iterable[Values]) -> LinkPenetration:
         """Return the deepest penetration in any of several postures."""
@@ -191,21 +224,21 @@ class SelfPenetration:
         meeting = {(a, b) for a, b in combinations(links, 2) if groups[a] != groups[b] and not robot.adjacent(a, b)}
         self._can_meet = np.array([[(a, b) in meeting for b in self._links] for a in self._links], bool)
         self._permanent: dict[tuple[str, str], bool] = {}
-        self._last: tuple[bytes, LinkPenetration] | None = None  # an approach does not change the joints
+        self._last: tuple[bytes, list[LinkPenetration]] | None = None  # an approach does not change the joints
 
-    def at_joints(self, joints: FloatArray) -> LinkPenetration:
-        """Return the deepest penetration of one link in another, given positions of the free joints."""
+    def at_joints(self, joints: FloatArray) -> list[LinkPenetration]:
+        """Return the penetrations of links in one another, given positions of the free joints."""
         key = np.asarray(joints, dtype=float).tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = key, self._deepest(joints)
+            self._last = (
+                key,
+                [
+                    LinkPenetration(depth, pair[0], link_name(pair[1]), self._tolerance)
+                    for pair, depth in self._depths(joints).items()
+                    if depth > LEAST_DEPTH and not self._is_permanent(pair)
+                ],
+            )
         return self._last[1]
-
-    def _deepest(self, joints: FloatArray) -> LinkPenetration:
-        worst = LinkPenetration(tolerance=self._tolerance)
-        for pair, depth in self._depths(joints).items():
-            if depth > max(worst.depth, LEAST_DEPTH) and not self._is_permanent(pair):
-                worst = LinkPenetration(depth, pair[0], link_name(pair[1]), self._tolerance)
-        return worst
 
     def _depths(self, joints: FloatArray, only: tuple[str, str] | None = None) -> dict[tuple[str, str], float]:
         """Return the penetration depths of pairs of links, metres; pairs that are apart are left out.
@@ -421,9 +454,11 @@ class _Convex:
         return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
 
 
-def _solid_of_shape(shape: CollisionShape) -> _Solid:
-    """Return the solid of a collision shape."""
-    return _Solid.of(np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces))
+def _solid_of_shape(shape: CollisionShape, as_hull: bool) -> _Solid:
+    """Return the solid of a collision shape, or of its convex hull."""
+    vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
+    hull = _convex_hull(vertices) if as_hull else None
+    return _Solid.of(vertices, faces if hull is None else hull.simplices)
 
 
 def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObstacle]:
@@ -537,6 +572,22 @@ def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:
         corners = _subdivide(corners[promising[np.argsort(-promise[promising], kind="stable")][:BATCH]])
     points = np.concatenate(records)
     return points[np.argsort(-points[:, 0], kind="stable"), 1:]
+
+
+def _points_near(point: FloatArray, radius: float, corners: FloatArray) -> FloatArray:
+    """Return points (m, 3) all over the part of a surface within a radius of a point, metres.
+
+    Triangles (m, 3, 3) are divided until they are small against the radius; the points are their centres.
+    """
+    while len(corners):
+        centres = corners.mean(axis=1)
+        reach = np.max(np.linalg.norm(corners - centres[:, None], axis=2), axis=1)
+        distances = np.linalg.norm(centres - point, axis=1)
+        is_near, is_small = distances - reach < radius, reach < FINE * radius
+        if np.all(is_small[is_near]):
+            return np.asarray(centres[is_near & (distances < radius)])
+        corners = np.concatenate([corners[is_near & is_small], _subdivide(corners[is_near & ~is_small])])
+    return np.zeros((0, 3))
 
 
 def _subdivide(corners: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -64,6 +65,7 @@ class CompiledProblem:
         self._initial_nlps: dict[int, CompiledProgram] = {}  # by the number of task samples
         self._parent: CompiledProblem | None = None  # the problem that this one shares its parts with
         self._program_for_faces: CuttingPlaneProgram | None = None
+        self._with_points: tuple[tuple[tuple[str, bytes], ...], CompiledProblem] | None = None
 
     @cached_property
     def link_depths(self) -> PenetrationModel | None:
@@ -72,6 +74,14 @@ class CompiledProblem:
             return self._parent.link_depths
         hand = self.problem.hand
         return PenetrationModel(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
+
+    @cached_property
+    def hull_depths(self) -> PenetrationModel | None:
+        """Model of the penetration of the convex hulls of a hand's links; None for hands without links."""
+        if self._parent is not None:
+            return self._parent.hull_depths
+        hand = self.problem.hand
+        return PenetrationModel(self.problem, hand, hulls=True) if isinstance(hand, URDFHand) else None
 
     @cached_property
     def collision_model(self) -> CollisionModel | None:
@@ -160,6 +170,22 @@ class CompiledProblem:
                 raised[i] = (distance**2 - constraint.lower) / constraint.scale
         result.cutting_planes = self.cutting_planes.with_raised_lower_limits(raised)
         return result
+
+    def with_surface_points(self, points: Mapping[str, FloatArray]) -> CompiledProblem:
+        """Return the compiled problem with points (m, 3) of links' surfaces, link frame, kept outside the body.
+
+        Constraints and programs are compiled anew, once for the same points.
+        """
+        hand = self.problem.hand
+        if not points or not isinstance(hand, URDFHand):
+            return self
+        key = tuple((link, values.tobytes()) for link, values in points.items())
+        if self._with_points is None or self._with_points[0] != key:
+            problem = self.problem.unchecked(hand=hand.with_surface_points(points))
+            result = CompiledProblem(problem, self.options)
+            result.surface, result._parent = self.surface, self
+            self._with_points = key, result
+        return self._with_points[1]
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Share constraint functions and surface samples with another compiled problem, and return the other."""

@@ -21,6 +21,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
+from nlpgrasp.hands.urdf_hand import SURFACE_POINT
 from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_distance_fields, distance_to_all
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
@@ -114,6 +115,11 @@ class ConstraintValues:
     def clearances(self) -> NDArray[np.intp]:
         """Indices of the constraints that keep a link away from the held body."""
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
+
+    @cached_property
+    def without_surface_points(self) -> NDArray[np.intp]:
+        """Indices of the constraints other than those on surface points of links: those of the problem as given."""
+        return np.array([i for i, r in enumerate(self.named) if f"/{SURFACE_POINT} " not in r.link], dtype=int)
 
     def link_slack(self, values: FloatArray, link: str, other: str = "") -> FloatArray:
         """Return the clearance of a link's spheres beyond the required one, metres, (rows,); inf for other constraints.

@@ -68,13 +68,14 @@ class GraspOnBody:
 def constraint_reports(
     compiled: CompiledProblem, on_body: GraspOnBody, multipliers: FloatArray
 ) -> tuple[ConstraintReport, ...]:
-    """Return a report of each scalar constraint: value, limits, multiplier, and whether it is active.
+    """Return a report of each of the problem's scalar constraints: value, limits, multiplier, and whether it is active.
 
     The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the scaled constraint; over the
     scales of task and constraint, it is the derivative of mu with respect to the limit in the constraint's unit.
     """
-    reports = []
-    for constraint, value, multiplier in zip(compiled.rows.named, on_body.values, multipliers, strict=True):
+    reports, own = [], set(compiled.rows.without_surface_points.tolist())
+    rows = zip(compiled.rows.named, on_body.values, multipliers, strict=True)
+    for constraint, value, multiplier in (row for i, row in enumerate(rows) if i in own):
         distance = min(value - constraint.lower, constraint.upper - value)
         active = bool(distance <= ACTIVE * constraint.scale)
         price = float(multiplier) / (compiled.scaling.beta * constraint.scale) if active else 0.0

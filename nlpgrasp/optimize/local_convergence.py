@@ -8,6 +8,7 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.hands import URDFHand
+from nlpgrasp.optimize.added_clearance import DEEP, AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import EXCESS, LocalOptimum, find_local_optimum, residuals_at
@@ -18,8 +19,11 @@ from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality import mu
 
+DEPTH_ROUNDING = 1e-5  # metres
+DEEPER = "at the local optimum next to this grasp a link is deeper in something"  # reason against it
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
 FRAGILE_OPTIMUM = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
+MISSED = "the last steps missed directions in which the grasp is weaker"  # likewise
 STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start at an optimum
 
 
@@ -51,11 +55,11 @@ def keep_unconverged(compiled: CompiledProblem, start: StartGrasp, reason: str) 
 
 
 def _with_start_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledProblem, GraspCandidate]:
-    """Return the compiled problem with a start's faces and joint margins, and the candidate on these faces."""
+    """Return the compiled problem with a start's faces, joint margins and surface points, and its candidate."""
     candidate = start.on_body.candidate
     if np.array_equal(start.refined_candidate.points, candidate.points):  # the triangle of a contact on an edge
         candidate = replace(candidate, faces=start.refined_candidate.faces)
-    on_faces, candidate = fix_to_triangles(compiled, candidate)
+    on_faces, candidate = fix_to_triangles(compiled.with_surface_points(start.surface_points), candidate)
     return _with_margins(on_faces, start), candidate
 
 
@@ -63,36 +67,41 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     """Return the answer at an accepted local optimum; unchanged, with the reason, if no attempt is accepted.
 
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
-    again: with the edge margin required there, too, or with the missing link clearance added. Where its certificate
-    shows a direction that descents missed, it is computed again with that direction.
+    again: with the edge margin required there, too, or with the missing link clearance added. So it is with constraints
+    on links that are deeper in the body than before, and with directions that descents missed and its certificate
+    shows. Where links are still deeper, or directions missing, after the last attempt, none is accepted.
     """
     on_faces, candidate = _with_start_faces(compiled, best)
-    initial = candidate
+    initial, added = candidate, AddedClearance(compiled, best.surface_points)
     reason, history = _reason_against_convergence(compiled), [candidate.points]
-    increase, missed = np.zeros(len(compiled.rows.named)), None
+    best_depth, missed = added.depth(best.on_body.candidate), np.zeros((0, best.on_body.grasp.dimension))
     if compiled.hand_functions.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
-        cleared = on_faces.with_clearance(increase) if increase.any() else on_faces
-        optimum = find_local_optimum(cleared, initial, deadline, missed)
+        cleared = on_faces.with_clearance(added.increase) if added.increase.any() else on_faces
+        optimum = find_local_optimum(cleared, initial, deadline, missed if len(missed) else None)
         if optimum is None:
             break
-        result = _result_at_optimum(compiled, best, on_faces, optimum, deadline)
-        if missed is None and 0.0 < result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
-            missed = np.array([result.record.mu.worst_direction])
+        result = _result_at_optimum(added.finer, best, on_faces, optimum, deadline)
+        if 0.0 < result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
+            missed, reason = np.concatenate([missed, [result.record.mu.worst_direction]]), MISSED
             continue
-        reason = _rejection_reason(compiled, best, result)
+        is_deeper = added.depth(result.on_body.candidate) > max(DEEP, best_depth + DEPTH_ROUNDING)
+        reason = DEEPER if is_deeper else _rejection_reason(compiled, best, result)
         if not reason:
             return result
-        missing = missing_clearance(compiled, result.on_body)
+        if deadline.should_stop():
+            break
         if optimum.kkt.is_small:
             initial = replace(initial, points=optimum.candidate.points, hand=optimum.candidate.hand)
-        if any(limit.value < limit.lower for limit in result.on_body.per_contact):
-            history.append(optimum.candidate.points)
-            on_faces = _with_margins(fix_to_triangles(compiled, candidate, history)[0], best)
-        elif not missing.any() or deadline.should_stop():
+        missing = missing_clearance(added.finer, result.on_body)
+        added.increase += missing
+        is_near_edge = any(limit.value < limit.lower for limit in result.on_body.per_contact)
+        history += [optimum.candidate.points] if is_near_edge else []
+        if is_near_edge or (is_deeper and added.extend(result.on_body)):
+            on_faces = _with_margins(fix_to_triangles(added.finer, candidate, history)[0], best)
+        elif not missing.any():
             break
-        increase += missing
     return replace(best, kkt=replace(residuals_at(on_faces, candidate), reason=reason))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.optimize.added_clearance import AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
@@ -30,10 +31,8 @@ from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
-MOST_CLEARANCES = 3  # refinements with more clearance of links that touch, at most
-DEEP = 0.5  # penetration of a link over the tolerated one above which it is moved off
+MOST_CLEARANCES = 6  # refinements that move links off what they penetrate, at most
 WORTH_FREEING = 0.8  # least mu without the penetration over that with it
-ADDED_CLEARANCE = 2e-4  # metres beyond the depth of a link that touches
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
 MOST_COLLIDING = 4  # candidates that end in link collisions before a start gives up
 
@@ -219,36 +218,26 @@ def _result_of_candidate(
 
 
 def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return a grasp refined with more clearance of its deepest link; unchanged if that costs much of mu.
+    """Return a grasp refined until its links hardly penetrate anything; unchanged if that costs much of mu.
 
-    The nearest sphere of the deepest link is moved farther off the body, one in turn; of two links that penetrate each
-    other, the nearest two spheres are moved apart.
-
-    The spheres need not cover a link, so that its shape may penetrate where they do not. It ends where this no longer
-    makes the penetration smaller. Without a solved grasp of nearly the same quality the grasp is returned unchanged, as
-    it is where the worst displacement is maximised, which the refinement does not know.
+    The spheres need not cover a link, so that its shape may penetrate where they do not. Constraints are added there,
+    and the grasp is refined again. Where the worst displacement is maximised, which the refinement does not know, the
+    grasp is unchanged.
     """
-    increase, result, effort = np.zeros(len(compiled.rows.named)), touching, touching.total_effort
-    for _ in range(MOST_CLEARANCES):
-        if result.depth is None or result.depth.depth <= DEEP * result.depth.tolerance or deadline.should_stop():
-            break
-        if not result.record.has_grasp or compiled.options.maximise_robust:
-            break
-        slack = compiled.rows.link_slack(result.on_body.values, str(result.depth.link), result.depth.other_link)
-        nearest = int(np.argmin(slack))
-        if not np.isfinite(slack[nearest]):  # no sphere of this link is left beside its fingertip
-            break
-        increase[nearest] = slack[nearest] + result.depth.depth + ADDED_CLEARANCE
-        on_body, refined = refine_on_triangles(compiled, result.refined_candidate, deadline, increase)
-        bounds = _certify_grasp(compiled, on_body, refined, deadline)
-        record, state = result.record, refined.state()
-        freed = StartGrasp.of(compiled, record.index, on_body, bounds, state, record.message, origin=record.origin)
-        effort += freed.total_effort
-        if not freed.record.has_grasp or freed.depth is None or freed.depth.depth >= result.depth.depth:
-            break
-        result = freed
-    is_better = result.solved and result.record.mu.lower >= WORTH_FREEING * touching.record.mu.lower
-    return replace(result if is_better else touching, total_effort=effort)
+    added, results = AddedClearance(compiled, {}), [touching]
+    if not touching.record.has_grasp or compiled.options.maximise_robust:
+        return touching
+    while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
+        on_body, refined = refine_on_triangles(added.finer, results[-1].refined_candidate, deadline, added.increase)
+        bounds = _certify_grasp(added.finer, on_body, refined, deadline)
+        record, state = touching.record, refined.state()
+        results.append(
+            StartGrasp.of(added.finer, record.index, on_body, bounds, state, record.message, origin=record.origin)
+        )
+    least_mu = WORTH_FREEING * touching.record.mu.lower
+    free = [result for result in results if result.solved and result.record.mu.lower >= least_mu] or [touching]
+    best = min(free, key=lambda result: added.depth(result.on_body.candidate))
+    return replace(best, total_effort=sum((result.effort for result in results), SolverEffort()))
 
 
 def _certify_grasp(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.pad import AlongNormalError
+from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
@@ -72,6 +74,8 @@ class StartGrasp(StartResult):
         KKT residuals of the answer.
     depth : LinkPenetration or None
         Penetration of the links, with a hand whose links have shapes.
+    surface_points : mapping of str to (m, 3) array
+        Points of links' surfaces that were kept outside the body as well, metres, link frames.
     tip_gaps : tuple of (float or None)
         Distance of each contact from its fingertip's link, metres, with a hand that has links.
     hand : mapping or None
@@ -88,6 +92,7 @@ class StartGrasp(StartResult):
     optimum: LocalOptimum | None = None
     kkt: KKT | None = None
     depth: LinkPenetration | None = None
+    surface_points: Mapping[str, FloatArray] = field(default_factory=dict)
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
     volume: float | None = None
@@ -105,7 +110,11 @@ class StartGrasp(StartResult):
         robust: Robustness | None = None,
         origin: CandidateOrigin | None = None,
     ) -> StartGrasp:
-        """Return the result of a start with its record: solved if certified, feasible and free of collisions."""
+        """Return the result of a start with its record: solved if certified, feasible and free of collisions.
+
+        Constraints on surface points that the compiled problem keeps outside the body beside the problem's own are not
+        reported.
+        """
         depth, gaps, links = None, list[float | None](), compiled.link_depths
         if links is not None:
             depth = links.in_posture(on_body.candidate.hand) if links.has_shapes else None
@@ -127,8 +136,18 @@ class StartGrasp(StartResult):
             obstruction=depth.words if depth is not None and collides else "",
             origin=origin,
         )
-        reports = constraint_reports(compiled, on_body, state.multipliers)
-        return cls(record, on_body, reports, state.effort, robust, state.candidate, depth=depth, tip_gaps=tuple(gaps))
+        reports, hand = constraint_reports(compiled, on_body, state.multipliers), compiled.problem.hand
+        return cls(
+            record,
+            on_body,
+            reports,
+            state.effort,
+            robust,
+            state.candidate,
+            depth=depth,
+            surface_points=hand.surface_points if isinstance(hand, URDFHand) else {},
+            tip_gaps=tuple(gaps),
+        )
 
     @property
     def effort(self) -> SolverEffort:

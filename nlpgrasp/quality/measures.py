@@ -112,8 +112,11 @@ def _certify_stack(
     is_alike = not force_bound.depends_on_frames and any(c.unilateral for c in stack.contacts)
     if is_alike and deadline is None and rtol >= FINEST and len(stack) > 1:
         bounds = certify_side_by_side(stack, task, rtol, fixed_force_set(stack, force_bound), seed)
-    each = [_certify(stack[i], task, rtol, budget, seed, deadline) if b is None else b for i, b in enumerate(bounds)]
-    return StackBounds.of([b.of_measure(task.measure, task.paper_beta) for b in each])
+    certified = [
+        _certify(stack[i], task, rtol, budget, seed, deadline) if known is None else known
+        for i, known in enumerate(bounds)
+    ]
+    return StackBounds.of([b.of_measure(task.measure, task.paper_beta) for b in certified])
 
 
 def _certify(

@@ -532,25 +532,25 @@ class GraspSolution(InNotebook):
         """
         return self.with_answer(first_accepted(self.grasps, accepts))
 
-    def with_answer(self, found: FoundGrasp) -> GraspSolution:
+    def with_answer(self, kept: FoundGrasp) -> GraspSolution:
         """Return a copy with a given kept grasp as its answer.
 
         Data that hold for the first answer alone are removed.
         """
-        if found.grasp is self.grasp:
+        if kept.grasp is self.grasp:
             return replace(self, others=(), stated_first=None)
         return replace(
             self,
-            **{name: value for name, value in vars(found).items() if name != "start"},
-            status=_status_with(self.status, found.hand),
+            **{name: value for name, value in vars(kept).items() if name != "start"},
+            status=_status_with(self.status, kept.hand),
             delta=None,
             nu=None,
             prices=(),
             kkt=None,
             bound=None if self.bound is None else replace(self.bound, stated_gap=None),
             drawing=None if self.drawing is None else replace(self.drawing, links=()),
-            starts=tuple(start for start in self.starts if start.index == found.start),
-            best_start=found.start,
+            starts=tuple(start for start in self.starts if start.index == kept.start),
+            best_start=kept.start,
             others=(),
             stated_first=None,
         )
