@@ -429,9 +429,15 @@ class _Solid:
         hull = _convex_hull(vertices)
         if hull is None or SHEET_VOLUME * hull.volume <= abs(volume) < CONVEX_VOLUME * hull.volume:
             return cls(corners, SearchTree(vertices, faces).exact_signed_distance)
-        if abs(volume) < SHEET_VOLUME * hull.volume:
-            corners = vertices[hull.simplices]
-        normals, corner_points = np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0), vertices[hull.vertices]
+        return cls.of_hull(hull, vertices[hull.simplices] if abs(volume) < SHEET_VOLUME * hull.volume else corners)
+
+    @classmethod
+    def of_hull(cls, hull: ConvexHull, corners: FloatArray) -> _Solid:
+        """Return the solid of a convex hull, given the triangles (m, 3, 3) of its surface."""
+        normals, corner_points = (
+            np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0),
+            hull.points[hull.vertices],
+        )
         offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
         if len(normals) > MAX_PLANES:
             normals = directions_around(np.eye(3)[2], MAX_PLANES)
@@ -458,7 +464,7 @@ def _solid_of_shape(shape: CollisionShape, as_hull: bool) -> _Solid:
     """Return the solid of a collision shape, or of its convex hull."""
     vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
     hull = _convex_hull(vertices) if as_hull else None
-    return _Solid.of(vertices, faces if hull is None else hull.simplices)
+    return _Solid.of(vertices, faces) if hull is None else _Solid.of_hull(hull, vertices[hull.simplices])
 
 
 def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObstacle]:
