@@ -74,6 +74,8 @@ class StartGrasp(StartResult):
         KKT residuals of the answer.
     depth : LinkPenetration or None
         Penetration of the links, with a hand whose links have shapes.
+    hull_depth : float
+        Depth of the deepest link in body and surroundings with each shape as its convex hull, as in MuJoCo, metres.
     surface_points : mapping of str to (m, 3) array
         Points of links' surfaces that were kept outside the body as well, metres, link frames.
     tip_gaps : tuple of (float or None)
@@ -92,6 +94,7 @@ class StartGrasp(StartResult):
     optimum: LocalOptimum | None = None
     kkt: KKT | None = None
     depth: LinkPenetration | None = None
+    hull_depth: float = 0.0
     surface_points: Mapping[str, FloatArray] = field(default_factory=dict)
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
@@ -115,7 +118,8 @@ class StartGrasp(StartResult):
         Constraints on surface points that the compiled problem keeps outside the body beside the problem's own are not
         reported.
         """
-        depth, gaps, links = None, list[float | None](), compiled.link_depths
+        depth, gaps, links, hulls = None, list[float | None](), compiled.link_depths, compiled.hull_depths
+        in_hulls = [] if hulls is None else hulls.in_surroundings(on_body.candidate.hand)
         if links is not None:
             depth = links.in_posture(on_body.candidate.hand) if links.has_shapes else None
             gaps = links.tip_gaps(on_body.candidate.hand, on_body.grasp.points)
@@ -145,6 +149,7 @@ class StartGrasp(StartResult):
             robust,
             state.candidate,
             depth=depth,
+            hull_depth=max((penetration.depth for penetration in in_hulls), default=0.0),
             surface_points=hand.surface_points if isinstance(hand, URDFHand) else {},
             tip_gaps=tuple(gaps),
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 
@@ -30,6 +30,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, nu
 from nlpgrasp.quality.least_friction import can_press
 from nlpgrasp.solution.analysis_records import WhyNot
+from nlpgrasp.solution.obstructions import TOLERANCE
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -40,6 +41,7 @@ VOLUME_ERROR = 0.02  # relative error bar of nu, for the objective nu
 FINAL_GRACE = 2.0  # seconds, time for the answer's certificate after the time limit
 MOST_COMPARED = 3  # grasps compared by robustness, including the best
 HALF = 0.5  # share of the best mu below which no other grasp is chosen
+NEARLY = 0.8  # share of the best mu below which no other grasp is chosen because its links' hulls are outside
 WEAK = 0.5  # share of mu under the worst displacement below which more robust grasps are considered
 TIE = 0.95  # least share of the best mu of a grasp that replaces one that is weak but not fragile
 DISTINCT = 0.1  # over the body's size: Hausdorff distance of contacts above which grasps are distinct
@@ -127,13 +129,15 @@ def prefer_robust_start(
     return best
 
 
-def restrict_to_pressing(
+def restrict_to_squeezable(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can all press in balance, and all such starts.
+    """Return the best start that can be squeezed, and all such starts.
 
-    Other grasps of a hand with joints exert the task only while it pushes into the fingers. Both arguments are returned
-    unchanged if the best start can press already, for hands without joints, or if no start can press.
+    Its contacts can all press in balance; other grasps of a hand with joints exert the task only while it pushes into
+    the fingers. Among these, starts are preferred in which no link's convex hull is inside the body: it would take part
+    of the fingers' forces in a simulation. Both arguments are returned unchanged for hands without joints, if the best
+    start has both properties, or if no start has them.
 
     Parameters
     ----------
@@ -141,15 +145,26 @@ def restrict_to_pressing(
     best : StartGrasp
         The start with the best mu.
     results : sequence of StartResult
-        All starts; eligible are those with at least half of the best mu.
+        All starts; eligible are those with at least half of the best mu, with hulls outside with at least 0.8 of it.
     """
-    if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.on_body.grasp):
+    if not isinstance(hand, PosedHand) or not hand.loaded_joints:
         return best, results
-    least_mu = HALF * best.record.mu.upper
+    if not can_press(best.on_body.grasp):
+        best, results = _restrict(best, results, HALF, lambda start: can_press(start.on_body.grasp))
+    if best.hull_depth > TOLERANCE:
+        best, results = _restrict(best, results, NEARLY, lambda start: start.hull_depth <= TOLERANCE)
+    return best, results
+
+
+def _restrict(
+    best: StartGrasp, results: Sequence[StartResult], share: float, has_property: Callable[[StartGrasp], bool]
+) -> tuple[StartGrasp, Sequence[StartResult]]:
+    """Return the best start with a property and a share of the best mu, and all of them; unchanged without any."""
+    least_mu = share * best.record.mu.upper
     eligible = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least_mu]
-    pressing = [r for r in eligible if can_press(r.on_body.grasp)]
-    best_pressing = best_of(pressing)
-    return (best, results) if best_pressing is None else (best_pressing, pressing)
+    restricted = [r for r in eligible if has_property(r)]
+    best_restricted = best_of(restricted)
+    return (best, results) if best_restricted is None else (best_restricted, restricted)
 
 
 def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:

@@ -45,7 +45,7 @@ from nlpgrasp.pipeline.answer import (
     SearchRecord,
     make_answer,
     prefer_robust_start,
-    restrict_to_pressing,
+    restrict_to_squeezable,
     solver_record,
     total_effort,
 )
@@ -363,7 +363,7 @@ class Multistart:
         results: Sequence[StartResult] = self.results
         weighs = runner.options.weighs_fragility and not is_volume and not deadline.should_stop()
         if weighs:
-            best, results = restrict_to_pressing(runner.problem.hand, best, results)
+            best, results = restrict_to_squeezable(runner.problem.hand, best, results)
         last_step = partial(converge_to_optimum, deadline=deadline)
         converging = runner.begin(last_step, [] if is_volume else [best])
         if self._keeping.count > 1:

@@ -79,11 +79,17 @@ def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, monkey
     monkeypatch.setattr(choice, "can_press", lambda grasp: any(grasp is results[i].on_body.grasp for i in pressing))
     monkeypatch.setattr(choice, "PosedHand", SimpleNamespace)
     hand = SimpleNamespace(loaded_joints=("joint",))
-    best, able = choice.restrict_to_pressing(hand, results[0], results)
+    best, able = choice.restrict_to_squeezable(hand, results[0], results)
     assert best.record.index == expected
     assert [r.record.index for r in able] == ([i for i in pressing if i < 3] if expected else [0, 1, 2, 3])
+    fourth, all_but_it = replace(results[3], record=replace(results[3].record, mu=Bounds(0.85, 0.86))), results[:3]
+    deep = [replace(result, hull_depth=0.002) for result in all_but_it]
+    best, able = choice.restrict_to_squeezable(hand, deep[0], [*deep, fourth])
+    if pressing == (0, 1):  # the hulls of the best one's links are inside
+        assert (best, able) == (fourth, [fourth])
+        assert choice.restrict_to_squeezable(hand, deep[0], deep) == (deep[0], deep)
     hand.loaded_joints = ()
-    assert choice.restrict_to_pressing(hand, results[0], results) == (results[0], results)
+    assert choice.restrict_to_squeezable(hand, results[0], results) == (results[0], results)
 
 
 @pytest.mark.parametrize(
