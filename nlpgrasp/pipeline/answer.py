@@ -149,11 +149,16 @@ def restrict_to_squeezable(
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints:
         return best, results
-    if not can_press(best.on_body.grasp):
-        best, results = _restrict(best, results, HALF, lambda start: can_press(start.on_body.grasp))
-    if best.hull_depth > TOLERANCE:
-        best, results = _restrict(best, results, NEARLY, lambda start: start.hull_depth <= TOLERANCE)
-    return best, results
+
+    def presses(start: StartGrasp) -> bool:
+        return can_press(start.on_body.grasp)
+
+    def presses_freely(start: StartGrasp) -> bool:
+        return start.hull_depth <= TOLERANCE and presses(start)
+
+    if not presses(best):
+        best, results = _restrict(best, results, HALF, presses)
+    return (best, results) if presses_freely(best) else _restrict(best, results, NEARLY, presses_freely)
 
 
 def _restrict(
