@@ -19,6 +19,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
@@ -26,6 +27,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, edge_distances
+from nlpgrasp.optimize.kkt_point import find_local_optimum
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.screening import sampled_ratios
@@ -76,10 +78,19 @@ def robustness(compiled: CompiledProblem, candidate: GraspCandidate, grasp: Gras
     return Robustness(offset, share, bounds, points, normals, lost)
 
 
-def maximise_robustness(compiled: CompiledProblem, on_body: GraspOnBody) -> tuple[GraspOnBody, Robustness]:
-    """Return a more robust grasp and its robustness; unchanged on meshes and with hands that have a pose."""
+def maximise_robustness(
+    compiled: CompiledProblem, on_body: GraspOnBody, deadline: Deadline
+) -> tuple[GraspOnBody, Robustness]:
+    """Return a more robust grasp and its robustness, from the local optimum of mu near a grasp.
+
+    On meshes and with hands that have a pose the grasp is unchanged.
+    """
     if on_body.surface is not None or not compiled.follows_contacts:
         return on_body, robustness(compiled, on_body.candidate, on_body.grasp)
+    optimum = find_local_optimum(compiled, on_body.candidate, deadline)
+    if optimum is not None:
+        at_optimum = GraspOnBody.of(compiled, optimum.candidate, compiled.grasp(optimum.candidate))
+        on_body = at_optimum if at_optimum.is_feasible else on_body
     best, robust = on_body.grasp, robustness(compiled, on_body.candidate, on_body.grasp)
     candidate, search = on_body.candidate, _RobustSearch(compiled, on_body.candidate)
     for step in STEP_SIZES:
@@ -90,7 +101,7 @@ def maximise_robustness(compiled: CompiledProblem, on_body: GraspOnBody) -> tupl
         moved = search.candidate
         grasp = compiled.grasp(moved)
         trial = robustness(compiled, moved, grasp)
-        if trial.mu.lower > robust.mu.lower:
+        if trial.mu.upper > robust.mu.upper:
             candidate, best, robust = moved, grasp, trial
     return GraspOnBody.of(compiled, candidate, best), robust
 

@@ -205,7 +205,7 @@ def _result_of_candidate(
         clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:
-            on_body, robust = maximise_robustness(compiled, on_body)
+            on_body, robust = maximise_robustness(compiled, on_body, deadline)
             clock.mark("robust")
         bounds = _certify_grasp(compiled, on_body, refined, deadline)
         clock.mark("certificate")

@@ -183,7 +183,8 @@ class StartGrasp(StartResult):
             return self
         budget = budget_at(problem, candidate)
         tight = mu(self.on_body.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
-        bounds = replace(tight, lower=max(tight.lower, previous.lower), upper=min(tight.upper, previous.upper))
+        upper = min(tight, previous, key=lambda bounds: bounds.upper)  # with the direction that it is of
+        bounds = replace(upper, lower=max(tight.lower, previous.lower), limit=tight.limit)
         return replace(self, record=replace(self.record, mu=bounds))
 
 

@@ -116,7 +116,7 @@ def test_fingertips_walk_to_the_best_grasp_within_reach(walk):
 
 
 @pytest.mark.slow
-def test_fingertips_slide_by_two_millimetres_unless_a_joint_is_at_its_limit(picked, solution):
+def test_fingertips_slide_by_two_millimetres_unless_joints_do_not_allow_it(picked, solution):
     """To both sides along the box, with the palm and the other fingers where they are; no link is in the way."""
     hand, grasp, shapes = four_finger_hand(), solution.grasp, Shapes()
     values = hand.values_of(solution.hand)
@@ -131,7 +131,7 @@ def test_fingertips_slide_by_two_millimetres_unless_a_joint_is_at_its_limit(pick
         paths[finger][1] = PathStation(target, grasp.normals[finger], solution.faces[finger])
         motion, _ = LinkedMotions(picked, hand, values, paths, 0.005).move(values, finger, True)
         if not motion.feasible:
-            assert motion.reason.startswith("joint "), motion.reason
+            assert motion.reason.startswith(("joint ", "the posture would have to jump")), motion.reason
             continue
         move = FingerMove(finger, motion.points, True, ng.Bounds(0.0, 0.0), motion)
         assert move.length == pytest.approx(0.002)

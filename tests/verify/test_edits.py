@@ -57,6 +57,17 @@ def certificate(change):
     return edit
 
 
+def largest_force(factor):
+    """Return an edit of the largest finger force of the first wrench."""
+
+    def edit(data):
+        forces = data["forces"][0]["forces"]
+        finger = int(np.argmax(np.linalg.norm(forces, axis=1)))
+        forces[finger] = times(factor)(forces[finger])
+
+    return edit
+
+
 EDITS = {
     "body's length": put(["problem", "body", "extents", 0], 0.5),
     "body's height": put(["problem", "body", "extents", 2], 0.5),
@@ -86,7 +97,7 @@ EDITS = {
     "what is left at worst": put(
         ["quality", "robust", "mu"], lambda b: {**b, "lower": b["upper"], "upper": 1.2 * b["upper"]}
     ),
-    "finger forces": put(["forces", 0, "forces", 0], times(0.5)),
+    "finger forces": largest_force(0.5),
     "bound over all placements": put(["quality", "best_possible", "upper"], lambda v: 0.99 * v),
     "certificate of the bound": certificate(lambda bound: 0.9 * bound),
 }

@@ -137,10 +137,19 @@ def mixture(part, value):
     return edit
 
 
+def largest_weight(value):
+    def edit(data):
+        weights = data["certificate"]["mixtures"][data["certificate"]["leaves"][0][1]][1]
+        largest = weights.index(max(weights))
+        weights[largest] = value(weights[largest])
+
+    return edit
+
+
 EDITS = {
     "the bound is lower": (put(("upper",), share(0.999)), "upper"),
     "a leaf's bound is lower": (loosest(2, share(0.999)), "leaves"),
-    "a weight": (mixture(1, share(1.02)), "leaves"),
+    "a weight": (largest_weight(share(1.02)), "leaves"),
     "a weight below zero": (mixture(1, share(-1.0)), "leaves"),
     "a direction's number": (mixture(0, lambda i: i + 1), "leaves"),
     "a mixture's number": (loosest(1, lambda i: i + 1000), "leaves"),
