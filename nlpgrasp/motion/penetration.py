@@ -90,11 +90,17 @@ class PenetrationModel:
             if shapes
         }
         self._self_penetration = SelfPenetration(hand, self._links, tolerance) if hand.self_collision else None
+        self._last: tuple[bytes, list[LinkPenetration]] | None = None  # of the last posture, which is often asked again
 
     @property
     def has_shapes(self) -> bool:
         """Whether any link has a collision shape."""
         return bool(self._links)
+
+    @property
+    def has_convex_shapes(self) -> bool:
+        """Whether each shape is its own convex hull."""
+        return all(part.convex is not None for link in self._links.values() for part in link.parts)
 
     def in_posture(self, values: Values) -> LinkPenetration:
         """Return the deepest penetration in one posture, given values of the hand's variables."""
@@ -108,6 +114,12 @@ class PenetrationModel:
 
     def in_surroundings(self, values: Values) -> list[LinkPenetration]:
         """Return the penetrations of links in the body and its surroundings in one posture."""
+        key = b"".join(np.asarray(value, dtype=float).tobytes() for value in values.values())
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._surrounding_penetrations(values)
+        return self._last[1]
+
+    def _surrounding_penetrations(self, values: Values) -> list[LinkPenetration]:
         poses, centres = self._link_centres(values)
         if not poses:
             return []

@@ -12,7 +12,8 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.solution.obstructions import LinkPenetration
 
-DEEP = 1e-4  # metres: penetration of a link above which constraints are added
+DEEP = 1e-4  # metres: penetration of a link in body or surroundings above which constraints are added
+DEEP_ELSEWHERE = 5e-4  # metres: that of a fingertip's own link, which touches the body, and that of links in each other
 BEYOND = 2e-4  # metres beyond the depth of a link in another
 
 
@@ -42,13 +43,13 @@ class AddedClearance:
         self._points, self.increase = dict(points), np.zeros(len(self.finer.rows.named))
 
     def depth(self, candidate: GraspCandidate) -> float:
-        """Return the depth of the deepest link of a candidate, metres."""
+        """Return the depth of the deepest link of a candidate, metres; 0 where no constraint would be added."""
         return max((penetration.depth for penetration in self._penetrations(candidate)), default=0.0)
 
     def extend(self, on_body: GraspOnBody) -> bool:
         """Add constraints wherever a grasp's links penetrate; return whether any were added."""
         hulls, values, points = self.compiled.hull_depths, on_body.candidate.hand, dict(self._points)
-        deep = [penetration for penetration in self._penetrations(on_body.candidate) if penetration.depth > DEEP]
+        deep = self._penetrations(on_body.candidate)
         is_apart = [self._move_apart(on_body, penetration) for penetration in deep if penetration.other_link]
         for penetration in deep:
             if not penetration.other_link and hulls is not None:
@@ -63,11 +64,19 @@ class AddedClearance:
         return has_more or any(is_apart)
 
     def _penetrations(self, candidate: GraspCandidate) -> list[LinkPenetration]:
-        """Return the penetrations of the links' hulls in body and surroundings, and those of links in each other."""
+        """Return the deep penetrations of the links' hulls in body and surroundings, and of links in each other."""
         links, hulls = self.compiled.link_depths, self.compiled.hull_depths
         if links is None or hulls is None:
             return []
-        return hulls.in_surroundings(candidate.hand) + links.in_each_other(candidate.hand)
+        groups = hulls.hand.robot.rigid_groups
+        with_tip = {groups[link] for link, _ in hulls.hand.tips}
+
+        def is_deep(penetration: LinkPenetration) -> bool:
+            elsewhere = penetration.other_link or groups[str(penetration.link)] in with_tip
+            return penetration.depth > (DEEP_ELSEWHERE if elsewhere else DEEP)
+
+        penetrations = hulls.in_surroundings(candidate.hand) + links.in_each_other(candidate.hand)
+        return [penetration for penetration in penetrations if is_deep(penetration)]
 
     def _move_apart(self, on_body: GraspOnBody, penetration: LinkPenetration) -> bool:
         """Require more distance between the nearest spheres of two links; return whether a constraint does."""

@@ -80,8 +80,10 @@ class CompiledProblem:
         """Model of the penetration of the convex hulls of a hand's links; None for hands without links."""
         if self._parent is not None:
             return self._parent.hull_depths
-        hand = self.problem.hand
-        return PenetrationModel(self.problem, hand, hulls=True) if isinstance(hand, URDFHand) else None
+        hand, shapes = self.problem.hand, self.link_depths
+        if shapes is None or shapes.has_convex_shapes or not isinstance(hand, URDFHand):
+            return shapes
+        return PenetrationModel(self.problem, hand, hulls=True)
 
     @cached_property
     def collision_model(self) -> CollisionModel | None:

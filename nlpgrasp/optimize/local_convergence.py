@@ -8,7 +8,7 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.optimize.added_clearance import DEEP, AddedClearance
+from nlpgrasp.optimize.added_clearance import AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import EXCESS, LocalOptimum, find_local_optimum, residuals_at
@@ -86,7 +86,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         if 0.0 < result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
             missed, reason = np.concatenate([missed, [result.record.mu.worst_direction]]), MISSED
             continue
-        is_deeper = added.depth(result.on_body.candidate) > max(DEEP, best_depth + DEPTH_ROUNDING)
+        is_deeper = added.depth(result.on_body.candidate) > best_depth + DEPTH_ROUNDING
         reason = DEEPER if is_deeper else _rejection_reason(compiled, best, result)
         if not reason:
             return result
