@@ -89,7 +89,8 @@ class PenetrationModel:
             for link, shapes in hand.robot.shapes.items()
             if shapes
         }
-        self._self_penetration = SelfPenetration(hand, self._links, tolerance) if hand.self_collision else None
+        can_meet = hand.self_collision and len(self._links) > 1
+        self._self_penetration = SelfPenetration(hand, self._links, tolerance) if can_meet else None
         self._last: tuple[bytes, list[LinkPenetration]] | None = None  # of the last posture, which is often asked again
 
     @property
