@@ -74,7 +74,7 @@ class PenetrationModel:
     tolerance : float
         Metres.
     hulls : bool
-        Whether each collision shape counts as its convex hull, as in MuJoCo.
+        Whether each collision shape counts as its convex hull, as in MuJoCo; in body and surroundings alone.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class PenetrationModel:
             for link, shapes in hand.robot.shapes.items()
             if shapes
         }
-        can_meet = hand.self_collision and len(self._links) > 1
+        can_meet = hand.self_collision and not hulls and len(self._links) > 1
         self._self_penetration = SelfPenetration(hand, self._links, tolerance) if can_meet else None
         self._last: tuple[bytes, list[LinkPenetration]] | None = None  # of the last posture, which is often asked again
 
@@ -447,10 +447,8 @@ class _Solid:
     @classmethod
     def of_hull(cls, hull: ConvexHull, corners: FloatArray) -> _Solid:
         """Return the solid of a convex hull, given the triangles (m, 3, 3) of its surface."""
-        normals, corner_points = (
-            np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0),
-            hull.points[hull.vertices],
-        )
+        normals = np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0)
+        corner_points = hull.points[hull.vertices]
         offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
         if len(normals) > MAX_PLANES:
             normals = directions_around(np.eye(3)[2], MAX_PLANES)

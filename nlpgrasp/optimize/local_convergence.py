@@ -85,6 +85,8 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         result = _result_at_optimum(added.finer, best, on_faces, optimum, deadline)
         if 0.0 < result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
             missed, reason = np.concatenate([missed, [result.record.mu.worst_direction]]), MISSED
+            if deadline.should_stop():
+                break
             continue
         is_deeper = added.depth(result.on_body.candidate) > best_depth + DEPTH_ROUNDING
         reason = DEEPER if is_deeper else _rejection_reason(compiled, best, result)

@@ -153,12 +153,11 @@ def restrict_to_squeezable(
     def presses(start: StartGrasp) -> bool:
         return can_press(start.on_body.grasp)
 
-    def presses_freely(start: StartGrasp) -> bool:
-        return start.hull_depth <= TOLERANCE and presses(start)
-
     if not presses(best):
         best, results = _restrict(best, results, HALF, presses)
-    return (best, results) if presses_freely(best) else _restrict(best, results, NEARLY, presses_freely)
+    if best.hull_depth > TOLERANCE:
+        best, results = _restrict(best, results, NEARLY, lambda start: start.hull_depth <= TOLERANCE and presses(start))
+    return best, results
 
 
 def _restrict(
