@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,7 @@ from nlpgrasp.hands.base import PosedHand, Values
 from nlpgrasp.motion.approach_path import OpeningPath, approach_candidates, find_free_approach, open_hand_straight
 from nlpgrasp.motion.distance_fields import DistanceField, build_distance_fields
 from nlpgrasp.motion.link_clearance import CollisionModel
-from nlpgrasp.motion.penetration import PenetrationModel
+from nlpgrasp.motion.penetration import PathPenetration, PenetrationModel
 from nlpgrasp.motion.straight_path import certified_clearance
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import LinkPenetration
@@ -29,7 +28,8 @@ SAMPLES = 4000  # samples of the body's surface for this check
 START_DISTANCE = 0.1  # metres between hand and body at the start of the approach
 DIRECTIONS = 60  # approach directions, spread over the sphere
 OPENING_SHARES = (1.0, 0.5, 0.25)  # of the pregrasp's opening, tried until the fingers close freely
-MOST_TOUCHING = 4  # free ways of the links' spheres that are tried by the links' own shapes
+GENTLE = 1e-4  # metres: largest depth of a link on its way in that does not move the body
+MOST_TOUCHING = 4  # free ways of the links' spheres that are tried for touching nothing, then for being free
 NO_PREGRASP = "the hand has no pregrasp"
 
 
@@ -101,8 +101,10 @@ def plan_keyframes(
 class _ShapeCheck:
     """Check of openings and approaches by the links' collision shapes, after a check by their spheres.
 
-    Where the shapes penetrate on all of the ``MOST_TOUCHING`` first approaches that are free for the spheres, the last
-    of these is kept, and its penetration is recorded as ``way_in``.
+    A link that touches the body on the way pushes it away, so ways are preferred on which links are at most ``GENTLE``
+    inside the body and its surroundings. The first ``MOST_TOUCHING`` approaches that are free for the spheres have to
+    be such, as far as the closing of the fingers is; the next as many have to be free within the tolerance. The last
+    one is kept in any case, and its penetration is recorded as ``way_in``.
 
     Parameters
     ----------
@@ -114,32 +116,41 @@ class _ShapeCheck:
     def __init__(self, links: PenetrationModel, grasp: Values) -> None:
         self._links, self._grasp = links, grasp
         self._on_approaches: list[LinkPenetration] = []
-        self._closings: list[tuple[Values, LinkPenetration]] = []  # open hands, and what closing from them shows
+        self._closings: list[tuple[Values, PathPenetration]] = []  # open hands, and what closing from them shows
 
     def free_opening(self, open_hand: Callable[[float], OpeningPath]) -> float:
-        """Return the largest fraction of the pregrasp's opening from which the fingers close without penetration.
+        """Return the fraction of the pregrasp's opening from which the fingers close without touching anything.
 
-        It is 1 if there is none among ``OPENING_SHARES``, or if the links have no shapes.
+        Of ``OPENING_SHARES`` the first one; else the first one without penetration; 1 if there is none, or if the links
+        have no shapes.
         """
+        free = list[float]()
         for fraction in OPENING_SHARES if self._links.has_shapes else ():
             opened = open_hand(fraction)
-            if opened.postures and self._while_closing(opened.values).is_free:
-                return fraction
-        return 1.0
+            if not opened.postures:
+                continue
+            closing = self._while_closing(opened.values)
+            if closing.deepest.is_free:
+                free.append(fraction)
+                if closing.surroundings_depth <= GENTLE:
+                    return fraction
+        return free[0] if free else 1.0
 
     def touching(self, corners: Sequence[Values]) -> str:
-        """Return, as text, what the links run into on an approach; empty if it is free or the last one to be tried.
+        """Return, as text, what the links run into on an approach; empty if the approach is kept.
 
-        The approach goes through the postures ``corners``. It is kept if it is free, or if it is the last to be tried.
+        The approach goes through the postures ``corners``.
         """
         if not self._links.has_shapes:
             return ""
         *before, opened = corners
-        legs = self._links.on_approach(before, opened), self._while_closing(opened)
-        deepest = max(legs, key=lambda penetration: penetration.depth)
-        penetration = replace(deepest, postures=sum(leg.postures for leg in legs))
-        self._on_approaches.append(penetration)
-        return "" if penetration.is_free or len(self._on_approaches) == MOST_TOUCHING else penetration.words
+        approach, closing = self._links.on_approach(before, opened), self._while_closing(opened)
+        whole = approach.followed_by(closing)
+        self._on_approaches.append(whole.deepest)
+        tried = len(self._on_approaches)
+        is_gentle = approach.surroundings_depth <= max(GENTLE, closing.surroundings_depth)
+        is_kept = whole.deepest.is_free and (is_gentle or tried > MOST_TOUCHING)
+        return "" if is_kept or tried == 2 * MOST_TOUCHING else whole.deepest.words
 
     def way_in(self, opened: Values, has_approach: bool) -> LinkPenetration | None:
         """Return the penetration of the links' shapes on the way to the grasp; None if they have no shapes.
@@ -148,10 +159,10 @@ class _ShapeCheck:
         """
         if not self._links.has_shapes:
             return None
-        return self._on_approaches[-1] if has_approach else self._while_closing(opened)
+        return self._on_approaches[-1] if has_approach else self._while_closing(opened).deepest
 
-    def _while_closing(self, opened: Values) -> LinkPenetration:
-        """Return the penetration while the fingers close from an open hand, with a cache."""
+    def _while_closing(self, opened: Values) -> PathPenetration:
+        """Return the penetrations while the fingers close from an open hand, with a cache."""
         for values, penetration in self._closings:
             if all(np.array_equal(values[name], opened[name]) for name in opened):
                 return penetration

@@ -11,7 +11,7 @@ The depth is the larger of two measures:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations, pairwise
@@ -150,16 +150,8 @@ class PenetrationModel:
             chosen = np.concatenate([chosen, near[np.argmax(gaps)][None]])
         return chosen
 
-    def over_postures(self, postures: Iterable[Values]) -> LinkPenetration:
-        """Return the deepest penetration in any of several postures."""
-        penetrations = [self.in_posture(values) for values in postures]
-        deepest = max(
-            penetrations, key=lambda penetration: penetration.depth, default=LinkPenetration(tolerance=self.tolerance)
-        )
-        return replace(deepest, postures=len(penetrations))
-
-    def on_approach(self, waypoints: Sequence[Values], grasp: Values) -> LinkPenetration:
-        """Return the deepest penetration along a path to a grasp, given by waypoints.
+    def on_approach(self, waypoints: Sequence[Values], grasp: Values) -> PathPenetration:
+        """Return the deepest penetrations along a path to a grasp, given by waypoints.
 
         Postures every two millimetres are checked, or a fiftieth of a leg; nothing is certified between them. The grasp
         itself is left out.
@@ -178,7 +170,14 @@ class PenetrationModel:
             count = min(max(int(np.ceil(float(np.max(distances, initial=0.0)) / POSTURE_SPACING)), 1), MAX_POSTURES)
             fractions = np.arange(count) / count
             samples += [{n: start[n] + s * (end[n] - start[n]) for n in start} for s in fractions.tolist()]
-        return self.over_postures(samples)
+        in_surroundings = [penetration for values in samples for penetration in self.in_surroundings(values)]
+        in_links = [penetration for values in samples for penetration in self.in_each_other(values)]
+        none = LinkPenetration(tolerance=self.tolerance)
+        deepest, in_body = (
+            max(penetrations, key=lambda penetration: penetration.depth, default=none)
+            for penetrations in (in_surroundings + in_links, in_surroundings)
+        )
+        return PathPenetration(replace(deepest, postures=len(samples)), in_body.depth)
 
     def _link_centres(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
         """Return the poses of links with shapes, and their bounding spheres' centres (m, 3), metres, body frame."""
@@ -208,6 +207,29 @@ class PenetrationModel:
             gaps = [-float(shape.depth(((local - T[:3, 3]) @ T[:3, :3])[None])[0]) for shape, T in shapes]
             result.append(max(0.0, min(gaps)) if gaps else None)
         return result
+
+
+@dataclass(frozen=True)
+class PathPenetration:
+    """Deepest penetrations of a hand's links along a path.
+
+    Parameters
+    ----------
+    deepest : LinkPenetration
+        In anything.
+    surroundings_depth : float
+        Depth in the body, tables and obstacles alone, metres: as far a link pushes the body away.
+    """
+
+    deepest: LinkPenetration
+    surroundings_depth: float
+
+    def followed_by(self, other: PathPenetration) -> PathPenetration:
+        """Return the deepest penetrations of this path and then another one."""
+        deepest = max(self.deepest, other.deepest, key=lambda penetration: penetration.depth)
+        postures = self.deepest.postures + other.deepest.postures
+        depth = max(self.surroundings_depth, other.surroundings_depth)
+        return PathPenetration(replace(deepest, postures=postures), depth)
 
 
 class SelfPenetration:

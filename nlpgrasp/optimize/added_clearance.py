@@ -13,7 +13,8 @@ from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.solution.obstructions import LinkPenetration
 
 DEEP = 1e-4  # metres: penetration of a link in body or surroundings above which constraints are added
-DEEP_ELSEWHERE = 5e-4  # metres: that of a fingertip's own link, which touches the body, and that of links in each other
+DEEP_TIP = 2.5e-4  # metres: that of a fingertip's own link, which touches the body
+DEEP_IN_LINK = 5e-4  # metres: that of links in each other
 BEYOND = 2e-4  # metres beyond the depth of a link in another
 
 
@@ -72,8 +73,9 @@ class AddedClearance:
         with_tip = {groups[link] for link, _ in hulls.hand.tips}
 
         def is_deep(penetration: LinkPenetration) -> bool:
-            elsewhere = penetration.other_link or groups[str(penetration.link)] in with_tip
-            return penetration.depth > (DEEP_ELSEWHERE if elsewhere else DEEP)
+            if penetration.other_link:
+                return penetration.depth > DEEP_IN_LINK
+            return penetration.depth > (DEEP_TIP if groups[str(penetration.link)] in with_tip else DEEP)
 
         penetrations = hulls.in_surroundings(candidate.hand) + links.in_each_other(candidate.hand)
         return [penetration for penetration in penetrations if is_deep(penetration)]

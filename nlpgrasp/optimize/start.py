@@ -221,14 +221,17 @@ def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadl
     """Return a grasp refined until its links hardly penetrate anything; unchanged if that costs much of mu.
 
     The spheres need not cover a link, so that its shape may penetrate where they do not. Constraints are added there,
-    and the grasp is refined again. Where the worst displacement is maximised, which the refinement does not know, the
-    grasp is unchanged.
+    and the grasp is refined again: on the triangles that it touches, or if these do not permit it, over the whole body.
+    Where the worst displacement is maximised, which the refinement does not know, the grasp is unchanged.
     """
     added, results = AddedClearance(compiled, {}), [touching]
     if not touching.record.has_grasp or compiled.options.maximise_robust:
         return touching
     while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
-        on_body, refined = refine_on_triangles(added.finer, results[-1].refined_candidate, deadline, added.increase)
+        if results[-1].record.has_grasp:
+            on_body, refined = refine_on_triangles(added.finer, results[-1].refined_candidate, deadline, added.increase)
+        else:
+            on_body, refined = refine_on_body(added.finer, results[-1].refined_candidate, deadline)
         bounds = _certify_grasp(added.finer, on_body, refined, deadline)
         record, state = touching.record, refined.state()
         results.append(

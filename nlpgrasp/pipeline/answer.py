@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 
@@ -43,7 +43,8 @@ MOST_COMPARED = 3  # grasps compared by robustness, including the best
 HALF = 0.5  # share of the best mu below which no other grasp is chosen
 NEARLY = 0.8  # share of the best mu below which no other grasp is chosen because its links' hulls are outside
 WEAK = 0.5  # share of mu under the worst displacement below which more robust grasps are considered
-TIE = 0.95  # least share of the best mu of a grasp that replaces one that is weak but not fragile
+TIE = 0.95  # least share of the best mu of a grasp that replaces one that is weak but not fragile, or deeper
+SHALLOW = 3e-4  # metres: depth of a link's hull in the body up to which a fingertip is on the body
 DISTINCT = 0.1  # over the body's size: Hausdorff distance of contacts above which grasps are distinct
 
 
@@ -135,9 +136,9 @@ def restrict_to_squeezable(
     """Return the best start that can be squeezed, and all such starts.
 
     Its contacts can all press in balance; other grasps of a hand with joints exert the task only while it pushes into
-    the fingers. Among these, starts are preferred in which no link's convex hull is inside the body: it would take part
-    of the fingers' forces in a simulation. Both arguments are returned unchanged for hands without joints, if the best
-    start has both properties, or if no start has them.
+    the fingers. Among these, starts are preferred in which no link's convex hull is inside the body: beside a fingertip
+    it would take part of the fingers' forces in a simulation, and a fingertip's is off its contact. Both arguments are
+    returned unchanged for hands without joints, if the best start has both properties, or if no start has them.
 
     Parameters
     ----------
@@ -145,28 +146,30 @@ def restrict_to_squeezable(
     best : StartGrasp
         The start with the best mu.
     results : sequence of StartResult
-        All starts; eligible are those with at least half of the best mu, with hulls outside with at least 0.8 of it.
+        All starts; eligible are those with at least half of the best mu, where hulls are less than 1 mm inside with at
+        least 0.8 of it, less than 0.3 mm with 0.95 of it.
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints:
         return best, results
 
-    def presses(start: StartGrasp) -> bool:
-        return can_press(start.on_body.grasp)
-
-    if not presses(best):
-        best, results = _restrict(best, results, HALF, presses)
-    if best.hull_depth > TOLERANCE:
-        best, results = _restrict(best, results, NEARLY, lambda start: start.hull_depth <= TOLERANCE and presses(start))
+    if not can_press(best.on_body.grasp):
+        best, results = _restrict(best, results, HALF)
+    for depth, share in ((TOLERANCE, NEARLY), (SHALLOW, TIE)):
+        if best.hull_depth > depth:
+            best, results = _restrict(best, results, share, depth)
     return best, results
 
 
 def _restrict(
-    best: StartGrasp, results: Sequence[StartResult], share: float, has_property: Callable[[StartGrasp], bool]
+    best: StartGrasp, results: Sequence[StartResult], share: float, depth: float = np.inf
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start with a property and a share of the best mu, and all of them; unchanged without any."""
+    """Return the best start that can be squeezed and has at least a share of the best mu, and all of them.
+
+    The links' hulls are at most ``depth`` inside the body, metres. Both arguments are returned unchanged without any.
+    """
     least_mu = share * best.record.mu.upper
-    eligible = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least_mu]
-    restricted = [r for r in eligible if has_property(r)]
+    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least_mu]
+    restricted = [r for r in solved if r.hull_depth <= depth and can_press(r.on_body.grasp)]
     best_restricted = best_of(restricted)
     return (best, results) if best_restricted is None else (best_restricted, restricted)
 

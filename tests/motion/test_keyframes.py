@@ -11,7 +11,7 @@ from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.motion.approach_path import missing_room, open_fingers
 from nlpgrasp.motion.keyframes import NO_PREGRASP, START_DISTANCE, plan_keyframes
 from nlpgrasp.motion.link_clearance import CollisionModel
-from nlpgrasp.motion.penetration import PenetrationModel
+from nlpgrasp.motion.penetration import PathPenetration, PenetrationModel
 from nlpgrasp.solution.obstructions import LinkPenetration
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
@@ -115,7 +115,9 @@ def test_what_alone_blocks_a_direction_is_named_with_the_room_that_it_takes(tmp_
     assert re.search(r"only post is in the way, and takes at least [0-9.]+ mm more room", named)
 
 
-DEEP = LinkPenetration(2e-3, "a0")  # of a link in the body, measured by its own shape
+DEEP = PathPenetration(LinkPenetration(2e-3, "a0"), 2e-3)  # of a link in the body, measured by its own shape
+SHALLOW = PathPenetration(LinkPenetration(5e-4, "a0"), 5e-4)  # within the tolerance, deep enough to move the body
+NOTHING = PathPenetration(LinkPenetration(), 0.0)
 
 
 @pytest.mark.slow
@@ -124,7 +126,7 @@ def test_fingers_open_less_where_their_own_shapes_run_into_something(tmp_path, m
 
     def measured(_, waypoints, grasp):
         most = max(np.max(np.abs(values["joints"] - grasp["joints"])) for values in waypoints)
-        return DEEP if most > 0.6 * largest else LinkPenetration()
+        return DEEP if most > 0.6 * largest else NOTHING
 
     grasp = solve_phases(tmp_path)[0].phases[2].joints
     largest = max(abs(full[joint] - grasp[joint]) for joint in full)
@@ -137,13 +139,33 @@ def test_fingers_open_less_where_their_own_shapes_run_into_something(tmp_path, m
     assert not solution.touches
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("others", [NOTHING, SHALLOW])
+def test_an_opening_that_would_move_the_body_is_passed_over_where_another_does_not(tmp_path, monkeypatch, others):
+    """A link half a millimetre inside the body is within the tolerance, but the body, free to move, gives way."""
+    full = solve_phases(tmp_path)[0].phases[1].joints
+    grasp = solve_phases(tmp_path)[0].phases[2].joints
+    largest = max(abs(full[joint] - grasp[joint]) for joint in full)
+
+    def measured(_, waypoints, grasp):
+        most = max(np.max(np.abs(values["joints"] - grasp["joints"])) for values in waypoints)
+        return SHALLOW if most > 0.6 * largest else others
+
+    monkeypatch.setattr(PenetrationModel, "on_approach", measured)
+    solution, _ = solve_phases(tmp_path)
+    opened = solution.phases[1].joints
+    share = 0.5 if others == NOTHING else 1.0
+    assert max(abs(opened[joint] - grasp[joint]) for joint in opened) == pytest.approx(share * largest, rel=0.02)
+    assert solution.way_in.is_free
+
+
 def test_a_direction_whose_way_is_blocked_by_the_links_own_shapes_is_passed_over(tmp_path, monkeypatch):
     before = solve_phases(tmp_path)[0].hand["approach"]["direction"]
 
     def measured(_, waypoints, grasp):
         first, second = [*waypoints, grasp][:2]
         moved = second["palm_position"] - first["palm_position"]
-        return DEEP if moved @ before > max(0.999 * np.linalg.norm(moved), 0.01) else LinkPenetration()
+        return DEEP if moved @ before > max(0.999 * np.linalg.norm(moved), 0.01) else NOTHING
 
     monkeypatch.setattr(PenetrationModel, "on_approach", measured)
     solution, _ = solve_phases(tmp_path)
