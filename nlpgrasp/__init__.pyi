@@ -135,6 +135,7 @@ from nlpgrasp.studies import (
     palm_path,
     sensitivity,
 )
+from nlpgrasp.studies.simulated_moves import MovesSimulation, simulate_moves
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
 from nlpgrasp.tasks.collision import CollisionEvent, collision_task
 from nlpgrasp.tasks.library import TaskEntry, TaskLibrary
@@ -204,6 +205,7 @@ __all__ = [
     "ManySolved",
     "MassProperties",
     "Mesh",
+    "MovesSimulation",
     "NlpgraspError",
     "NoGraspError",
     "Obstacle",
@@ -313,6 +315,7 @@ __all__ = [
     "sensitivity",
     "simulate",
     "simulate_hand",
+    "simulate_moves",
     "smallest_singular_value",
     "solve",
     "solve_many",

@@ -80,6 +80,8 @@ class FingerPath:
         Arc length at which the hand is stopped, metres.
     tolerance : float
         Allowed penetration of links between waypoints, metres.
+    normals : (m, space) array or None
+        Inward unit normal of the body at each waypoint, body frame; None where no waypoint was examined.
     """
 
     feasible: bool
@@ -92,6 +94,7 @@ class FingerPath:
     joints: FloatArray | None = None
     stopped_at: float | None = None
     tolerance: float = 0.0
+    normals: FloatArray | None = None
 
     @property
     def clearance(self) -> float:
@@ -104,6 +107,7 @@ class FingerPath:
             "feasible": self.feasible,
             "reason": self.reason,
             "points": self.points.tolist(),
+            "normals": None if self.normals is None else self.normals.tolist(),
             "along": self.along.tolist(),
             "phases": list(self.phases),
             "clearances": [float(c) if np.isfinite(c) else None for c in self.clearances],
@@ -314,6 +318,7 @@ class FingerStepper:
             ),
             stopped_at=self.transfer.at(path_length).along if reason else None,
             tolerance=self.model.tolerance,
+            normals=np.array([h.normal for h in targets]).reshape(-1, 3),
         )
 
 
@@ -372,7 +377,15 @@ class ContactMotions:
         along, phases = np.array([h.along for h in targets]), tuple(h.phase for h in targets)
         stopped = (targets[-1].along if targets else 0.0) if reason else None
         path = FingerPath(
-            not reason, reason, points, along, phases, np.array(clearances), stopped_at=stopped, tolerance=step / 2.0
+            not reason,
+            reason,
+            points,
+            along,
+            phases,
+            np.array(clearances),
+            stopped_at=stopped,
+            tolerance=step / 2.0,
+            normals=np.array([h.normal for h in targets]).reshape(points.shape),
         )
         return path, posture if reason else self._with_finger_at(posture, finger, target)
 

@@ -169,7 +169,7 @@ def try_hold(
 
     def trials(squeeze: bool) -> Iterator[HandTrial]:
         condition, world = AS_SOLVED if squeeze else CONTROL, HandWorld(scene)
-        squeezed = _close_hand(world, squeeze, None)
+        squeezed = close_hand(world, squeeze, None)
         closed = world.state()
         yield from _push_closed(condition, world, squeezed, push)
         world.restore(closed)
@@ -217,7 +217,7 @@ def _push_trials(
     displacement: tuple[FloatArray, FloatArray] | None = None,
 ) -> list[HandTrial]:
     """Close the hand and return six push trials, each from the same closed state."""
-    squeezed = _close_hand(world, squeeze, displacement)
+    squeezed = close_hand(world, squeeze, displacement)
     if torques:
         world.soften(GAIN_SHARE)
     return list(_push_closed(condition, world, squeezed, size, displacement is not None))
@@ -236,7 +236,7 @@ def _push_closed(
 
 def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
     """Close the hand, lift the object under gravity, and return the trial."""
-    return _lift_closed(condition, world, _close_hand(world, squeeze, None), squeeze)
+    return _lift_closed(condition, world, close_hand(world, squeeze, None), squeeze)
 
 
 def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bool) -> HandTrial:
@@ -248,7 +248,7 @@ def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bo
     return HandTrial(condition, LIFTED, squeezed, motion, snapshots)
 
 
-def _close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:
+def close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:
     """Move the hand through its keyframes, squeeze if requested, and return the object's motion after the grasp."""
     keys = [key for key in world.keys if key not in ("lift", "squeeze")]
     world.begin(keys[0], displacement)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 
@@ -17,6 +17,7 @@ STRICT, LOOSE = (0.01, float(np.radians(10.0))), (0.05, float(np.radians(15.0)))
 LOST_DISTANCE = 1.0  # metres: an object this far away is lost, and its motion not reported
 REPORTED_MOTION = 0.005  # millimetres and degrees: smaller motions are reported as none
 TRAVEL, SETTLE = 1.0, 0.5  # seconds between keyframes, and of rest after the squeeze
+LEAST_FRICTION = 1e-5  # least coefficient of friction, as MuJoCo requires
 SNAPSHOT_RATE = 25  # recorded states per second
 
 
@@ -129,6 +130,7 @@ class HandWorld:
         self.data = self._mujoco.MjData(self.model)
         self.keys = [self.model.key(i).name for i in range(self.model.nkey)]
         self._object, self._palm = self.model.body("object").id, self.model.body("hand").id
+        self._friction = np.array(self.model.geom_friction)
         names = [self.model.body(i).name for i in range(self.model.nbody)]
         self._links = {n.removeprefix(PREFIX): i for i, n in enumerate(names) if n.startswith(PREFIX)}
 
@@ -188,15 +190,34 @@ class HandWorld:
             motions.append(self.pose().motion_from(before))
             snapshots.append(self.snapshot(motions[-1]))
 
-        def raise_gravity(fraction: float) -> None:
-            self.model.opt.gravity[2] = -fraction * gravity
-            record(fraction)
-
         if gravity:
-            self.run(TRAVEL, None, raise_gravity)
+            self.raise_gravity(gravity, record)
         self.run(seconds, target, record)
         self.model.opt.gravity[2] = 0.0
         return Motion.largest(motions), tuple(snapshots)
+
+    def raise_gravity(self, gravity: float, callback: Callable[[float], None] | None = None) -> None:
+        """Raise gravity linearly to a value, m / s^2, along -z, and keep it; ``callback`` as in ``run``."""
+
+        def raise_to(fraction: float) -> None:
+            self.model.opt.gravity[2] = -fraction * gravity
+            if callback is not None:
+                callback(fraction)
+
+        self.run(TRAVEL, None, raise_to)
+
+    def controls_with(self, key: str, set_points: Mapping[str, float]) -> FloatArray:
+        """Return the servo commands of a keyframe, (nu,), with other set-points of the given joints."""
+        result = self.controls(key)
+        for joint, set_point in set_points.items():
+            result[self.model.actuator(PREFIX + joint).id] = set_point
+        return result
+
+    def set_friction(self, link: str, share: float) -> None:
+        """Set the friction of a link's contacts to a share of what the scene states."""
+        body = self.model.body(PREFIX + link).id
+        geoms = np.flatnonzero(self.model.geom_bodyid == body)
+        self.model.geom_friction[geoms] = np.maximum(share * self._friction[geoms], LEAST_FRICTION)
 
     def state(self) -> tuple[FloatArray, FloatArray]:
         """Return MuJoCo's integration state and the controls."""

@@ -116,6 +116,30 @@ def test_fingertips_walk_to_the_best_grasp_within_reach(walk):
 
 
 @pytest.mark.slow
+def test_the_moves_hold_the_object_in_mujoco(walk):
+    """One finger is carried by more than 10 mm, one slides by as much; without friction all of it is lost."""
+    simulated = ng.simulate_moves(walk, FOUR)
+    assert simulated.held, str(simulated)
+    assert any(trial.slides and trial.length > 0.01 for trial in simulated.trials)
+    assert any(not trial.slides and trial.length > 0.01 for trial in simulated.trials)
+    assert all(trial.motion.slip < 1e-4 for trial in simulated.of("as planned"))
+    assert all(trial.held for trial in simulated.of("sliding with friction"))
+    assert str(simulated).endswith("held during every move")
+    slippery = ng.simulate_moves(walk, FOUR, ng.HandSceneOptions(friction=0.1))
+    assert not slippery.held
+    assert str(slippery).endswith("NOT held during every move")
+
+
+def test_what_has_no_moves_is_not_simulated(picked, solution):
+    with pytest.raises(ng.InputError, match=r"plan: got none to simulate \(no finger has to move\), expected a plan"):
+        ng.simulate_moves(ng.FineManipulation(solution, solution), FOUR)
+    free = ng.GraspProblem(picked.body, [ng.FrictionContact(0.7)] * 4, picked.task)
+    without_hand = ng.solve(free, starts=1, options=OPTIONS)
+    with pytest.raises(ng.InputError, match="plan: got no hand with joints, expected a plan of a problem with an"):
+        ng.simulate_moves(ng.FineManipulation(without_hand, without_hand), FOUR)
+
+
+@pytest.mark.slow
 def test_fingertips_slide_by_two_millimetres_unless_joints_do_not_allow_it(picked, solution):
     """To both sides along the box, with the palm and the other fingers where they are; no link is in the way."""
     hand, grasp, shapes = four_finger_hand(), solution.grasp, Shapes()
