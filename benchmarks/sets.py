@@ -1,4 +1,7 @@
-"""Sets of grasps of a 16-joint hand: CPU seconds per grasp against single solves, and bytes per grasp."""
+"""Sets of grasps of a 16-joint hand: CPU seconds per grasp against single solves, and bytes per grasp.
+
+``sets:N`` makes a set of N grasps of one object; ``sets:ten`` and ``sets:ten:N`` one of N for each of ten objects.
+"""
 
 import os
 import tempfile
@@ -15,11 +18,23 @@ AIM, QUICKER = 4.0, 3.6  # CPU seconds on the machine of the aim, which is that 
 LIMIT = 8000  # bytes a grasp
 
 
-def problem():
-    """Return the problem of an ellipsoid in a 16-joint hand."""
-    return ng.GraspProblem(
-        ng.Ellipsoid([0.04, 0.03, 0.03]), ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), name="ellipsoid"
-    )
+TEN = {
+    "ellipsoid": ng.Ellipsoid([0.04, 0.03, 0.03]),
+    "egg": ng.Ellipsoid([0.03, 0.03, 0.045]),
+    "sphere": ng.Sphere(0.035),
+    "box": ng.Box([0.06, 0.05, 0.09]),
+    "cube": ng.Box([0.05, 0.05, 0.05]),
+    "bar": ng.Box([0.12, 0.04, 0.04]),
+    "cylinder": ng.Cylinder(0.03, 0.1),
+    "disc": ng.Cylinder(0.04, 0.04),
+    "prism": ng.Prism([[-0.03, -0.025], [0.03, -0.025], [0.01, 0.035]], 0.08),
+    "superquadric": ng.Superquadric([0.035, 0.03, 0.045], (0.5, 0.5)),
+}
+
+
+def problem(name="ellipsoid"):
+    """Return the problem of an object in a 16-joint hand."""
+    return ng.GraspProblem(TEN[name], ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), name=name)
 
 
 def single_solves(count):
@@ -39,11 +54,11 @@ def single_solves(count):
     )
 
 
-def grasp_set(count):
-    """Print the CPU seconds and bytes per grasp of a set."""
+def grasp_set(problems, count):
+    """Print the CPU seconds and bytes per grasp of a set of ``count`` grasps a problem."""
     with tempfile.TemporaryDirectory() as folder:
         start_time = time.perf_counter()
-        grasps = ng.make_set([problem()], count, Path(folder) / "set", folders=[FOUR.parent])
+        grasps = ng.make_set(problems, count, Path(folder) / "set", folders=[FOUR.parent])
         seconds = time.perf_counter() - start_time
         frame, grasp_count = grasps.frame(failures=True), len(grasps)
         solving, simulating = (frame[name].sum() / grasp_count for name in ("cpu_seconds", "simulation_cpu_seconds"))
@@ -60,8 +75,10 @@ def grasp_set(count):
         print(f"{outcome}".splitlines()[0], f"in {(time.process_time() - start_time) / grasp_count:.1f} CPU s a grasp")
 
 
-def run(count=GRASPS):
+def run(count=GRASPS, each=4):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        if count == "ten":
+            return grasp_set([problem(name) for name in TEN], int(each))
         single_solves(SOLVES)
-        grasp_set(int(count))
+        return grasp_set([problem()], int(count))
