@@ -48,10 +48,16 @@ class AddedClearance:
         return max((penetration.depth for penetration in self._penetrations(candidate)), default=0.0)
 
     def extend(self, on_body: GraspOnBody) -> bool:
-        """Add constraints wherever a grasp's links penetrate; return whether any were added."""
+        """Add constraints wherever a grasp's links penetrate; return whether any were added, and all links can be free.
+
+        Two links in each other that no spheres keep apart stay so.
+        """
         hulls, values, points = self.compiled.hull_depths, on_body.candidate.hand, dict(self._points)
         deep = self._penetrations(on_body.candidate)
-        is_apart = [self._move_apart(on_body, penetration) for penetration in deep if penetration.other_link]
+        in_links = [penetration for penetration in deep if penetration.other_link]
+        is_apart = [self._move_apart(on_body, penetration) for penetration in in_links]
+        if any(not penetration.is_free for penetration, moved in zip(in_links, is_apart, strict=True) if not moved):
+            return False  # nothing keeps these two links apart
         for penetration in deep:
             if not penetration.other_link and hulls is not None:
                 link, added = str(penetration.link), hulls.points_inside(values, penetration)

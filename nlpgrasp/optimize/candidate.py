@@ -12,6 +12,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.nlp import NlpResult
 
+SAME = 1e-6  # metres and radians: largest difference of candidates that count as one
+
 
 @dataclass(frozen=True)
 class GraspCandidate:
@@ -30,6 +32,11 @@ class GraspCandidate:
     faces: tuple[str, ...]
     points: FloatArray
     hand: Values = field(default_factory=dict)
+
+    def is_near(self, other: GraspCandidate) -> bool:
+        """Return whether another candidate has the same contacts and hand, within ``SAME``."""
+        arrays = [(self.points, other.points), *((value, other.hand[name]) for name, value in self.hand.items())]
+        return all(np.allclose(a, b, rtol=0.0, atol=SAME) for a, b in arrays)
 
     def repeated_hand(self, count: int) -> Values:
         """Return the hand's variables repeated for ``count`` placements, (count, m) each."""

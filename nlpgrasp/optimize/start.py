@@ -228,19 +228,31 @@ def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadl
     if not touching.record.has_grasp or compiled.options.maximise_robust:
         return touching
     while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
-        if results[-1].record.has_grasp:
-            on_body, refined = refine_on_triangles(added.finer, results[-1].refined_candidate, deadline, added.increase)
+        before = results[-1]
+        if before.record.has_grasp:
+            on_body, refined = refine_on_triangles(added.finer, before.refined_candidate, deadline, added.increase)
         else:
-            on_body, refined = refine_on_body(added.finer, results[-1].refined_candidate, deadline)
+            on_body, refined = refine_on_body(added.finer, before.refined_candidate, deadline)
         bounds = _certify_grasp(added.finer, on_body, refined, deadline)
         record, state = touching.record, refined.state()
         results.append(
             StartGrasp.of(added.finer, record.index, on_body, bounds, state, record.message, origin=record.origin)
         )
+        if _is_stuck(before, results[-1]):
+            break
     least_mu = WORTH_FREEING * touching.record.mu.lower
     free = [result for result in results if result.solved and result.record.mu.lower >= least_mu] or [touching]
     best = min(free, key=lambda result: added.depth(result.on_body.candidate))
     return replace(best, total_effort=sum((result.effort for result in results), SolverEffort()))
+
+
+def _is_stuck(before: StartGrasp, after: StartGrasp) -> bool:
+    """Return whether further refinement of the same kind would leave the links where they are."""
+    if after.refined_candidate.is_near(before.refined_candidate):
+        return after.record.has_grasp == before.record.has_grasp
+    if after.record.has_grasp or before.depth is None or after.depth is None:
+        return False
+    return not after.depth.is_free and after.depth.depth >= before.depth.depth
 
 
 def _certify_grasp(
