@@ -32,7 +32,9 @@ SCALED, BEHIND = 1e3, 1e-3  # diagonal of the scaled mesh, and depth below its s
 STEPS = 12  # Newton steps from mesh points to the smoothed surface
 OFFSET_QUANTILE = 0.8  # quantile of the offset over the surface
 
-Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
+ROUNDING = 1e-9  # relative error of distances, at most
+BoolArray = NDArray[np.bool_]
+GridDistance = Callable[[FloatArray, BoolArray, float], FloatArray]  # points of a grid, chosen ones, spacing, metres
 
 
 @dataclass(frozen=True)
@@ -247,9 +249,9 @@ def distance_spline(
     origin = local_origin(vertices)
     local = relative_to(vertices, origin)
     inputs = [local, faces, np.array([resolution, smoothing, margin])]
-    tree, cells = SearchTree(local, faces), EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED
+    distance, cells = _SignedDistance(local, faces), EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED
     arrays = cached_arrays(
-        "distance", inputs, lambda: _fit_spline(tree.signed_distance, local, resolution, cells, smoothing, margin)
+        "distance", inputs, lambda: _fit_spline(distance.on_grid, local, resolution, cells, smoothing, margin)
     )
     return _spline_of(arrays, origin)
 
@@ -271,8 +273,9 @@ def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int)
     local = relative_to(vertices, origin)
     tree = SearchTree(local, edges)
 
-    def distance(points: FloatArray) -> FloatArray:
-        return np.asarray(np.sqrt(tree.nearest(points)[0]))
+    def distance(points: FloatArray, chosen: BoolArray, spacing: float) -> FloatArray:
+        del spacing
+        return np.asarray(np.sqrt(tree.nearest(points[chosen])[0]))
 
     inputs = [local, edges, np.array([resolution])]
     return _spline_of(
@@ -291,12 +294,82 @@ def _tensor_grid(axes: Sequence[FloatArray]) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _exact_distance(distance: Distance, points: FloatArray) -> FloatArray:
-    """Return the values (...) of a distance function at points (..., 3)."""
-    return distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
+class _SignedDistance:
+    """Signed distance of a mesh on grids, negative inside.
+
+    On a closed mesh a grid point that is farther from the surface than from its neighbour is in a ball without surface
+    that contains the neighbour, so that both have the same sign. Winding numbers are computed for one point of each
+    connected part of such points, and for the few points, in narrow places, without such a neighbour.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres.
+    faces : (f, 3) int array
+    """
+
+    def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
+        self._tree, self._is_closed = SearchTree(vertices, faces), _is_closed(np.asarray(faces))
+
+    def on_grid(self, points: FloatArray, chosen: BoolArray, spacing: float) -> FloatArray:
+        """Return the distances (m,), metres, at the chosen points of a grid.
+
+        Parameters
+        ----------
+        points : (nx, ny, nz, 3) array
+            Metres.
+        chosen : (nx, ny, nz) bool array
+        spacing : float
+            Distance of neighbours, metres.
+        """
+        if not self._is_closed:
+            return self._tree.signed_distance(points[chosen])
+        distances = np.zeros(chosen.shape)
+        distances[chosen] = np.sqrt(self._tree.nearest(points[chosen])[0])
+        signs = self._signs_of_parts(points, distances, spacing)
+        signs += (signs == 0.0) * _neighbouring_sign(signs)
+        rest = chosen & (signs == 0.0)
+        signs[rest] = self._signs(points[rest])
+        return np.asarray((signs * distances)[chosen])
+
+    def _signs_of_parts(self, points: FloatArray, distances: FloatArray, spacing: float) -> FloatArray:
+        """Return the signs, (nx, ny, nz), of points farther from the surface than from their neighbours; 0 of others.
+
+        All of a connected part have the sign of its point farthest from the surface.
+        """
+        from scipy import ndimage
+
+        parts, count = ndimage.label(distances > (1.0 + ROUNDING) * spacing)
+        if not count:
+            return np.zeros(distances.shape)
+        farthest = np.array(ndimage.maximum_position(distances, parts, np.arange(1, count + 1)))
+        return np.asarray(np.append(0.0, self._signs(points[tuple(farthest.T)]))[parts])
+
+    def _signs(self, points: FloatArray) -> FloatArray:
+        """Return the signs (m,) of the distances of points (m, 3) by their winding numbers."""
+        return np.where(np.abs(self._tree.winding_numbers(points)) > 0.5, -1.0, 1.0)
 
 
-def _narrow_band_distance(distance: Distance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
+def _neighbouring_sign(signs: FloatArray) -> FloatArray:
+    """Return the sign of one of the six neighbours of each grid point that has one; 0 where none has."""
+    padded, result = np.pad(signs, 1), np.zeros(signs.shape)
+    for axis in range(3):
+        for shift in (-1, 1):
+            neighbour = np.roll(padded, shift, axis)[1:-1, 1:-1, 1:-1]
+            result = np.where(result == 0.0, neighbour, result)
+    return result
+
+
+def _is_closed(faces: NDArray[np.integer]) -> bool:
+    """Return whether each edge belongs to two triangles (m, 3), which run through it in opposite directions."""
+    edges = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)]).astype(np.int64)
+    count = int(faces.max(initial=0)) + 1
+    forwards = np.sort(edges[:, 0] * count + edges[:, 1])
+    backwards = np.sort(edges[:, 1] * count + edges[:, 0])
+    return bool(np.all(forwards == backwards) and np.all(np.diff(forwards) > 0))
+
+
+def _narrow_band_distance(distance: GridDistance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
     """Return a distance on a grid: exact within some cells of its zero set, interpolated elsewhere.
 
     Far points take most of the time, since a search tree prunes little for them. The interpolation error there, up to a
@@ -305,16 +378,22 @@ def _narrow_band_distance(distance: Distance, axes: Sequence[FloatArray], cell: 
     from scipy.interpolate import make_interp_spline
 
     coarse = [axis[0] + 2.0 * cell * np.arange(len(axis) // 2 + 1) for axis in axes]
-    field = _exact_distance(distance, _tensor_grid(coarse))
+    points = _tensor_grid(coarse)
+    field = distance(points, np.ones(points.shape[:-1], dtype=bool), 2.0 * cell).reshape(points.shape[:-1])
     for i, (coarse_ticks, ticks) in enumerate(zip(coarse, axes, strict=True)):
         field = np.asarray(make_interp_spline(coarse_ticks, field, k=3, axis=i)(ticks))
     in_band = np.abs(field) < cells * cell
-    field[in_band] = _exact_distance(distance, _tensor_grid(axes)[in_band])
+    field[in_band] = distance(_tensor_grid(axes), in_band, cell)
     return field
 
 
 def _fit_spline(
-    distance: Distance, vertices: FloatArray, resolution: int, cells: int, smoothing: float = 0.0, margin: float = 0.0
+    distance: GridDistance,
+    vertices: FloatArray,
+    resolution: int,
+    cells: int,
+    smoothing: float = 0.0,
+    margin: float = 0.0,
 ) -> dict[str, FloatArray]:
     """Return knots, coefficients and box of a spline that interpolates a distance around vertices (v, 3)."""
     from scipy.interpolate import make_interp_spline
