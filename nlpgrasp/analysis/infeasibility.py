@@ -121,7 +121,7 @@ def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyN
     constraints = sorted(set(group_names(compiled)) - {HARD})
     names = ", ".join(c.name for c in conflicts)
     reasons = [
-        f"From no start could all of these be kept at once: {', '.join(constraints)}.",
+        *([f"From no start could all of these be kept at once: {', '.join(constraints)}."] if constraints else []),
         f"The nearest miss breaks: {names}." if conflicts else "The contacts do not stay on their faces.",
         *(str(c) for c in conflicts),
     ]
@@ -226,7 +226,8 @@ class _Relaxation:
 
     def violations(self, values: FloatArray) -> FloatArray:
         """Return the violation of each scalar constraint."""
-        return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
+        excess = np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
+        return np.where(np.isnan(values), np.inf, excess)
 
     def step(self, iterate: _RelaxationIterate, radius: float) -> _RelaxationIterate | None:
         """Return the next iterate, by the step of least weighted violation; None if the solver finds none."""

@@ -81,6 +81,7 @@ class CompiledProgram:
         self.program = program
         self._options: dict[str, Option] = {f"ipopt.{key}": value for key, value in ipopt.items()}
         self._options |= {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "record_time": True}
+        self._options |= {"show_eval_warnings": False}
 
     @cached_property
     def _functions(self) -> ProgramFunctions:

@@ -35,6 +35,7 @@ LONG, LONGEST = 100.0, 2.0  # moment arm that is implausible: times the body's s
 LARGE_LENGTH = 20.0  # times the body's size: implausible torsional friction, fingertip radius or clearance
 FAR_TABLE = 50.0  # times the body's size: implausible distance of a table
 WALL = 1.0 / 3.0  # of the wall thickness: largest accepted 80th percentile of the distance
+THINNEST = 2.0  # cells of the finest grid: wall thickness that has a smoothed surface
 FINER = 1.5  # advised factor on the resolution, where less smoothing does not help
 
 
@@ -358,10 +359,13 @@ def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
     smoothing, resolution = advice.smoothing, advice.resolution
     if smoothing / resolution >= body.smoothing / body.resolution:
         smoothing, resolution = body.smoothing, min(int(np.ceil(FINER * body.resolution)), FINEST)
+    cure = f"ng.Mesh takes smoothing={smoothing:g}, resolution={resolution}"
+    suitable = THINNEST * float(np.max(np.ptp(body.bounds, axis=0))) / FINEST
+    if body.wall < suitable:
+        cure = f"no grid suits walls below {1e3 * suitable:.3g} mm; ng.ParallelJaw takes them, by the mesh's triangles"
     warn_once(
         f"{body.source or 'the mesh'}: the smooth surface that the solver works on is {1e3 * offset:.3g} mm or more "
-        f"off a fifth of the mesh, which is much beside {reference}: ng.Mesh takes smoothing={smoothing:g}, "
-        f"resolution={resolution}"
+        f"off a fifth of the mesh, which is much beside {reference}: {cure}"
     )
 
 

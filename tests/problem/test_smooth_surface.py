@@ -60,6 +60,9 @@ def test_a_sheet_of_a_tenth_of_a_millimetre_is_solved_with_a_warning():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[0.0035] * 3])
     problem = ng.GraspProblem(sheet, [ng.SoftContact(0.6, 0.0005)] * 2, task)
     options = ng.SolveOptions(workers=1, global_bound=False, rounds=1)
-    with pytest.warns(UserWarning, match=r"much beside walls 0\.1 mm thick: ng\.Mesh takes smoothing="):
+    with pytest.warns(
+        UserWarning, match=r"much beside walls 0\.1 mm thick: no grid suits walls below 0\.5 mm; ng\.ParallelJaw"
+    ):
         solution = ng.solve(problem, starts=1, options=options)
     assert solution.success or solution.why_not
+    assert solution.success or "at once: ." not in str(solution.why_not)
