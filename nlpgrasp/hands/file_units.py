@@ -19,6 +19,7 @@ UNIT_FACTORS = {1e-3: "millimetres", 1e-2: "centimetres"}  # by their length, m
 MOST_DEGREES = 360.0  # a limit beyond it means no limit
 DEGREES_SHARE = 0.5  # of the revolute joints: limits of fewer beyond a turn are those of geared or tendon-driven joints
 MOST_NAMES = 3  # names in a sentence
+SCALE_CURE = "if their scale in the file is too small, scale=1000 makes up for it"
 
 
 def check_units(scale: object, degrees: object) -> UrdfUnits:
@@ -97,7 +98,7 @@ def _mesh_doubts(robot: Robot, reach: float) -> Iterator[UnitQuestion]:
         yield UnitQuestion(observation, f"if they are {UNIT_FACTORS[factor]}, {cure} says so", longest)
     elif 0.0 < longest < SHORT_SHARE * reach:
         observation = f"meshes at most {1e3 * longest:.2g} mm long {context}"
-        yield UnitQuestion(observation, "if their scale in the file is too small, scale=1000 makes up for it")
+        yield UnitQuestion(observation, SCALE_CURE)
 
 
 def _limit_doubts(robot: Robot) -> Iterator[UnitQuestion]:

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.file_units import SCALE_CURE
 from nlpgrasp.hands.robot import Joint, Robot, joint_motion
 from nlpgrasp.hands.tips import HullTip, dome
 
@@ -32,6 +33,7 @@ ROUNDING = 1.5e-4  # metres, of the hulls
 NARROWINGS = 5  # of a patch whose own samples are off the shapes, at most
 BRIDGED = 1.8e-3  # metres: deepest hollow of a shape under the edge of a patch
 SHRINKING = 0.8  # factor on the angle of a patch that is still off the shapes
+TINY = 1e-3  # metres: length of a link below which the scale of its meshes is questioned
 MOST_POINTS = 80  # corners of a fingertip
 SIDES = 48  # of the sampled directions
 POSTURES = 100  # random postures
@@ -53,7 +55,7 @@ def fit_hull_tips(robot: Robot, links: Sequence[str], others: Sequence[str] = ()
     Raises
     ------
     InputError
-        For one of ``links`` without a collision shape.
+        For one of ``links`` without a collision shape, or with shapes too small or flat for a hull.
     """
     ends = {link: _LinkEnd(robot, link) for link in links}
     centres = {link: end.centre for link, end in ends.items()} | {link: np.zeros(3) for link in others}
@@ -69,7 +71,7 @@ class _LinkEnd:
         frame = np.eye(4)
         if chain and (transform := robot.fixed_transform(chain[-1].child, link)) is not None:
             frame = transform
-        self.shapes = robot.group_shapes(link)
+        self.name, self.shapes = link, robot.group_shapes(link)
         if not self.shapes:
             problem = "a link without a collision shape"
             raise InputError(f"URDFHand.fingertips[{link!r}]", problem, "a radius or a tip, such as ng.SphereTip(0.01)")
@@ -135,7 +137,19 @@ class _LinkEnd:
     def _cut_end(self, vertices: FloatArray, length: float = LENGTH) -> FloatArray:
         """Return the corners of the end piece of a convex hull, of a given length, metres."""
         sphere = dome(self.cut, np.pi, SIDES).vertices
-        return _end_piece(supporting_points(vertices, sphere, len(sphere)), self.cut, length)
+        try:
+            return _end_piece(supporting_points(vertices, sphere, len(sphere)), self.cut, length)
+        except QhullError:
+            raise self._too_small() from None
+
+    def _too_small(self) -> InputError:
+        """Return the error for shapes whose convex hull has no volume."""
+        extents = np.ptp(self.group, axis=0)
+        size = " x ".join(f"{extent:.2g}" for extent in extents)
+        allowed = "shapes large enough to fit a fingertip to, or a radius or a tip, such as ng.SphereTip(0.01)"
+        cure = f"; {SCALE_CURE}" if np.max(extents) < TINY else ""
+        given = f"a link whose collision shapes measure {size} m"
+        return InputError(f"URDFHand.fingertips[{self.name!r}]", given, f"{allowed}{cure}")
 
     def _nearby_parts(self, vertices: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the corners of the part of each shape's convex hull that is near the link's farthest point."""

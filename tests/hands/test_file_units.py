@@ -108,6 +108,27 @@ def test_meshes_that_are_scaled_twice_are_asked_about(tmp_path):
     assert questions(path, scale=1e3) == []
 
 
+@pytest.mark.filterwarnings("ignore:hand.urdf. meshes at most:UserWarning")
+def test_fingertips_are_not_fitted_to_meshes_that_are_scaled_twice(tmp_path):
+    path = write_fingers(tmp_path, 'scale="0.001 0.001 0.001"', size=(0.02, 0.02, 0.06))
+    message = (
+        "URDFHand.fingertips['left_link']: got a link whose collision shapes measure 2e-05 x 2e-05 x 6e-05 m, expected "
+        "shapes large enough to fit a fingertip to, or a radius or a tip, such as ng.SphereTip(0.01); if their scale "
+        "in the file is too small, scale=1000 makes up for it"
+    )
+    with pytest.raises(ng.InputError, match=f"^{re.escape(message)}$"):
+        ng.URDFHand.load(path, ["left_link", "right_link"])
+    ng.URDFHand.load(path, ["left_link", "right_link"], scale=1000)
+
+
+def test_fingertips_are_not_fitted_to_flat_meshes(tmp_path):
+    path = write_fingers(tmp_path, size=(0.02, 0.0, 0.06))
+    with pytest.raises(
+        ng.InputError, match=r"measure 0\.02 x 0 x 0\.06 m, expected .*, such as ng\.SphereTip\(0\.01\)$"
+    ):
+        ng.URDFHand.load(path, ["left_link", "right_link"])
+
+
 def test_offsets_in_millimetres_are_asked_about(tmp_path):
     text = re.sub(r'origin xyz="([^"]*)"', lambda m: f'origin xyz="{scaled(m[1], 1e3)}"', THREE.read_text())
     path = tmp_path / "hand.urdf"
