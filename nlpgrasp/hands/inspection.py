@@ -165,15 +165,19 @@ def inspect_without_tips(
 ) -> InspectedHand:
     """Return the inspection data of a robot file without fingertips; arguments as in ``ng.URDFHand.load``.
 
+    The hand of a preset is that below the preset's palm.
+
     Raises
     ------
     InputError
         As ``ng.URDFHand.load``.
     """
-    robot = read_robot(path, palm, check_units(units.scale, units.degrees))
+    units = check_units(units.scale, units.degrees)
+    match = matching_preset(path, palm, units)
+    robot = read_robot(path, palm, units) if match is None else match.robot
+    preset, palm = (None, palm) if match is None else (match.name, match.palm)
     tree = LinkTree(robot, (), unit_approach(approach))
-    torque_limits, preset = resolve_torque_limits(robot, None), matching_preset(path) if palm is None else None
-    return InspectedHand(tree, fit_hand(robot, SPHERES), torque_limits, str(path), palm, preset)
+    return InspectedHand(tree, fit_hand(robot, SPHERES), resolve_torque_limits(robot, None), str(path), palm, preset)
 
 
 @dataclass(frozen=True)
@@ -191,9 +195,9 @@ class InspectedHand:
     file : str
         Path as given, where no fingertips are stated.
     palm : str, optional
-        The palm as it was given.
+        The palm as it was given; with a preset, where the file has several of its hands.
     preset : str, optional
-        Name of the preset that has this hand's fingertips, where neither these nor a palm are stated.
+        Name of the preset that has this hand's fingertips, where these are not stated.
     """
 
     tree: LinkTree
@@ -382,14 +386,14 @@ def format_usage(hand: InspectedHand) -> tuple[str, str]:
         part for name, value in units.items() for part in (f"--{name}", *([] if value is True else [str(value)]))
     ]
     arguments = "".join(f", {name}={value}" for name, value in units.items())
+    if hand.palm is not None:
+        options += ["--palm", hand.palm]
+        arguments += f", palm={json.dumps(hand.palm, ensure_ascii=False)}"
     if hand.preset is not None:
         command = ["nlpgrasp", "hand", hand.file, "--preset", hand.preset, *options]
         return shlex.join(command), f"ng.hands.{hand.preset}({path}{arguments})"
     tips, approach = hand.proposal.tips[:MAX_LISTED], hand.tree.approach.tolist()
     command = ["nlpgrasp", "hand", hand.file, *options]
-    if hand.palm is not None:
-        command += ["--palm", hand.palm]
-        arguments += f", palm={json.dumps(hand.palm, ensure_ascii=False)}"
     if approach != ALONG_Z:
         axis_list = format_as_list(hand.tree.approach)
         command += ["--approach", axis_list.strip("[]").replace(" ", "")]

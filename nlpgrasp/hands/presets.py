@@ -488,18 +488,44 @@ def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Opt
     return _PresetReader(name, PRESETS[name], described_urdf(name) if urdf is None else urdf, units).load(options)
 
 
-def matching_preset(path: str | Path) -> str | None:
-    """Return the name of the preset whose palm and fingertips a robot file contains; None if there is none."""
+@dataclass(frozen=True)
+class PresetMatch:
+    """Hand of a preset in a robot file.
+
+    Parameters
+    ----------
+    name : str
+        Of the preset.
+    robot : Robot
+        Below the preset's palm.
+    palm : str, optional
+        The palm that has to be stated, in a file with several hands of this model.
+    """
+
+    name: str
+    robot: Robot
+    palm: str | None = None
+
+
+def matching_preset(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) -> PresetMatch | None:
+    """Return the preset whose palm and fingertips a robot file contains; None if there is none.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the URDF or MJCF file.
+    palm : str, optional
+        Link that the preset's palm is, or is below.
+    units : UrdfUnits
+        Of a URDF's numbers.
+    """
     links = robot_links(path)
     for name, preset in PRESETS.items():
-        reader = _PresetReader(name, preset, path)
-        if not reader.has_links(links):  # a robot is read with its meshes: only where it may be this hand
-            continue
-        try:
-            reader.robot_below_palm()
-        except InputError:  # the fingertips are below another link
-            continue
-        return name
+        reader = _PresetReader(name, preset, path, units)
+        # a robot is read with its meshes: only where it may be this hand
+        match = reader.match(palm) if reader.has_links(links) else None
+        if match is not None:
+            return match
     return None
 
 
@@ -556,6 +582,26 @@ class _PresetReader:
             capsule = tip_from_shapes(robot.shapes.get(link, ()))
             result[link] = capsule if isinstance(capsule, CapsuleTip) and isinstance(tip, SphereTip) else tip
         return result
+
+    def match(self, palm: str | None) -> PresetMatch | None:
+        """Return the preset's hand, at or below a stated palm; None if the file does not contain it there."""
+        try:
+            robot = self.robot_below_palm()
+            if palm is None or robot.root in self._read(palm).links:
+                return PresetMatch(self.name, robot)
+        except InputError:  # no palm carries the fingertips, or several do
+            pass
+        return None if palm is None else self._match_at(palm)
+
+    def _match_at(self, palm: str) -> PresetMatch | None:
+        """Return the preset's hand whose palm is a given link; None if there is none."""
+        if not any(_has_name(palm, name) for name in self.preset.palms):
+            return None
+        try:
+            robot = self._read(palm)
+        except InputError:  # the reader without a preset gives the reason
+            return None
+        return None if self._missing_links(robot) else PresetMatch(self.name, robot, palm)
 
     def robot_below_palm(self) -> Robot:
         """Return the robot below the palm: a link with one of the preset's palm names that carries all fingertips.

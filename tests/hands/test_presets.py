@@ -14,7 +14,7 @@ from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.hands.presets import PRESETS, matching_preset
 from nlpgrasp.hands.suggested_tips import overhang
 from tests.hands.robotiq import robotiq_2f85
-from tests.hands.robots import GRIPPERS, ability_urdf, model, robot
+from tests.hands.robots import ADROIT, GRIPPERS, SHADOW, ability_urdf, model, robot
 from tests.hands.urdf import FOUR
 
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
@@ -60,6 +60,14 @@ def write_star(path, name, prefix="", without=()):
     return path
 
 
+def write_arm(folder):
+    """Write a URDF of a Barrett hand whose palm is fixed to an arm's link of the same name."""
+    path = write_star(folder / "arm.urdf", "barrett", "bhand_")
+    wrist = '<joint name="a" type="fixed"><parent link="base_link"/><child link="bhand_base_link"/></joint>'
+    path.write_text(path.read_text().replace("</robot>", f'<link name="base_link"/>{wrist}</robot>'))
+    return path
+
+
 def test_a_preset_reads_its_file_in_the_stated_units(tmp_path):
     path = write_star(tmp_path / "hand.urdf", "allegro")
     plain, converted = ng.hands.allegro(path), ng.hands.allegro(path, scale=0.5, degrees=True)
@@ -82,11 +90,38 @@ def test_all_presets_are_public():
 def test_a_file_of_a_preset_is_recognised(name, prefix, tmp_path):
     path = write_star(tmp_path / "hand.urdf", name, prefix)
     inspection = inspect(inspect_without_tips(path, None, [0, 0, 1]))
-    assert matching_preset(path) == name
+    assert matching_preset(path).name == name
     assert inspection.notices[0].text == (
         f"No fingertips are stated. The file has the links of the preset {name}. To use it:"
     )
     assert inspection.usage_lines == (f"nlpgrasp hand {path} --preset {name}", f'ng.hands.{name}("{path}")')
+
+
+@pytest.mark.parametrize("palm", ["bhand_base_link", "base_link"])
+def test_a_preset_is_recognised_with_its_palm_or_a_link_above_it_stated(palm, tmp_path):
+    hand = inspect_without_tips(write_arm(tmp_path), palm, [0, 0, 1])
+    assert (hand.preset, hand.palm, hand.tree.robot.root) == ("barrett", None, "bhand_base_link")
+
+
+def test_a_preset_is_not_recognised_below_another_link(tmp_path):
+    assert matching_preset(write_arm(tmp_path), "bhand_finger_1_dist_link") is None
+
+
+def test_of_two_hands_the_one_whose_palm_is_stated_is_recognised(tmp_path):
+    path = write_two_hands(tmp_path)
+    assert matching_preset(path) is None
+    inspection = inspect(inspect_without_tips(path, "lh_palm", [0, 0, 1]))
+    command, code = inspection.usage_lines
+    assert command == f"nlpgrasp hand {path} --preset shadow --palm lh_palm"
+    assert eval(code, {"ng": ng}).robot.root == "lh_palm"  # noqa: S307
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("file", "prefix"), [(SHADOW, "robot0:"), (ADROIT, "")])
+@pytest.mark.parametrize("is_stated", [False, True])
+def test_the_shadow_hand_of_a_scene_is_recognised(file, prefix, is_stated):
+    hand = inspect_without_tips(model(file), f"{prefix}palm" if is_stated else None, [0, 0, 1])
+    assert (hand.preset, hand.tree.robot.root) == ("shadow", f"{prefix}palm")
 
 
 def test_a_hand_without_one_of_its_fingers_is_not_recognised(tmp_path):
@@ -274,18 +309,23 @@ def test_options_of_the_loader(tmp_path):
     assert (set(hand.torque_limits.values()), hand.clearance) == ({0.3}, 0.001)
 
 
-def test_two_hands_in_one_urdf(tmp_path):
+def write_two_hands(folder):
+    """Write a URDF of two Shadow hands that are fixed to one body."""
     texts = [
-        write_star(tmp_path / f"{side}.urdf", "shadow", f"{side}_").read_text().split(">", 1)[1]
-        for side in ("rh", "lh")
+        write_star(folder / f"{side}.urdf", "shadow", f"{side}_").read_text().split(">", 1)[1] for side in ("rh", "lh")
     ]
     hands = "".join(text.removesuffix("</robot>") for text in texts)
     arms = "".join(
         f'<joint name="{side}" type="fixed"><parent link="body"/><child link="{side}_palm"/></joint>'
         for side in ("rh", "lh")
     )
-    path = tmp_path / "both.urdf"
+    path = folder / "both.urdf"
     path.write_text(f"<robot name='r'><link name='body'/>{hands}{arms}</robot>")
+    return path
+
+
+def test_two_hands_in_one_urdf(tmp_path):
+    path = write_two_hands(tmp_path)
     with pytest.raises(ng.InputError, match=r"hands.shadow.palm: got both.urdf with links rh_palm, lh_palm, expected"):
         ng.hands.shadow(path)
     assert ng.hands.shadow(path, palm="lh_palm").tips[0][0] == "lh_ffdistal"
@@ -340,10 +380,7 @@ def test_a_frame_with_a_prefix_is_no_second_hand(tmp_path):
 
 
 def test_the_base_of_an_arm_is_not_the_palm_of_its_hand(tmp_path):
-    path = write_star(tmp_path / "arm.urdf", "barrett", "bhand_")
-    wrist = '<joint name="a" type="fixed"><parent link="base_link"/><child link="bhand_base_link"/></joint>'
-    path.write_text(path.read_text().replace("</robot>", f'<link name="base_link"/>{wrist}</robot>'))
-    assert ng.hands.barrett(path).robot.root == "bhand_base_link"
+    assert ng.hands.barrett(write_arm(tmp_path)).robot.root == "bhand_base_link"
 
 
 def test_fingertips_that_hang_from_no_palm_are_named(tmp_path):
