@@ -111,6 +111,8 @@ class Inspection:
             text = f"No fingertips are stated. The file has the links of the preset {self.hand.preset}. To use it:"
             return (FileWarning(text), *self.findings)
         proposal = self.hand.proposal
+        if proposal.refusal:
+            return (FileWarning(f"No fingertips are stated. {proposal.refusal}"), *self.findings)
         tips, unlisted = proposal.tips[:MAX_LISTED], len(proposal.tips) - MAX_LISTED
         names = ", ".join(tip.link for tip in tips) + (f" and {unlisted} more" if unlisted > 0 else "")
         sentences = [f"No fingertips are stated. Links at the ends: {names}.", *proposal.sentences]
@@ -120,8 +122,10 @@ class Inspection:
 
     @property
     def usage_lines(self) -> tuple[str, ...]:
-        """Command and line of Python that state the proposed fingertips; empty if fingertips are stated."""
-        return () if self.hand.tree.tips else format_usage(self.hand)
+        """Command and line of Python that state the proposed fingertips; empty if fingertips are stated or none fit."""
+        if self.hand.tree.tips or (self.hand.preset is None and self.hand.proposal.refusal):
+            return ()
+        return format_usage(self.hand)
 
     @property
     def lines(self) -> tuple[str, ...]:

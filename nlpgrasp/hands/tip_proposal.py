@@ -1,4 +1,4 @@
-"""Proposal of fingertips for a robot file: leaf links that face others, tested on cylinders and boxes."""
+"""Proposal of fingertips for a robot file: leaf links of one hand that face others, tested on cylinders and boxes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.closing_trial import FRICTION, MOST_TIPS, ClosingWidths, closing_widths
 from nlpgrasp.hands.finger_chains import driving_joints
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.opposition import mean_alignment, opposed_tips
+from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, suggest_tip
 from nlpgrasp.hands.urdf_hand import resolve_tips
 
 NO_SHAPE, FACES_NONE, FOLLOWS = "no collision shape", "faces no other", "moves along behind a fingertip"
+FIXED = "does not move against the palm"
 POSTURES = 200  # random postures
+LONGEST_FINGER = 0.4  # metres from the palm to a fingertip; 0.22 at most in hands of the tests, 0.54 in the least legs
+SMALLEST_TIP = 3e-3  # metres: length of the shapes of a fingertip; smaller ones stand for motors and frames
+MOST_PALMS = 4  # palms that are named
 
 
 @dataclass(frozen=True)
@@ -31,11 +37,14 @@ class TipProposal:
         Leaf links that are not proposed, with the reason.
     closing : ClosingWidths or None
         Bodies that all of them close on; None where that was not tried.
+    refusal : str
+        Sentence that says why the tips are no proposal; empty if they are one.
     """
 
     tips: tuple[SuggestedTip, ...]
     left_out: Mapping[str, str]
-    closing: ClosingWidths | None
+    closing: ClosingWidths | None = None
+    refusal: str = ""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -43,6 +52,8 @@ class TipProposal:
         result = []
         if self.closing is not None:
             result.append(f"They close on {self.closing} (links as spheres, friction {FRICTION:g}).")
+        elif len(self.tips) > MOST_TIPS:
+            result.append(f"They were not tried on bodies: that is done for {MOST_TIPS} fingertips at most.")
         if self.left_out:
             result.append("Left out: " + ", ".join(f"{link} ({why})" for link, why in self.left_out.items()) + ".")
         return tuple(result)
@@ -51,7 +62,8 @@ class TipProposal:
 def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: FloatArray) -> TipProposal:
     """Return the proposed fingertips: leaf links with a shape that face other leaf links.
 
-    Links of a linkage that follow a fingertip are left out.
+    Links that follow a fingertip in a linkage, that do not move against the palm or have tiny shapes are left out. A
+    file with a single leaf link, or with more than a hand, has no proposal.
 
     Parameters
     ----------
@@ -68,8 +80,20 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
     if len(shaped) >= 2:
         left_out = {link: NO_SHAPE for link in links if link not in shaped}
         links = shaped
+    sizes = {link: _shape_length(robot, link) for link in links}
+    large = [link for link in links if not 0.0 < sizes[link] < SMALLEST_TIP]
+    if len(large) >= 2:
+        left_out |= {link: _format_size(sizes[link]) for link in links if link not in large}
+        links = large
+    refusal = _refusal(robot, links)
+    if refusal:
+        return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, refusal=refusal)
+    moving = _links_moving_against(robot, _common_ancestor(robot, links), links)
+    if len(moving) >= 2:
+        left_out |= {link: FIXED for link in links if link not in moving}
+        links = moving
     if not robot.free_joints or not 2 <= len(links) <= MOST_TIPS:
-        return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, None)
+        return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out)
     with_tips = _with_tips(tree, links)
     opposed = opposed_tips(with_tips, rest_posture)
     if len(opposed) >= 2:
@@ -85,6 +109,74 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
             left_out |= {links[i]: FOLLOWS for i in followers}
             links, closing = [link for link, _ in leaders], closing_without
     return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, closing)
+
+
+def _shape_length(robot: Robot, link: str) -> float:
+    """Return the longest side of the bounding box of a link's shapes, metres; 0 without shapes."""
+    vertices = [shape.mesh.vertices @ T[:3, :3].T + T[:3, 3] for shape, T in robot.group_shapes(link)]
+    return float(np.max(np.ptp(np.concatenate(vertices), axis=0))) if vertices else 0.0
+
+
+def _format_size(length: float) -> str:
+    """Return the reason to leave out a link with tiny shapes of a given length, metres."""
+    return f"shapes of only {format_number(1e3 * length, 2)} mm"
+
+
+def _refusal(robot: Robot, links: Sequence[str]) -> str:
+    """Return the sentence that says why given leaf links are not the fingertips of one hand; empty if they may be."""
+    if len(links) < 2:
+        need = "To hold a body takes two fingertips at least: --fingertip LINK states each, also on a fixed jaw."
+        return f"Only one link is at an end: {links[0]}. {need}"
+    palm = _common_ancestor(robot, links)
+    longest = max(_finger_length(robot, palm, link) for link in links)
+    if longest <= LONGEST_FINGER:
+        return ""
+    palms = _palms(robot, links)
+    names = ", ".join(palms[:MOST_PALMS])
+    likely = f" (likely {names})" if names else ""
+    contents = f"{len(links)} links at the ends, up to {format_number(longest, 2)} m from {palm}"
+    return (
+        f"The file holds more than a hand ({contents}): --palm LINK names the hand's palm{likely}, or --fingertip LINK "
+        "each of its fingertips."
+    )
+
+
+def _palms(robot: Robot, links: Sequence[str]) -> tuple[str, ...]:
+    """Return the links from which several of the given leaf links branch, all of them within a finger's length."""
+    if len(links) < 2:
+        return ()
+    palm = _common_ancestor(robot, links)
+    moving = _links_moving_against(robot, palm, links)
+    if len(moving) < len(links):
+        return _palms(robot, moving)
+    if all(_finger_length(robot, palm, link) <= LONGEST_FINGER for link in links):
+        return (palm,)
+    branches: dict[str, list[str]] = {}
+    depth = len(robot.chain(palm))
+    for link in links:
+        branches.setdefault(robot.chain(link)[depth].child, []).append(link)
+    return tuple(name for branch in branches.values() for name in _palms(robot, branch))
+
+
+def _common_ancestor(robot: Robot, links: Sequence[str]) -> str:
+    """Return the nearest link from which all given links hang."""
+    ancestor = robot.root
+    for joints in zip(*(robot.chain(link) for link in links), strict=False):
+        if len({joint.child for joint in joints}) > 1:
+            break
+        ancestor = joints[0].child
+    return ancestor
+
+
+def _links_moving_against(robot: Robot, palm: str, links: Sequence[str]) -> list[str]:
+    """Return the links that are not rigidly connected to the palm."""
+    return [link for link in links if robot.rigid_groups[link] != robot.rigid_groups[palm]]
+
+
+def _finger_length(robot: Robot, palm: str, link: str) -> float:
+    """Return the sum of the joint offset lengths from a palm to a link, metres."""
+    chain = robot.chain(link)[len(robot.chain(palm)) :]
+    return sum(float(np.linalg.norm(joint.xyz)) for joint in chain)
 
 
 def _with_tips(tree: LinkTree, links: Sequence[str]) -> LinkTree:

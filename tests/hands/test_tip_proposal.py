@@ -111,6 +111,88 @@ def test_knuckles_of_linkages_are_left_out(tmp_path):
     assert [tip.link for tip in result.tips] == ["left_inner_finger", "right_inner_finger"]
 
 
+def notice(path, palm=None):
+    """Return the first notice of a file without fingertips, and the lines to copy."""
+    inspection = inspect(inspect_without_tips(path, palm, [0.0, 0.0, 1.0]))
+    return inspection.notices[0].text, inspection.usage_lines
+
+
+def write_on_mast(folder):
+    """Write the gripper on a mast of 1 m that turns on a base with two wheels."""
+    path = write_jaws(folder, -0.002, 0.05)
+    joint = (
+        '<joint name="to_{0}" type="revolute"><parent link="base"/><child link="{0}"/><origin xyz="{1}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint>'
+    )
+    wheel = '<link name="{}"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+    extra = '<link name="base"/>' + joint.format("palm", "0 0 1")
+    for name, y in (("left_wheel", 0.2), ("right_wheel", -0.2)):
+        extra += wheel.format(name) + joint.format(name, f"0 {y} 0")
+    path.write_text(path.read_text().replace("</robot>", f"{extra}</robot>"))
+    return path
+
+
+def test_of_a_robot_with_more_than_a_hand_nothing_is_proposed_but_its_palm(tmp_path):
+    path = write_on_mast(tmp_path)
+    assert notice(path) == (
+        "No fingertips are stated. The file holds more than a hand (4 links at the ends, up to 1.1 m from base): "
+        "--palm LINK names the hand's palm (likely palm), or --fingertip LINK each of its fingertips.",
+        (),
+    )
+    assert notice(path, "palm")[0].startswith("No fingertips are stated. Links at the ends: left, right. They close on")
+
+
+@pytest.mark.slow
+def test_the_palms_of_public_robots_are_named():
+    file = "tiago_description/robots/tiago{}.urdf"
+    text, lines = notice(robot(file.format("")))
+    assert "--palm LINK names the hand's palm (likely hand_palm_link), or" in text
+    assert lines == ()
+    assert "(likely hand_left_palm_link, hand_right_palm_link)" in notice(robot(file.format("_dual")))[0]
+    result = proposal(robot(file.format("")), "hand_palm_link")
+    assert [tip.link.split("_")[1] for tip in result.tips] == ["thumb", "index", "middle", "ring", "little"]
+    motors = ("hand_thumb_link", "hand_index_link", "hand_mrl_link")
+    assert result.left_out == dict.fromkeys(motors, "shapes of only 2 mm")
+    assert len(result.closing) > 0
+
+
+def test_links_with_tiny_shapes_and_those_fixed_to_the_palm_are_left_out(tmp_path):
+    """A motor's sphere of 1 mm radius, and a box fixed to a palm that turns on a wrist."""
+    motor = SLIDE.format(name="motor", shape="", y=0.0, side=1, lower=0.0, upper=0.01)
+    sphere = '<collision><geometry><sphere radius="0.001"/></geometry></collision>'
+    extra = motor.replace('"motor"></link>', f'"motor">{sphere}</link>')
+    extra += f'<link name="guard">{BOX.format(xyz="0 0 -0.02", size="0.1 0.2 0.02")}</link>'
+    extra += '<joint name="on" type="fixed"><parent link="palm"/><child link="guard"/></joint><link name="wrist"/>'
+    extra += (
+        '<joint name="turn" type="revolute"><parent link="wrist"/><child link="palm"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="5" velocity="1"/></joint>'
+    )
+    result = proposal(write_jaws(tmp_path, 0.046, 0.0465, extra))
+    assert [tip.link for tip in result.tips] == ["left", "right"]
+    assert result.left_out == {"motor": "shapes of only 2 mm", "guard": "does not move against the palm"}
+
+
+def test_a_single_link_at_an_end_is_no_proposal(tmp_path):
+    path = write_jaws(tmp_path, -0.002, 0.05)
+    path.write_text(path.read_text().replace('name="right_slide" type="prismatic"', 'name="right_slide" type="fixed"'))
+    assert notice(path) == (
+        "No fingertips are stated. Only one link is at an end: left. To hold a body takes two fingertips at least: "
+        "--fingertip LINK states each, also on a fixed jaw.",
+        (),
+    )
+
+
+@pytest.mark.slow
+def test_more_links_than_are_tried_are_said_to_be_untried(tmp_path):
+    shape = BOX.format(xyz="0 0 0.04", size="0.01 0.01 0.08")
+    extra = "".join(
+        SLIDE.format(name=f"pin_{i}", shape=shape, y=0.02 * i, side=1, lower=0.0, upper=0.01) for i in range(7)
+    )
+    text, lines = notice(write_jaws(tmp_path, 0.0, 0.02, extra))
+    assert "They were not tried on bodies: that is done for 8 fingertips at most." in text
+    assert len(lines) == 2
+
+
 def test_fingertips_that_face_one_another_are_opposed():
     hand = ng.URDFHand.load(
         robot("panda_description/urdf/panda.urdf"),
