@@ -68,8 +68,8 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         writable(target, file, ending=Path(f"F{export_format.ending}").suffix)
         write_bytes(target, export_format.export(solution, options))
         typer.echo(f"written to {target}")
-        if "gripper" in export_format.takes and solution.gripper_frame_line():
-            typer.echo(solution.gripper_frame_line())
+        if export_format.pose and solution.gripper_frame_line():
+            typer.echo(solution.gripper_frame_line(export_format.pose))
         if hand is not None:
             _describe_assumptions(solution, mass, normal_force)
 

@@ -189,6 +189,12 @@ class ParallelJaw(Hand):
         return self.finger_length * self.axes[:, 2] if self.tcp is None else np.asarray(self.tcp, dtype=float)
 
     @property
+    def gripper_frame(self) -> dict[str, FloatArray]:
+        """Closing axis, approach axis and tool centre point by their names in exports, (3,) each, gripper's frame."""
+        closing, _, approach = self.axes.T + 0.0  # no -0.0
+        return {"closing_axis": closing, "approach_axis": approach, "tcp": self.tool_centre_point + 0.0}
+
+    @property
     def is_solid(self) -> bool:
         """Whether pad or finger sizes are given, so that clearances are computed with boxes instead of lines."""
         return self.pad is not None or self.finger is not None

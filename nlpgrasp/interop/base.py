@@ -78,6 +78,8 @@ class ExportFormat:
         The other fields of ``ExportOptions`` that it uses.
     has_all_grasps : bool
         Whether a file has all kept grasps; otherwise the answer alone.
+    pose : str
+        Which pose of a gripper it contains, as text; empty for none. With one, it states axes and tool centre point.
     """
 
     name: str
@@ -88,6 +90,7 @@ class ExportFormat:
     takes_hand: bool = False
     takes: tuple[str, ...] = ()
     has_all_grasps: bool = False
+    pose: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():

@@ -15,6 +15,7 @@ from nlpgrasp.interop.hand_states import (
     warn_of_axes,
     warn_of_missing_squeezes,
 )
+from nlpgrasp.solution.obstructions import GRIPPER_POSE
 from nlpgrasp.solution.solution import GraspSolution
 
 STATES = ("pregrasp", "grasp", "squeeze")
@@ -56,7 +57,7 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
         "obj_scale": np.full(len(hands), object_scale(solution, export_options.object)),
         "obj_path": np.array(object_file(solution, export_options.object)),
         "gripper_frame": np.array(export_options.gripper or hands[0].frame),
-        **hands[0].gripper_frame(),
+        **hands[0].gripper_frame,
         "mu": np.array([[grasp_solution.mu.lower, grasp_solution.mu.upper] for grasp_solution in solutions]),
         "contact_points": np.stack([grasp.points for grasp in grasps]),
         "contact_normals": np.stack([grasp.normals for grasp in grasps]),
@@ -98,7 +99,7 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
         "obj_path": object_file(solution, export_options.object),
         "has_pregrasp": hand.has_pregrasp,
         "way_in_free": not hand.blocked,
-        **hand.gripper_frame(),
+        **hand.gripper_frame,
     }
     file = io.BytesIO()
     np.save(file, np.array(record, dtype=object), allow_pickle=True)
@@ -106,8 +107,13 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
 
 
 NPZ = ExportFormat(
-    "npz", ".npz", "arrays of a benchmark", benchmark_arrays, Need.NOTHING, False, ("object", "gripper", "joints"), True
+    *("npz", ".npz", "arrays of a benchmark", benchmark_arrays, Need.NOTHING),
+    takes=("object", "gripper", "joints"),
+    has_all_grasps=True,
+    pose=GRIPPER_POSE,
 )
 DEXGRASPBENCH = ExportFormat(
-    "dexgraspbench", ".npy", "a record of DexGraspBench", dexgraspbench, Need.NOTHING, takes=("object", "joints")
+    *("dexgraspbench", ".npy", "a record of DexGraspBench", dexgraspbench, Need.NOTHING),
+    takes=("object", "joints"),
+    pose=GRIPPER_POSE,
 )

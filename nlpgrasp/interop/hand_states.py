@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -59,10 +59,8 @@ class HandStates:
         positions. Empty without a squeeze.
     approach : (3,) array or None
         Unit direction in which the hand moves to the body, in its own frame; None if unknown.
-    closing : (3,) array or None
-        Unit direction from jaw to jaw in the gripper's own frame, for parallel jaws.
-    tcp : (3,) array or None
-        Tool centre point of parallel jaws in the gripper's own frame, metres.
+    gripper_frame : mapping of str to (3,) array
+        ``ParallelJaw.gripper_frame`` of parallel jaws; empty for other hands.
     has_pregrasp : bool
         Whether the solution states a pregrasp; otherwise the grasp itself is used.
     blocked : str
@@ -79,8 +77,7 @@ class HandStates:
     commands: Mapping[str, float]
     efforts: Mapping[str, float]
     approach: FloatArray | None
-    closing: FloatArray | None = None
-    tcp: FloatArray | None = None
+    gripper_frame: Mapping[str, FloatArray] = field(default_factory=dict)
     has_pregrasp: bool = True
     blocked: str = ""
     no_squeeze: str = ""
@@ -131,12 +128,6 @@ class HandStates:
         They are 0 for joints that move no contact, and NaN if unknown.
         """
         return np.array([self.efforts.get(name, np.nan if self.no_squeeze else 0.0) for name in self.joints])
-
-    def gripper_frame(self) -> dict[str, FloatArray]:
-        """Return axes and tool centre point of parallel jaws, (3,) each, gripper's frame; empty for other hands."""
-        if self.closing is None or self.approach is None or self.tcp is None:
-            return {}
-        return {"closing_axis": self.closing, "approach_axis": self.approach, "tcp": self.tcp}
 
     def _select_joints(self, names: Sequence[str]) -> HandStates:
         """Return the same states with the named joints alone, in the order of the names.
@@ -210,8 +201,7 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
         dict.fromkeys(joints, closed_position) if efforts else {},
         efforts,
         gripper.axes[:, 2],
-        gripper.axes[:, 0],
-        gripper.tool_centre_point,
+        gripper.gripper_frame,
         blocked="; ".join(approach_obstructions(hand)),
         no_squeeze=reason,
     )
@@ -263,20 +253,21 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
     options : ExportOptions
         Whose ``gripper`` and ``joints`` may name a known gripper.
     """
-    if hand.closing is None or hand.approach is None:
+    if not hand.gripper_frame:
         return
+    closing, approach = hand.gripper_frame["closing_axis"], hand.gripper_frame["approach_axis"]
     for name in filter(None, (options.gripper, *options.joints)):
         for part, known_gripper in KNOWN_GRIPPERS.items():
             if part not in name.lower():
                 continue
             gripper = known_gripper if isinstance(known_gripper, ParallelJaw) else jaws(known_gripper)
-            cosines = [abs(float(gripper.axes[:, 0] @ hand.closing)), float(gripper.axes[:, 2] @ hand.approach)]
+            cosines = [abs(float(gripper.axes[:, 0] @ closing)), float(gripper.axes[:, 2] @ approach)]
             if not min(cosines) >= 1.0 - PARALLEL_TOLERANCE:
                 remedy = f'ng.ParallelJaw(..., closing_axis="{gripper.closing_axis}")'
                 if not isinstance(known_gripper, ParallelJaw):
                     remedy = f'ng.hands.jaws("{known_gripper}") or {remedy}'
                 axes = f"closes along its {gripper.closing_axis} axis and approaches along {gripper.approach_axis}"
-                pose = f"the exported pose along {axis_name(hand.closing)} and {axis_name(hand.approach)}"
+                pose = f"the exported pose along {axis_name(closing)} and {axis_name(approach)}"
                 warn(f"{name} {axes}, {pose} of the gripper's frame: solve with {remedy}")
                 return
 
@@ -313,7 +304,7 @@ def approach_warning(hand: HandStates) -> str:
 
 def axes_comment(hand: HandStates) -> str:
     """Return axes and tool centre point in the gripper's frame as comment lines; empty for other hands."""
-    vectors = {name: [round(x, 9) for x in (v + 0.0).tolist()] for name, v in hand.gripper_frame().items()}
+    vectors = {name: [round(x, 9) for x in v.tolist()] for name, v in hand.gripper_frame.items()}
     return "".join(f"# {name} of the gripper's frame: {vector}\n" for name, vector in vectors.items())
 
 

@@ -20,6 +20,7 @@ from nlpgrasp.interop.hand_states import (
     object_scale,
     warn_of_axes,
 )
+from nlpgrasp.solution.obstructions import GRIPPER_POSE
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
@@ -109,7 +110,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
         "gripper_frame_link": frame,
         "object_frame": body_name,
         "gripper_frame": frame,
-        **{name: vector.tolist() for name, vector in hand_of_first.gripper_frame().items()},
+        **{name: vector.tolist() for name, vector in hand_of_first.gripper_frame.items()},
     }
     if export_options.object is not None:
         data["object_file"] = export_options.object
@@ -192,4 +193,5 @@ ISAAC_GRASP = ExportFormat(
     *("isaac_grasp", ".yaml", "a gripper's pose and joints", _kept_grasps_text, Need.NOTHING),
     takes=("object", "gripper", "joints"),
     has_all_grasps=True,
+    pose=GRIPPER_POSE,
 )

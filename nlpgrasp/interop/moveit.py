@@ -24,6 +24,7 @@ from nlpgrasp.interop.hand_states import (
     warn_of_axes,
     warn_of_missing_squeezes,
 )
+from nlpgrasp.solution.obstructions import GRIPPER_POSE
 from nlpgrasp.solution.solution import GraspSolution
 
 OBJECT_FRAME = "object"  # default name of the body's frame
@@ -122,5 +123,8 @@ def _translation(frame: str, direction: FloatArray) -> Json:
 
 
 MOVEIT = ExportFormat(
-    "moveit", ".grasps.yaml", "MoveIt's messages", moveit, Need.NOTHING, False, ("object", "gripper", "joints"), True
+    *("moveit", ".grasps.yaml", "MoveIt's messages", moveit, Need.NOTHING),
+    takes=("object", "gripper", "joints"),
+    has_all_grasps=True,
+    pose=GRIPPER_POSE,
 )

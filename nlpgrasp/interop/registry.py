@@ -19,6 +19,7 @@ from nlpgrasp.interop.moveit import MOVEIT
 from nlpgrasp.interop.robot_poses import POSES, POSES_JSON
 from nlpgrasp.simulation.fingertip_scene import mjcf
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
+from nlpgrasp.solution.obstructions import GRIPPER_POSE
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.trajectory import trajectory
 
@@ -30,7 +31,7 @@ def _write_scene(solution: GraspSolution, options: ExportOptions) -> str:
     return mjcf_with_hand(solution, options.hand, options.scene, options.progress)
 
 
-MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _write_scene, Need.NOTHING, takes_hand=True)
+MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _write_scene, Need.NOTHING, takes_hand=True, pose=GRIPPER_POSE)
 
 
 def _read_solution(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
@@ -57,9 +58,12 @@ def _write_trajectory_json(solution: GraspSolution, options: ExportOptions) -> s
 TRAJECTORY = ExportFormat(
     *("trajectory", ".trajectory.csv", "a hand's way through its phases as a table", _write_trajectory),
     takes=("frame",),
+    pose=GRIPPER_POSE,
 )
 TRAJECTORY_JSON = ExportFormat(
-    "trajectory_json", ".trajectory.json", "the same as JSON", _write_trajectory_json, takes=("frame",)
+    *("trajectory_json", ".trajectory.json", "the same as JSON", _write_trajectory_json),
+    takes=("frame",),
+    pose=GRIPPER_POSE,
 )
 
 

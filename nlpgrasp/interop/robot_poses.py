@@ -17,9 +17,11 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
 from nlpgrasp.solution.obstructions import approach_obstructions
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, LIFT_DISTANCE, START_DISTANCE, jaw_phases
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solution.trajectory import require_jaws
+from nlpgrasp.solution.trajectory import frame_columns, require_jaws
 
 FREE = "free"
+TOOL_POSE = "the poses are those of the tool centre point, turned as the gripper's own frame"
+JAWS = "a grasp found with an ng.ParallelJaw in space"  # what poses require
 PART_FRAME, CELL_FRAME = "part", "cell"  # names of the frames of the poses: without and with a stated pose of the part
 RETREAT = "retreat"
 # columns of a pose: position in metres, unit quaternion, rotation vector in radians
@@ -149,7 +151,7 @@ def robot_poses(
     InputError
         Without such a grasp, on a frame that is no pose, and on lengths below zero.
     """
-    gripper = require_jaws(solution, "a grasp found with an ng.ParallelJaw in space")
+    gripper = require_jaws(solution, JAWS)
     part_pose = np.eye(4) if frame is None else pose_matrix("frame", frame)
     lengths = number("distance", distance, at_least=0.0), number("retreat", retreat, at_least=0.0)
     to_tcp = np.eye(4)
@@ -179,30 +181,29 @@ def robot_poses(
 def _poses_table(solution: GraspSolution, options: ExportOptions) -> str:
     """Return the robot poses of all kept grasps as CSV text.
 
-    Every row states its frame.
+    Every row states its frame, and the axes and tool centre point in the gripper's own frame.
     """
+    axes = frame_columns(require_jaws(solution, JAWS).gripper_frame)
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     heads = [f"{name}_{coordinate}" for name in (APPROACH, GRASP, RETREAT) for coordinate in COORDINATES]
     settings = ("opened", "opening", "force", "clearance")
-    writer.writerow([GRASP, "frame", "way_in", *settings, "mu", *heads])
+    writer.writerow([GRASP, "frame", "way_in", *settings, "mu", *heads, *axes])
     frame = PART_FRAME if options.frame is None else CELL_FRAME
     for i, poses in enumerate(robot_poses(solution, options.frame)):
         values = ["" if (value := getattr(poses, name)) is None else value for name in settings]
         coordinates = [*poses.approach.row, *poses.grasp.row, *poses.retreat.row]
-        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *coordinates])
+        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *coordinates, *axes.values()])
     return text.getvalue()
 
 
 def _poses_json(solution: GraspSolution, options: ExportOptions) -> str:
     """Return the robot poses of all kept grasps as JSON text, with their frames."""
-    gripper = require_jaws(solution, "a grasp found with an ng.ParallelJaw in space")
+    gripper = require_jaws(solution, JAWS)
     data = {
         "frame": PART_FRAME if options.frame is None else CELL_FRAME,
         "part_pose": (np.eye(4) if options.frame is None else options.frame).tolist(),
-        "closing_axis": gripper.axes[:, 0].tolist(),
-        "approach_axis": gripper.axes[:, 2].tolist(),
-        "tcp": gripper.tool_centre_point.tolist(),
+        **{name: vector.tolist() for name, vector in gripper.gripper_frame.items()},
         "grasps": [poses.to_dict() for poses in robot_poses(solution, options.frame)],
     }
     return json.dumps(data, allow_nan=False, indent=1) + "\n"
@@ -212,9 +213,11 @@ POSES = ExportFormat(
     *("poses", ".poses.csv", "a table of a gripper's poses for a robot", _poses_table, Need.NOTHING),
     takes=("frame",),
     has_all_grasps=True,
+    pose=TOOL_POSE,
 )
 POSES_JSON = ExportFormat(
     *("poses_json", ".poses.json", "the same as JSON, with matrices", _poses_json, Need.NOTHING),
     takes=("frame",),
     has_all_grasps=True,
+    pose=TOOL_POSE,
 )

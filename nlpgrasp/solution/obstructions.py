@@ -16,6 +16,7 @@ MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
 LEAST_DEPTH = 5e-5  # metres: smaller penetrations are not reported
 LEAST_PAD_SHARE = 0.9  # share of a pad on its face below which it counts as overhanging
 LINK = "link "  # prefix of a link's name among the things that links penetrate
+GRIPPER_POSE = "the pose is that of the gripper's own frame"
 TABLE = "the table"  # name of a table, the same
 BODY = "the body"  # name of the held body among the things that links penetrate
 
@@ -226,8 +227,8 @@ def format_jaw_approach(hand: Json | None) -> str:
     return f"{text}; that way leads {jaws}" if jaws else text
 
 
-def format_gripper_frame(hand: Json | None, gripper: Json | None) -> str:
-    """Return a text on the frame of a gripper's pose; empty for other hands and files without it."""
+def format_gripper_frame(hand: Json | None, gripper: Json | None, pose: str = GRIPPER_POSE) -> str:
+    """Return a text on a gripper's pose, its axes and tool centre point; empty for other hands and files without it."""
     stated = gripper or {}
     if "palm_pose" not in (hand or {}) or "tcp" not in stated:
         return ""
@@ -237,7 +238,7 @@ def format_gripper_frame(hand: Json | None, gripper: Json | None) -> str:
     )
     tcp = ", ".join(f"{1e3 * coordinate + 0.0:.6g}" for coordinate in stated["tcp"])
     axes = f"closing axis {closing}, approach axis {approach}, tool centre point [{tcp}] mm"
-    return f"the pose is that of the gripper's own frame: {axes}"
+    return f"{pose}: {axes}"
 
 
 def _stored_penetration(hand: Json | None, key: str) -> LinkPenetration | None:

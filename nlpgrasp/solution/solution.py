@@ -34,6 +34,7 @@ from nlpgrasp.solution.grip_record import GripForce, force_limit, read_grip
 from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, grasp_table, read_kept_grasps
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import (
+    GRIPPER_POSE,
     LinkPenetration,
     approach_obstructions,
     approach_penetration,
@@ -351,9 +352,9 @@ class GraspSolution(InNotebook):
         """Return a text on the approach of parallel jaws; empty for other hands."""
         return format_jaw_approach(self.hand)
 
-    def gripper_frame_line(self) -> str:
-        """Return a text on axes and tool centre point of a gripper's frame; empty for other hands."""
-        return format_gripper_frame(self.hand, self.problem.get("hand"))
+    def gripper_frame_line(self, pose: str = GRIPPER_POSE) -> str:
+        """Return a text on a gripper's pose with the axes and tool centre point of its frame; empty for other hands."""
+        return format_gripper_frame(self.hand, self.problem.get("hand"), pose)
 
     def approach_line(self) -> str:
         """Return a text on why there is no straight approach; empty if there is one or the reason is unknown."""

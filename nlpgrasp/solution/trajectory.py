@@ -16,7 +16,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.solution.phase_record import jaw_phases
-from nlpgrasp.solution.record_fields import Matrix, Record, Vector
+from nlpgrasp.solution.record_fields import LEFT_OUT, Matrix, Record, Vector
 from nlpgrasp.solution.solution import GraspSolution
 
 RATE, SPEED, JOINT_SPEED = 50.0, 0.1, 0.5  # defaults: samples per second, m/s of the palm, rad/s of joints
@@ -43,6 +43,9 @@ class Trajectory(Record):
         All moving joints, mimic joints included; ``opening`` of parallel jaws, the distance between the pads.
     joints : (m, n) array
         Radians or metres.
+    closing_axis, approach_axis, tcp : (3,) array, optional
+        Of parallel jaws, in the gripper's own frame, whose pose the palm's is: unit directions, and the middle between
+        the pads, metres.
     """
 
     times: Vector
@@ -51,15 +54,23 @@ class Trajectory(Record):
     palm_quaternion: Vector = field(metadata={"key": "palm_quaternion_wxyz"})
     joint_names: tuple[str, ...]
     joints: Matrix
+    closing_axis: Vector | None = field(default=None, metadata=LEFT_OUT)
+    approach_axis: Vector | None = field(default=None, metadata=LEFT_OUT)
+    tcp: Vector | None = field(default=None, metadata=LEFT_OUT)
 
     def to_csv(self) -> str:
-        """Return the trajectory as CSV text with time, phase, palm position and quaternion, and joints."""
+        """Return the trajectory as CSV text with time, phase, palm position and quaternion, and joints.
+
+        Of parallel jaws, the last columns of every row are axes and tool centre point.
+        """
+        vectors = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis, "tcp": self.tcp}
+        axes = frame_columns({name: vector for name, vector in vectors.items() if vector is not None})
         text = io.StringIO(newline="")
         writer = csv.writer(text)
-        writer.writerow(["time", "phase", *PALM, *self.joint_names])
+        writer.writerow(["time", "phase", *PALM, *self.joint_names, *axes])
         turn = self.palm_quaternion.tolist()
         for time, phase, palm, joints in zip(self.times, self.phases, self.palm_positions, self.joints, strict=True):
-            writer.writerow([float(time), phase, *palm.tolist(), *turn, *joints.tolist()])
+            writer.writerow([float(time), phase, *palm.tolist(), *turn, *joints.tolist(), *axes.values()])
         return text.getvalue()
 
 
@@ -95,10 +106,11 @@ def trajectory(
     InputError
         On a solution without phases, numbers that are not above zero, and a frame that is no pose.
     """
-    frames, default_speed = solution.phases, JOINT_SPEED
+    frames, default_speed, axes = solution.phases, JOINT_SPEED, {}
     if not frames:
         gripper = require_jaws(solution, "a grasp with a URDF hand or, in space, an ng.ParallelJaw")
         frames, default_speed = jaw_phases(solution.hand or {}, gripper.opening), JAW_SPEED
+        axes = gripper.gripper_frame
     if frame is not None:
         pose = pose_matrix("frame", frame)
         frames = tuple(phase.in_frame(pose) for phase in frames)
@@ -121,7 +133,14 @@ def trajectory(
         frames[0].palm_quaternion,
         names,
         (1.0 - fractions) * postures[start_frames] + fractions * postures[end_frames],
+        **axes,
     )
+
+
+def frame_columns(vectors: Mapping[str, FloatArray]) -> dict[str, float]:
+    """Return the columns of a table and their values that state ``ParallelJaw.gripper_frame``: ``tcp_x``, ..."""
+    named = ((name, zip("xyz", vector.tolist(), strict=True)) for name, vector in vectors.items())
+    return {f"{name}_{coordinate}": value for name, cells in named for coordinate, value in cells}
 
 
 def require_jaws(solution: GraspSolution, allowed: str) -> ParallelJaw:

@@ -2,10 +2,12 @@
 
 import csv
 import io
+import json
 import re
 import warnings
 from copy import copy
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,9 +17,11 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.cli.main import command_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import ExportOptions, benchmark_arrays, dexgraspbench, isaac_grasp, moveit, read_isaac_grasps
 from nlpgrasp.interop.contacts_csv import contacts_csv
+from nlpgrasp.interop.registry import format_named, formats
 from nlpgrasp.simulation.fingertip_scene import mjcf
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import GRIPPERS, model
@@ -479,6 +483,82 @@ def test_exports_state_the_axes_of_the_grippers_frame(jaws):
     sideways = ng.ParallelJaw(0.06, finger_length=0.06, closing_axis="y", approach_axis="x")
     (message,) = yaml.safe_load(moveit(replace(jaws, problem={**jaws.problem, "hand": sideways.to_dict()})))
     assert message["pre_grasp_approach"]["direction"]["vector"] == {"x": 1.0, "y": 0.0, "z": 0.0}
+
+
+UNUSUAL = {"closing_axis": [0.0, 0.0, -1.0], "approach_axis": [1.0, 0.0, 0.0], "tcp": [0.12, 0.01, -0.02]}
+AXES_IN_WORDS = "closing axis -z, approach axis x, tool centre point [120, 10, -20] mm"
+
+
+def axes_in_columns(text):
+    """The axes and tool centre point of a table, which are the same in every row."""
+    rows = list(csv.DictReader(io.StringIO(text)))
+    columns = {name: {tuple(float(row[f"{name}_{c}"]) for c in "xyz") for row in rows} for name in UNUSUAL}
+    return {name: list(*values) for name, values in columns.items()}
+
+
+def axes_in_comments(text):
+    """The axes and tool centre point that comment lines state."""
+    lines = re.findall(r"^# (\w+) of the gripper's frame: (.*)$", text, re.MULTILINE)
+    return {name: json.loads(vector) for name, vector in lines}
+
+
+def axes_in_arrays(content):
+    """The axes and tool centre point of a file of arrays."""
+    data = np.load(io.BytesIO(content), allow_pickle=True)
+    data = data if hasattr(data, "files") else data.item()
+    return {name: data[name].tolist() for name in UNUSUAL}
+
+
+def axes_in_mapping(data):
+    """The axes and tool centre point under their names."""
+    return {name: data[name] for name in UNUSUAL}
+
+
+STATED_AXES = {
+    "isaac_grasp": lambda content: axes_in_mapping(yaml.safe_load(content)),
+    "mjcf": lambda content: UNUSUAL if f"own frame: {AXES_IN_WORDS} -->" in content.decode() else {},
+    "moveit": lambda content: axes_in_comments(content.decode()),
+    "npz": axes_in_arrays,
+    "dexgraspbench": axes_in_arrays,
+    "poses": lambda content: axes_in_columns(content.decode()),
+    "poses_json": lambda content: axes_in_mapping(json.loads(content)),
+    "trajectory": lambda content: axes_in_columns(content.decode()),
+    "trajectory_json": lambda content: axes_in_mapping(json.loads(content)),
+}
+
+
+@pytest.fixture(scope="module")
+def unusual(jaws):
+    """The solution of a gripper with unusual axes, and its tool centre point off the closing line of its origin."""
+    tcp = tuple(UNUSUAL["tcp"])
+    return held_by(jaws, ng.ParallelJaw(0.06, finger_length=0.05, closing_axis="-z", approach_axis="x", tcp=tcp))
+
+
+def test_every_format_with_a_pose_states_the_axes():
+    own = [form for form in formats() if form.write.__module__.startswith("nlpgrasp.")]
+    assert {form.name for form in own if form.pose} == set(STATED_AXES)
+    assert {form.name for form in own if not form.pose} == {"csv", "glb"}
+
+
+@pytest.mark.parametrize("name", STATED_AXES)
+def test_axes_are_stated_in_the_file_and_on_the_command_line(unusual, name, tmp_path, capsys):
+    file = unusual.save(tmp_path / "unusual.json")
+    out = tmp_path / f"out{Path(f'F{format_named(name).ending}').suffix}"
+    arguments = ["export", str(file), "--to", name, "--out", str(out)]
+    command_line(arguments)(arguments, standalone_mode=False)
+    assert STATED_AXES[name](out.read_bytes()) == UNUSUAL
+    place = "poses are those of the tool centre point" if name.startswith("poses") else "pose is that of the gripper"
+    assert re.search(rf"^the {place}.*: {re.escape(AXES_IN_WORDS)}$", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_the_stated_tcp_of_a_trajectory_is_between_the_contacts(unusual):
+    way = ng.Trajectory.from_dict(json.loads(format_named("trajectory_json").export(unusual)))
+    grasp = way.palm_positions[max(i for i, phase in enumerate(way.phases) if phase == "grasp")]
+    turn = Rotation.from_quat(way.palm_quaternion, scalar_first=True)
+    first, second = unusual.grasp.points
+    np.testing.assert_allclose(grasp + turn.apply(way.tcp), 0.5 * (first + second), atol=1e-9)
+    closing = (second - first) / np.linalg.norm(second - first)
+    np.testing.assert_allclose(turn.apply(way.closing_axis), closing, atol=1e-9)
 
 
 def test_a_hand_with_joints_states_no_closing_axis(held):
