@@ -126,17 +126,21 @@ def hold(points, normals, centroid, rtol=1e-7):
 
 
 def assert_held_alike(name, variants):
-    """Assert that contacts at the same places of variants, with their offsets, have the quality of the clean mesh."""
+    """Assert that contacts at the same places of variants, with their offsets, have the quality of the clean mesh.
+
+    The ends of the intervals differ within their gap, which is 1e-7 here.
+    """
     clean = coarse_body(GOOD[name])
     points = firm_points(clean)
     positions, normals, _ = clean.closest(points)
-    expected = hold(positions, -normals, clean.centroid)
+    places, expected = positions, hold(positions, -normals, clean.centroid)
     for variant, offset in variants:
         body = coarse_body(variant)
         assert body.repairs == ()
         np.testing.assert_allclose(body.centroid - offset, clean.centroid, rtol=0.0, atol=1e-6 * clean.size)
         positions, normals, distances = body.closest(points + offset)
-        assert np.max(distances) < 1e-6 * clean.size
+        assert np.max(distances) < 1e-9 * clean.size
+        np.testing.assert_allclose(positions - offset, places, rtol=0.0, atol=1e-9 * clean.size)
         bounds = hold(positions, -normals, body.centroid)
         assert bounds.lower == pytest.approx(expected.lower, rel=1e-6)
         assert bounds.upper == pytest.approx(expected.upper, rel=1e-6)
@@ -182,6 +186,26 @@ def test_all_variants_are_held_alike(name, tmp_path):
         assert_held_alike(name, moved_variants(name))
     if name not in FILES:
         assert_held_alike(name, file_variants(name, tmp_path))
+
+
+def test_intervals_of_a_moved_cylinder_contain_one_quality():
+    """Contacts in a symmetric grasp, where rounding decides at which ends within the gap the bounds stop."""
+    mesh = trimesh.creation.cylinder(radius=0.01, height=0.02, sections=32)
+    angles = np.array([0.1, 1.7, 3.2, 4.8])
+    near = np.column_stack([0.01 * np.cos(angles), 0.01 * np.sin(angles), [0.005, -0.005, 0.005, -0.005]])
+    placements, intervals = [], []
+    for offset in np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.0], [1000.0, 0.0, 0.0]]):
+        body = coarse_body(move_mesh(mesh, pose_of(offset)))
+        points, normals, _ = body.closest(near + offset)
+        placements.append(points - offset)
+        centroid = body.centroid
+        task = ng.lift(centroid, mass=0.1) + ng.disturbance(1.0, 0.01, centroid)
+        grasp = ng.Grasp(points, -normals, [ng.FrictionContact(0.6)] * 4, torque_origin=centroid)
+        intervals += [ng.mu(grasp, task, rtol=rtol) for rtol in (1e-2, 1e-4)]
+    for points in placements:
+        np.testing.assert_allclose(points, placements[0], rtol=0.0, atol=1e-9 * body.size)
+    assert max(bounds.lower for bounds in intervals) <= min(bounds.upper for bounds in intervals)
+    assert min(bounds.lower for bounds in intervals) > 0.1
 
 
 @pytest.mark.slow
