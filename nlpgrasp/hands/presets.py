@@ -220,6 +220,9 @@ def ability(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
 
     Torque limits: the URDF's efforts, which are the maker's: 6 N m, and 1.2 N m of the joint that opposes the thumb.
 
+    Checked against the hands of Alex (example-robot-data) with corrected names of mimic joints. As shipped, that file
+    is refused: ``Left_index_q2`` mimics ``index_q1``, where the joint is ``Left_index_q1``.
+
     Parameters
     ----------
     urdf : str or Path, optional
