@@ -38,9 +38,7 @@ CONTACT_STEPS = 4.0  # time constant of contacts in time steps: smaller ones bou
 # of MuJoCo's no-slip solver: without it a held object creeps 0.1 to 1.5 mm a minute
 NOSLIP = {"noslip_iterations": "10", "noslip_tolerance": "1e-8"}
 TOUCHING = "Fingertips touch the object's tangent plane at their contacts, and nothing else."
-STICTION = (
-    "Elliptic cones and noslip_iterations keep what is held from creeping: under 0.2 mm a minute once it has settled."
-)
+STICTION = "Elliptic cones and noslip_iterations keep what is held from creeping: settled, under 0.2 mm a minute."
 SOLVER = {
     "integrator": "implicitfast",
     "cone": "elliptic",

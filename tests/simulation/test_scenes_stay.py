@@ -65,7 +65,7 @@ def test_an_object_between_jaws_stays(by_jaws):
 def test_scenes_say_what_keeps_it_there(by_hand, by_jaws):
     for scene in (by_hand, by_jaws):
         assert 'noslip_iterations="10"' in scene
-        assert "under 0.2 mm a minute with gravity" in scene
+        assert "settled, under 0.2 mm a minute" in scene
 
 
 @pytest.mark.slow
