@@ -34,6 +34,7 @@ from nlpgrasp.solution.obstructions import tip_deviations
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeeze_record import LEVER, Squeeze
 
+CYLINDER_SIDES = 128  # of a prism that stands for a cylinder: 0.009 mm inside one of 30 mm radius, at most
 PAD_HALF_THICKNESS = 1e-3  # m, half the thickness of a flat fingertip's geom, behind its face
 ARM_STIFFNESS = 2e4  # N / m, of the arm that carries the palm
 PREFIX = "hand_"
@@ -126,7 +127,7 @@ def mjcf_with_hand(
     keyframes = scene_keyframes(hand, robot, squeeze, gains, scale)
     root.insert(0, Comment(USAGE.format(names=", ".join(frame.name for frame in keyframes), stiction=STICTION)))
     add_keyframes(root, keyframes)
-    _restrict_cylinder_contacts(root)
+    _replace_cylinders(root)
     text = xml_text(root)
     _check_compiles(text, urdf)
     return text
@@ -153,14 +154,22 @@ def _empty_scene(name: str) -> tuple[Element, Element, Element]:
     return root, asset, world
 
 
-def _restrict_cylinder_contacts(root: Element) -> None:
-    """Switch off several contact points for a pair of convex geoms where a cylinder is among the geoms.
+def _replace_cylinders(root: Element) -> None:
+    """Replace the cylinders of a scene by prisms of ``CYLINDER_SIDES`` sides.
 
-    MuJoCo 4.0 takes some of the points of a cylinder at the wrong face, with a normal 90 degrees off: the contact's
-    force then throws the object out of the hand.
+    The collisions of MuJoCo 4.0 take some of the several contact points of a cylinder at the wrong face, with a normal
+    90 degrees off: the contact's force then throws the object out of the hand.
     """
-    if any(geom.get("type") == "cylinder" for geom in root.iter("geom")):
-        SubElement(next(root.iter("option")), "flag", multiccd="disable")
+    asset = next(root.iter("asset"))
+    turns = 2.0 * np.pi * np.arange(CYLINDER_SIDES) / CYLINDER_SIDES
+    for geom in list(root.iter("geom")):
+        if geom.get("type") == "cylinder":
+            radius, half_length = (float(value) for value in geom.attrib.pop("size").split())
+            ring = radius * np.column_stack([np.cos(turns), np.sin(turns)])
+            ends = [np.insert(ring, 2, z, axis=1) for z in (-half_length, half_length)]
+            name = f"cylinder_{geom.get('name')}"
+            SubElement(asset, "mesh", name=name, vertex=format_numbers(np.concatenate(ends).ravel()))
+            geom.attrib |= {"type": "mesh", "mesh": name}
 
 
 def _check_compiles(scene: str, urdf: str | Path) -> None:
