@@ -69,15 +69,17 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
 
     An empty tuple if they fit at one, or if no reason is found.
     """
-    clearance, best_fraction, best = JawClearance(hand, problem.body, problem.constraints, problem.models), 0.0, None
+    clearance = JawClearance(hand, problem.body, problem.constraints, problem.models)
+    best_fraction, best, best_rank = 0.0, None, (True, np.inf)
     for fraction, pose in _poses(clearance, pairs):
         best_fraction = max(best_fraction, fraction)
         if fraction < LEAST_PAD_SHARE:
             continue
         if pose.is_free:
             return ()
-        if best is None or _largest_depth(pose) < _largest_depth(best):
-            best = pose
+        rank = (set(pose.blocked_by) != {TABLE}, _largest_depth(pose))  # a table can be lowered
+        if best is None or rank < best_rank:
+            best, best_rank = pose, rank
     if best is None and hand.pad is not None:
         length, width = (_millimetres(side) for side in hand.pad)
         most = format_percent(best_fraction)

@@ -1,5 +1,7 @@
 """Why a gripper does not hold a part: one sentence each."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
@@ -69,11 +71,23 @@ def test_a_part_that_fits_only_with_the_table_lowered():
 
 
 @pytest.mark.slow
-def test_a_disc_that_palm_and_table_keep_from_short_fingers():
-    """The jaws fit only over its flat sides: the palm runs into the rim, and the finger below into the table."""
+def test_what_lowering_the_table_takes_is_said_where_other_poses_are_less_deep_in_body_and_table():
+    """The jaws fit over a disc's flat sides: the palm runs into the rim, or the finger below into the table."""
     disc = ng.Cylinder(0.05, 0.03)
-    (reason,) = jaw_reasons(problem(disc, stroke=0.04, finger=(0.015, 0.012, 0.014), palm_size=(0.1, 0.1, 0.1)))
-    assert reason.startswith("In every sampled pose the gripper runs into the body and the table, by ")
+    on_table = problem(disc, stroke=0.04, finger=(0.015, 0.012, 0.014), palm_size=(0.1, 0.1, 0.1))
+    (reason,) = jaw_reasons(on_table)
+    lower = float(re.fullmatch(r"The gripper fits only with the table (\S+) mm lower, or .*", reason)[1])
+    for more, reasons in ((0.2, 0), (-0.5, 1)):
+        table = ng.Table(-0.015 - 1e-3 * (lower + more), clearance=0.001)
+        moved = ng.GraspProblem(disc, on_table.models, TASK, hand=on_table.hand, constraints=[table])
+        assert len(jaw_reasons(moved)) == reasons
+
+
+@pytest.mark.slow
+def test_a_disc_that_fingers_are_too_short_for():
+    disc = ng.Cylinder(0.05, 0.03)
+    (reason,) = jaw_reasons(problem(disc, stroke=0.04, finger=(0.0005, 0.012, 0.014), palm_size=(0.1, 0.1, 0.1)))
+    assert reason.startswith("In every sampled pose the gripper runs into the body")
 
 
 @pytest.mark.slow
