@@ -70,16 +70,15 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
     An empty tuple if they fit at one, or if no reason is found.
     """
     clearance = JawClearance(hand, problem.body, problem.constraints, problem.models)
-    best_fraction, best, best_rank = 0.0, None, (True, np.inf)
+    best_fraction, best = 0.0, None
     for fraction, pose in _poses(clearance, pairs):
         best_fraction = max(best_fraction, fraction)
         if fraction < LEAST_PAD_SHARE:
             continue
         if pose.is_free:
             return ()
-        rank = (set(pose.blocked_by) != {TABLE}, _largest_depth(pose))  # a table can be lowered
-        if best is None or rank < best_rank:
-            best, best_rank = pose, rank
+        if best is None or _rank(pose) < _rank(best):
+            best = pose
     if best is None and hand.pad is not None:
         length, width = (_millimetres(side) for side in hand.pad)
         most = format_percent(best_fraction)
@@ -87,7 +86,7 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
     if best is None:
         return ()
     depth = f"{_millimetres(_largest_depth(best))} mm"
-    if set(best.blocked_by) == {TABLE}:
+    if _is_blocked_by_table_alone(best):
         return (f"The gripper fits only with the table {depth} lower, or with the part raised by as much.",)
     return (f"In every sampled pose the gripper runs into {' and '.join(best.blocked_by)}, by {depth} at least.",)
 
@@ -101,6 +100,15 @@ def _poses(clearance: JawClearance, pairs: FloatArray) -> Iterator[tuple[float, 
         for direction in clearance.gripper.approaches(points, clearance.cones, TURNS):
             fraction = min(clearance.pad_shares(points, direction), default=1.0)
             yield fraction, clearance.pose(points, direction)
+
+
+def _rank(pose: JawPose) -> tuple[bool, float]:
+    """Return the rank of a blocked pose: those that the table alone blocks, which can be lowered, then by depth."""
+    return not _is_blocked_by_table_alone(pose), _largest_depth(pose)
+
+
+def _is_blocked_by_table_alone(pose: JawPose) -> bool:
+    return set(pose.blocked_by) == {TABLE}
 
 
 def _largest_depth(pose: JawPose) -> float:

@@ -105,9 +105,7 @@ class PenetrationModel:
 
     def in_posture(self, values: Values) -> LinkPenetration:
         """Return the deepest penetration in one posture, given values of the hand's variables."""
-        penetrations = self.in_surroundings(values) + self.in_each_other(values)
-        none = LinkPenetration(tolerance=self.tolerance)
-        return max(penetrations, key=lambda penetration: penetration.depth, default=none)
+        return self._deepest(self.in_surroundings(values) + self.in_each_other(values))
 
     def in_each_other(self, values: Values) -> list[LinkPenetration]:
         """Return the penetrations of links in each other in one posture."""
@@ -172,12 +170,13 @@ class PenetrationModel:
             samples += [{n: start[n] + s * (end[n] - start[n]) for n in start} for s in fractions.tolist()]
         in_surroundings = [penetration for values in samples for penetration in self.in_surroundings(values)]
         in_links = [penetration for values in samples for penetration in self.in_each_other(values)]
+        deepest = replace(self._deepest(in_surroundings + in_links), postures=len(samples))
+        return PathPenetration(deepest, self._deepest(in_surroundings).depth)
+
+    def _deepest(self, penetrations: Sequence[LinkPenetration]) -> LinkPenetration:
+        """Return the deepest of several penetrations; one without depth if there is none."""
         none = LinkPenetration(tolerance=self.tolerance)
-        deepest, in_body = (
-            max(penetrations, key=lambda penetration: penetration.depth, default=none)
-            for penetrations in (in_surroundings + in_links, in_surroundings)
-        )
-        return PathPenetration(replace(deepest, postures=len(samples)), in_body.depth)
+        return max(penetrations, key=lambda penetration: penetration.depth, default=none)
 
     def _link_centres(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
         """Return the poses of links with shapes, and their bounding spheres' centres (m, 3), metres, body frame."""

@@ -9,12 +9,12 @@ from scipy.ndimage import gaussian_filter
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.signed_distance import (
     EXACT_CELLS,
-    _is_closed,
     _narrow_band_distance,
     _SignedDistance,
     _tensor_grid,
 )
 from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.meshes.topology import is_plain
 
 
 def grid_of(mesh, cells):
@@ -101,7 +101,7 @@ def test_distances_on_a_grid_have_the_signs_of_winding_numbers(name):
     """Also where walls are thinner than a cell, and where surfaces are inside the body."""
     mesh = shapes()[name]
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    assert _is_closed(faces)
+    assert is_plain(mesh)
     axes = [np.arange(low - 0.2, high + 0.2, 0.05) for low, high in mesh.bounds.T]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     chosen = np.random.default_rng(0).random(points.shape[:-1]) < 0.9
@@ -111,7 +111,11 @@ def test_distances_on_a_grid_have_the_signs_of_winding_numbers(name):
 
 
 def test_a_mesh_with_a_hole_is_not_closed():
-    faces = np.asarray(trimesh.creation.icosphere(1).faces)
-    assert _is_closed(faces)
-    assert not _is_closed(faces[1:])
-    assert not _is_closed(np.concatenate([faces[:1, ::-1], faces[1:]]))
+    sphere = trimesh.creation.icosphere(1)
+    faces = np.asarray(sphere.faces)
+    for chosen, closed in (
+        (faces, True),
+        (faces[1:], False),
+        (np.concatenate([faces[:1, ::-1], faces[1:]]), False),
+    ):
+        assert is_plain(trimesh.Trimesh(sphere.vertices, chosen, process=False)) == closed

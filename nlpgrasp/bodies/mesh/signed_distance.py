@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, local_origin, relative_to
+from nlpgrasp.common.meshes.topology import is_plain
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -309,7 +310,13 @@ class _SignedDistance:
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
-        self._tree, self._is_closed = SearchTree(vertices, faces), _is_closed(np.asarray(faces))
+        self._vertices, self._faces, self._tree = vertices, faces, SearchTree(vertices, faces)
+
+    @cached_property
+    def _is_closed(self) -> bool:
+        import trimesh
+
+        return is_plain(trimesh.Trimesh(self._vertices, self._faces, process=False))
 
     def on_grid(self, points: FloatArray, chosen: BoolArray, spacing: float) -> FloatArray:
         """Return the distances (m,), metres, at the chosen points of a grid.
@@ -358,15 +365,6 @@ def _neighbouring_sign(signs: FloatArray) -> FloatArray:
             neighbour = np.roll(padded, shift, axis)[1:-1, 1:-1, 1:-1]
             result = np.where(result == 0.0, neighbour, result)
     return result
-
-
-def _is_closed(faces: NDArray[np.integer]) -> bool:
-    """Return whether each edge belongs to two triangles (m, 3), which run through it in opposite directions."""
-    edges = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)]).astype(np.int64)
-    count = int(faces.max(initial=0)) + 1
-    forwards = np.sort(edges[:, 0] * count + edges[:, 1])
-    backwards = np.sort(edges[:, 1] * count + edges[:, 0])
-    return bool(np.all(forwards == backwards) and np.all(np.diff(forwards) > 0))
 
 
 def _narrow_band_distance(distance: GridDistance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
