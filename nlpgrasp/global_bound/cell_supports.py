@@ -22,6 +22,7 @@ from nlpgrasp.global_bound.cells.cell import CurvedParts, IntArray, SurfaceCell
 SEARCH_POWER = 32.0  # power of the norm that replaces the largest of the contacts' supports in searches for directions
 THRESHOLDS = (0.5, 0.7, 0.9)  # thresholds of successive rounds, over the bound to be lowered
 DIGITS = 8  # decimal digits of thresholds
+MAPPED = 4096  # contacts whose grasp maps are computed together; all corners of a scan at once would take 50 MB
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space; beyond it tilting
 
 Powers = TypeVar("Powers", bound=FloatArray | NDArray[np.float32])
@@ -195,8 +196,14 @@ class Supports:
 
     def maps_at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return grasp maps (m, d, n_i) of the contact at points with inward normals, (m, space) each."""
-        frames = np.concatenate([normals[:, None], self.contact.tangents(normals)], axis=1).transpose(0, 2, 1)
-        return wrench_transform(points - self.origin, frames) @ self.contact.basis(self.space)
+        basis = self.contact.basis(self.space)
+        maps = np.empty((len(points), *basis.shape))
+        for begin in range(0, len(points), MAPPED):
+            block = slice(begin, begin + MAPPED)
+            tangents = self.contact.tangents(normals[block])
+            frames = np.concatenate([normals[block, None], tangents], axis=1).transpose(0, 2, 1)
+            maps[block] = wrench_transform(points[block] - self.origin, frames) @ basis
+        return maps
 
     def _reserve(self, count: int) -> None:
         """Allocate memory for ``count`` further representative contacts."""

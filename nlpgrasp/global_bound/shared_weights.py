@@ -376,7 +376,7 @@ class CornerContacts:
     """
 
     def __init__(self, supports: Supports, rows: slice | IntArray, single: bool = False) -> None:
-        self.supports, self._type = supports, np.dtype(np.float32 if single else np.float64)
+        self.supports, self._rows, self._type = supports, rows, np.dtype(np.float32 if single else np.float64)
         points, normals = supports.points[rows], supports.normals[rows]
         centre = points.mean(axis=0)
         self._arm, arms = centre - supports.origin, points - centre
@@ -384,8 +384,13 @@ class CornerContacts:
         self._along = self._convert(np.concatenate([normals, np.cross(arms, normals)], axis=1).T)
         self._products = self._convert(np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]))
         self._normals = self._convert(normals.T)
-        self._maps = self._convert(supports.maps_at(points - self._arm, normals).transpose(1, 0, 2))
         self.torsion = TORSION in supports.contact.axes(3)
+
+    @cached_property
+    def _maps(self) -> RealArray:
+        """Grasp maps of supports without a closed form, (6, m, n_i)."""
+        points, normals = self.supports.points[self._rows], self.supports.normals[self._rows]
+        return self._convert(self.supports.maps_at(points - self._arm, normals).transpose(1, 0, 2))
 
     def __len__(self) -> int:
         """Return the number of rows."""

@@ -51,6 +51,16 @@ def test_weighted_supports_of_corners_are_those_of_grasp_maps(contact, budget):
     np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-12 * np.max(expected))
 
 
+def test_grasp_maps_of_many_contacts_have_normal_and_its_moment_as_first_column():
+    rng = np.random.default_rng(5)
+    points, origin = rng.standard_normal((9001, 3)), rng.standard_normal(3)
+    normals = rng.standard_normal((9001, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    maps = Supports(ng.FrictionContact(0.5), CombinationRule.of(force_budget("l2")), origin).maps_at(points, normals)
+    expected = np.concatenate([normals, np.cross(points - origin, normals)], axis=1)
+    np.testing.assert_allclose(maps[:, :, 0], expected, atol=1e-12)
+
+
 def test_halved_triangles_are_the_surface_again():
     rng = np.random.default_rng(2)
     mesh = random_hull(rng)
