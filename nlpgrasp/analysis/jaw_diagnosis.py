@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies.mesh.signed_distance import first_hits, inward_rays
 from nlpgrasp.common.formatting import format_number, format_percent
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, surface_triangles
 from nlpgrasp.problem.problem import GraspProblem
@@ -57,7 +56,7 @@ def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
     back, last = first_hits(mesh, points + span * inward, -inward)
     normals = np.asarray(mesh.face_normals)
 
-    def pairs(lengths: FloatArray, struck: NDArray[np.intp]) -> FloatArray:
+    def pairs(lengths: FloatArray, struck: IntArray) -> FloatArray:
         opposed = (struck >= 0) & (np.sum(normals[struck] * inward, axis=1) >= OPPOSED)
         return np.asarray(np.stack([points, points + lengths[:, None] * inward], axis=1)[opposed])
 

@@ -11,14 +11,12 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.display import InNotebook, show
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.registry import JsonPart
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, format_known_names
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, format_known_names
 from nlpgrasp.errors import InputError
 
 SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an edge above which it is sharp
@@ -293,7 +291,7 @@ class Body(DisplayedBody):
         h, slope, normals, limits = self._surface_evaluator(name, margin)(points)
         return h[:, 0], slope[:, 0], normals, np.max(limits, axis=1, initial=-np.inf)
 
-    def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
+    def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> BoolArray:
         """Return whether points (m, space) are on a face and at least a margin, metres, from its sharp edges, (m,)."""
         h, slope, _, limit = self.evaluate(name, points, margin)
         return (np.abs(h) <= ON_FACE * self.size * slope) & (limit <= ON_FACE * self.size)

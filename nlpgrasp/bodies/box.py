@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import CentredBody, Face, intersection
-from nlpgrasp.bodies.triangulation import IntArray, extrude
+from nlpgrasp.bodies.triangulation import extrude
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, in_metres, number
+from nlpgrasp.common.validation import FloatArray, IntArray, array, in_metres, number
 
 
 @dataclass(frozen=True)

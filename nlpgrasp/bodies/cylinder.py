@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
-from nlpgrasp.bodies.triangulation import IntArray, circle_points, extrude
+from nlpgrasp.bodies.triangulation import circle_points, extrude
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, length_in_metres
+from nlpgrasp.common.validation import FloatArray, IntArray, length_in_metres
 
 ROUND = 96  # sides of the prism that approximates it as triangles
 

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies import triangulation as curved
 from nlpgrasp.bodies.base import TINY, CentredBody, Face
-from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, in_metres, number
+from nlpgrasp.common.validation import FloatArray, IntArray, array, in_metres, number
 
 ROWS = 15  # rows of triangles between a pole and the equator
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import SHARP, TINY, Body, Face, exterior_angles
-from nlpgrasp.bodies.triangulation import PLATE, IntArray, extrude
+from nlpgrasp.bodies.triangulation import PLATE, extrude
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, in_metres
+from nlpgrasp.common.validation import FloatArray, IntArray, array, in_metres
 from nlpgrasp.errors import InputError
 
 

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Face, intersection
 from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, polygon_inradius, simple_polygon
-from nlpgrasp.bodies.triangulation import IntArray, extrude
+from nlpgrasp.bodies.triangulation import extrude
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, length_in_metres
+from nlpgrasp.common.validation import FloatArray, IntArray, length_in_metres
 from nlpgrasp.errors import InputError
 
 

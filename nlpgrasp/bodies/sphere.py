@@ -10,9 +10,8 @@ import numpy as np
 
 from nlpgrasp.bodies import triangulation as curved
 from nlpgrasp.bodies.base import TINY, CentredBody, Face
-from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, length_in_metres
+from nlpgrasp.common.validation import FloatArray, IntArray, length_in_metres
 
 ROWS = 15  # rows of triangles between a pole and the equator
 

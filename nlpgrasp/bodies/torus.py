@@ -10,9 +10,8 @@ import numpy as np
 
 from nlpgrasp.bodies import triangulation as curved
 from nlpgrasp.bodies.base import TINY, CentredBody, Face
-from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, length_in_metres
+from nlpgrasp.common.validation import FloatArray, IntArray, length_in_metres
 from nlpgrasp.errors import InputError
 
 AROUND, ACROSS = 48, 20  # points of the triangulation about the axis and about the tube

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 PLATE = 0.08  # of a planar body's size: thickness of the plate that represents it
 STRAIGHT = 1e-12  # of the outline's squared size: area that counts as zero
 FINE = 4000  # points for a curve's arc length and turning angle
-
-
-IntArray = NDArray[np.int64]
 
 
 def extrude(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, IntArray]:

@@ -19,7 +19,6 @@ from itertools import combinations
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import nnls
 from scipy.sparse.csgraph import connected_components
@@ -27,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
 from nlpgrasp.common.spatial import wrench_transform
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import component_slices, conic_lift, project
 from nlpgrasp.errors import InputError
@@ -99,9 +98,7 @@ class TorqueSet(ForceSet):
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 
-    def _group(
-        self, members: list[int]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], EnumeratedTorqueSet | ConicTorqueSet]:
+    def _group(self, members: list[int]) -> tuple[IntArray, IntArray, EnumeratedTorqueSet | ConicTorqueSet]:
         """Return force-component indices, limit indices and force set of a group of contacts with common limits."""
         columns = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in members])
         limit_indices = np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))

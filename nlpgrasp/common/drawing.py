@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, IntArray, array
 from nlpgrasp.errors import InputError
 
 DIGITS = 5  # significant digits of the largest coordinate, or of the longest side if that is less
@@ -29,7 +28,7 @@ class Triangles:
     """
 
     vertices: FloatArray
-    faces: NDArray[np.int64]
+    faces: IntArray
 
     def to_dict(self) -> Json:
         """Return the triangles as JSON data, with coordinates rounded for display."""

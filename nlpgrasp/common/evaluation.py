@@ -6,9 +6,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 BLOCK = 1024  # points that are evaluated together, at most
 
@@ -50,7 +49,7 @@ class Evaluator:
         return outputs
 
 
-def _nonzero_indices(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
+def _nonzero_indices(sparsity: ca.Sparsity) -> tuple[tuple[int, int], IntArray, IntArray]:
     """Return the shape of a sparsity pattern, and the row and column indices of its nonzeros."""
     rows, columns = sparsity.get_triplet()
     return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)

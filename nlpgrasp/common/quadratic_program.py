@@ -8,10 +8,9 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 LONG, SHORT = 0.99, 0.9  # step fractions to the cones' boundary: Clarabel's default, and a more robust one
 TOLERANCE, SLACK_TOLERANCE = 1e-9, 1e-8  # solver tolerance without and with slack
@@ -21,9 +20,6 @@ BROKEN = 1e-9  # least violation at which an omitted constraint is added
 OVERSHOT = 1.5  # violation after a Newton step over the one before it above which the step is shortened
 SHORTER, LEAST_SHARE = 0.3, 0.1  # factor on the step; share of it below which it is taken as it is
 STALLED = 0.98  # share of the violation left by a step above which it counts as no progress
-
-
-IntArray = NDArray[np.intp]
 
 
 class Slack(Protocol):
@@ -212,7 +208,7 @@ def quadratic_step(
 
 
 def _solve_subset(
-    constraints: Linearised, included: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
+    constraints: Linearised, included: BoolArray, cost: FloatArray, square: FloatArray, slack: Slack
 ) -> QuadraticStep | None:
     """Return the solution of the quadratic program with a subset of the constraints; None if infeasible."""
     g, J, lower, upper = constraints.values, constraints.jacobian, constraints.lower, constraints.upper

@@ -27,6 +27,8 @@ CLOSE, LONG = 0.6, 3  # least similarity ratio of similar names; least letters o
 
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.integer]
+BoolArray = NDArray[np.bool_]
 
 Item = TypeVar("Item")
 

@@ -24,10 +24,9 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.ldl import solve_batch, solve_matrices
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.contacts.base import upper_triangle
 
 CHUNK = 4096  # points per batch
@@ -114,7 +113,7 @@ class FrictionConeSum:
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
-    def projection_methods(self, z: FloatArray) -> NDArray[np.intp]:
+    def projection_methods(self, z: FloatArray) -> IntArray:
         """Return the method that projects each z (m, n), (m,): a code such as ``SLIPS``, or a linear map's index."""
         return self._project_polar(self._scale_by_work(_unit_columns(z)[0])[0]).methods
 
@@ -221,7 +220,7 @@ class _ConeProjection(NamedTuple):
     """Projections of m points onto the polar cone, with the methods used and the multipliers."""
 
     q: FloatArray
-    methods: NDArray[np.intp]
+    methods: IntArray
     weights: FloatArray  # (N, m), where points slip
     forces: FloatArray  # (N, 3, number solved by the method of multipliers)
 
@@ -266,7 +265,7 @@ class StickingProjection:
         self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in double])
         self.maps = np.stack([projection for _, projection in (*single, *double)])  # z to z - q, each (n, n)
 
-    def find(self, z: FloatArray) -> NDArray[np.intp]:
+    def find(self, z: FloatArray) -> IntArray:
         """Return the indices (m,) of the linear maps that project points (n, m); ``NONE`` where no map does."""
         mu, count = self._friction, z.shape[1]
         force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
@@ -363,7 +362,7 @@ class ConeSumMembership:
         free = self._free.reshape(self._count, 3, -1)
         self._squares = np.einsum("ipa,iqb->ipqab", free, free).reshape(9 * self._count, -1)
 
-    def inside(self, z: FloatArray) -> NDArray[np.bool_]:
+    def inside(self, z: FloatArray) -> BoolArray:
         """Return which wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
         is_member = np.zeros(z.shape[1], dtype=bool)
         remaining = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
@@ -378,7 +377,7 @@ class ConeSumMembership:
                 break
         return is_member
 
-    def _allowed(self, u: FloatArray) -> NDArray[np.bool_]:
+    def _allowed(self, u: FloatArray) -> BoolArray:
         return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))
 
     def _step(self, u: FloatArray) -> FloatArray:
@@ -435,7 +434,7 @@ class SlipNewton:
         self._normal = np.stack([np.ones(len(arms)), arms[:, 1], -arms[:, 0]], axis=1)  # of a_i, (N, 3)
         self._gram = (self._normal @ self._normal.T)[..., None]
 
-    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return projections q (6, m) of ``z`` (6, m), multipliers (N, m), and where the KKT conditions hold, (m,)."""
         z = z[ORDER]
         q, lam, is_solved = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
@@ -469,7 +468,7 @@ class SlipNewton:
 
     def _iterate(
         self, z: FloatArray, q: FloatArray, lam: FloatArray, settings: _NewtonSettings
-    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Run Newton's method as in ``solve`` from given q and multipliers."""
         size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
         q_all, lam_all = q.copy(), lam.copy()
@@ -538,7 +537,7 @@ class SlipNewton:
         """
         return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.weighted_gradients))
 
-    def _satisfies_kkt(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
+    def _satisfies_kkt(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> BoolArray:
         """Return whether the KKT conditions hold, (m,): feasibility, complementarity, stationarity."""
         local = self._local_model(q, lam)
         residual = q - z
@@ -598,7 +597,7 @@ def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
 
 
 def minimise_nonnegative(
-    matrix: FloatArray, right: FloatArray, positive: NDArray[np.bool_], least: FloatArray, shift: float
+    matrix: FloatArray, right: FloatArray, positive: BoolArray, least: FloatArray, shift: float
 ) -> FloatArray:
     """Minimise ``x^T M x / 2 - right^T x`` over ``x >= 0`` for m small problems, by an active-set method.
 
@@ -634,7 +633,7 @@ def minimise_nonnegative(
     return np.maximum(minimisers, 0.0)
 
 
-def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
+def _minimise_free(matrix: FloatArray, right: FloatArray, active: BoolArray, shift: float) -> FloatArray:
     """Return the minimisers (N, m), of any sign, with the inactive components fixed at zero."""
     restricted = matrix * (active[:, None] & active)
     restricted.reshape(-1, right.shape[1])[:: len(right) + 1] += ~active  # its diagonal

@@ -11,9 +11,8 @@ from abc import abstractmethod
 from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.contacts.base import Blocks, ContactModel, upper_triangle
 
 ZERO_NORM = 1e-100  # norm of a block that counts as zero
@@ -197,7 +196,7 @@ def _tangential_sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.hypot(z[..., 1], z[..., 2]), np.abs(z[..., 3])
 
 
-def _is_in_cone(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
+def _is_in_cone(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> BoolArray:
     """Return whether a force is in the elliptic cone."""
     return np.asarray(np.hypot(r / mu, s / mu_t) <= z)
 

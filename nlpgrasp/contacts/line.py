@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import BoolArray, FloatArray, number
 from nlpgrasp.contacts.base import MISSING, Blocks, ContactModel
 from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, rotate_direction, tangents_along
 from nlpgrasp.contacts.plane import enclosing_disc
@@ -129,7 +128,7 @@ class LineContact(PadContact):
         return x
 
     @staticmethod
-    def _supports_force(x: FloatArray, limits: FloatArray, transverse: FloatArray) -> NDArray[np.bool_]:
+    def _supports_force(x: FloatArray, limits: FloatArray, transverse: FloatArray) -> BoolArray:
         """Return whether friction at both ends of the line suffices for contact forces (..., 5).
 
         ``limits`` and ``transverse`` (2, ...) are the friction limit and the size of the force across, at each end.

@@ -6,12 +6,12 @@ from abc import abstractmethod
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.formatting import vector
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import BoolArray, FloatArray, array, number
 from nlpgrasp.contacts.base import ContactModel
 from nlpgrasp.contacts.cone_sums import FrictionConeSum
 from nlpgrasp.contacts.cones import RangeContact
@@ -198,7 +198,7 @@ def rotate_direction(direction: tuple[float, ...] | None, rotation: FloatArray) 
     return direction if direction is None or len(rotation) == 2 else tuple((rotation @ direction).tolist())
 
 
-def is_off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
+def is_off_normal(direction: tuple[float, ...], normals: FloatArray) -> BoolArray:
     """Return whether a direction is far enough off each unit normal (b, 3) to orient a line or rectangle, (b,)."""
     return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= LEAST_SINE * np.linalg.norm(direction))
 

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Body, Box, Cylinder, Mesh, Polygon, Prism, Sphere, Torus
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.constraints import BoxRegion, Forbid, HalfSpace, Obstacle, PlacementConstraint, Region, Table, Workspace
 from nlpgrasp.global_bound.cells.cell import CellFace, SurfaceCell
 from nlpgrasp.global_bound.cells.flat_cells import FlatFaceCells, clip
@@ -133,7 +132,7 @@ class PositionLimits:
         differences = np.max(np.abs(images[:, None] - rows[None]), axis=2)
         return bool(np.max(differences.min(axis=1)) <= tolerance)
 
-    def contains(self, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+    def contains(self, points: FloatArray, normals: FloatArray) -> BoolArray:
         """Return the mask of allowed points (m, space), given inward normals."""
         mask = np.ones(len(points), dtype=bool)
         for half_spaces in self.half_spaces:

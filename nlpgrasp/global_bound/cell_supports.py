@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from nlpgrasp.budgets import ForceBudget, L2Budget, PerFingerBudget, PerFingerSizeBudget, SharedBudget
 from nlpgrasp.common.spatial import wrench_transform
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel, Work
 from nlpgrasp.errors import NotCoveredError
-from nlpgrasp.global_bound.cells.cell import CurvedParts, IntArray, SurfaceCell
+from nlpgrasp.global_bound.cells.cell import CurvedParts, SurfaceCell
 
 SEARCH_POWER = 32.0  # power of the norm that replaces the largest of the contacts' supports in searches for directions
 THRESHOLDS = (0.5, 0.7, 0.9)  # thresholds of successive rounds, over the bound to be lowered

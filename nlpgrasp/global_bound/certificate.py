@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.global_bound.cells.cell import IntArray
+from nlpgrasp.common.validation import IntArray
 from nlpgrasp.global_bound.contact_cells import NONE, ContactCells
 from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.node_tree import NodeTree
@@ -66,7 +66,7 @@ def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights]
 
 def _split_cells(tree: NodeTree, group_slots: slice) -> IntArray:
     """Return the indices of the split cells of a group, parents before children."""
-    split_cells = [np.zeros(0, dtype=np.int64)]
+    split_cells: list[IntArray] = [np.zeros(0, dtype=np.int64)]
     for nodes, slots in tree.splits:
         selected = np.flatnonzero((slots >= group_slots.start) & (slots < group_slots.stop))
         split_cells.append(nodes[selected, slots[selected]])

@@ -11,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.global_bound.allowed_regions import PositionLimits
 from nlpgrasp.global_bound.cell_supports import Supports
-from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
+from nlpgrasp.global_bound.cells.cell import CellFace, RepresentativeContacts, SurfaceCell
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
 
 NONE = -1  # index that stands for no cell, slot or symmetry

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import IntArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 ITERATIONS = 14  # largest number of Newton steps
 CENTRING = 0.05  # centring parameter of the path-following method

@@ -19,8 +19,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.global_bound.contact_cells import NONE, ContactCells
 from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.scope import BoundScope
@@ -51,7 +50,7 @@ class NodeArrays:
     def __len__(self) -> int:
         return len(self.cells)
 
-    def __getitem__(self, indices: NDArray[np.int64] | NDArray[np.bool_]) -> NodeArrays:
+    def __getitem__(self, indices: IntArray | BoolArray) -> NodeArrays:
         return NodeArrays(self.cells[indices], self.bounds[indices], self.dual_index[indices])
 
     @classmethod

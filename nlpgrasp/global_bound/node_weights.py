@@ -7,10 +7,8 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.global_bound.contact_cells import NONE
 from nlpgrasp.global_bound.dual_weights import DualWeights, optimal_dual_weights, round_weights
 from nlpgrasp.global_bound.node_tree import BoundingStrategy, Cells, FractionalPlacement, NodeArrays
@@ -36,7 +34,7 @@ class DualBounds(NamedTuple):
     directions: IntArray
     thresholds: FloatArray
 
-    def select(self, mask: NDArray[np.bool_]) -> DualBounds:
+    def select(self, mask: BoolArray) -> DualBounds:
         """Return the bounds of the nodes in a mask."""
         return DualBounds(self.bounds[mask], self.weights[mask], self.directions[mask], self.thresholds[mask])
 

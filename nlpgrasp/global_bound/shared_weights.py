@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.contacts import Work
 from nlpgrasp.global_bound.cell_supports import TORSION, Supports
-from nlpgrasp.global_bound.cells.cell import IntArray
 from nlpgrasp.global_bound.contact_cells import NONE, ContactClusters
 from nlpgrasp.global_bound.dual_weights import LEAST, DualWeights, optimal_dual_weights, round_weights
 from nlpgrasp.global_bound.node_tree import BoundingStrategy, FractionalPlacement, NodeArrays, NodeTree, children

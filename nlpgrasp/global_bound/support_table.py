@@ -28,9 +28,9 @@ from functools import cached_property
 
 import numpy as np
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.global_bound.cell_supports import Supports
-from nlpgrasp.global_bound.cells.cell import CurvedParts, CurvedSurface, IntArray
+from nlpgrasp.global_bound.cells.cell import CurvedParts, CurvedSurface
 from nlpgrasp.global_bound.contact_cells import ContactCells
 
 ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance, least and for the largest cell

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.unit_directions import directions
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
-from nlpgrasp.global_bound.cells.cell import IntArray
 from nlpgrasp.global_bound.contact_cells import ContactCells
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.tasks import Task
@@ -147,7 +145,7 @@ class NumberedDirections:
         return result
 
 
-def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
+def _is_repeated(twists: FloatArray, ratios: FloatArray) -> BoolArray:
     """Return the mask (b, m) of twists whose direction nearly equals that of a twist of smaller ratio.
 
     Twists are (b, m, d), their ``ratios`` (b, m). Of equal ratios, the first counts as smaller.

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.common.cache import cached_arrays
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.file_units import SCALE_CURE
@@ -232,7 +231,7 @@ def _merits(angles: FloatArray, cosines: FloatArray, pad_cosines: FloatArray, sl
 
 
 def _widest_cone(
-    normals: FloatArray, usable: NDArray[np.bool_], unusable: FloatArray, slides: bool
+    normals: FloatArray, usable: BoolArray, unusable: FloatArray, slides: bool
 ) -> tuple[FloatArray, float]:
     """Return axis and angle of the best cone of normals (m, 3) that contains no unusable normal (n, 3).
 

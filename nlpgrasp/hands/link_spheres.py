@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.robot import Robot
@@ -39,10 +38,6 @@ SPACING_MARGIN = 0.25  # share of the sample spacing added to distances, for the
 WORTH_A_WARNING = 6e-4  # metres: possible penetration of a link that is warned of
 MOST_ERROR = 3e-3  # metres: largest distance of spheres beyond the shapes
 PALM_SHARE = 5  # spheres of the palm over those of a finger's link
-
-
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.tips import HullTip, Tip, dome
 
@@ -225,7 +224,7 @@ class TipDistances:
         """Return whether all given fingertips are round, so that they face every direction."""
         return all(self._samples[i].normals is None for i in fingers)
 
-    def moving(self, fingers: Sequence[int]) -> NDArray[np.intp]:
+    def moving(self, fingers: Sequence[int]) -> IntArray:
         """Return the indices of the free joints that move some of the fingertips relative to others."""
         robot = self.tree.robot
         links = [self.tree.tips[i][0] for i in fingers]

@@ -20,13 +20,12 @@ from typing import ClassVar, cast
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.spatial import pose_data
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, angle, array, hand_length, number, prefix_errors
+from nlpgrasp.common.validation import BoolArray, FloatArray, angle, array, hand_length, number, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 
@@ -452,7 +451,7 @@ class Jaws:
 
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
-    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return each approach's penetration depth and mean distance from solids, and whether it enters one, (m,) each.
 
         Approaches are straight. The lines of fingers and palm are followed from the grasp outwards, by steps that
@@ -505,7 +504,7 @@ class Jaws:
         mean = (area.reshape(lines) / (path_length - setbacks)).mean(axis=1)
         return 0.0 - least_gap, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
-    def _clearance_lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    def _clearance_lines(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return start points (n, space) of finger and palm lines, distances (n,) to skip, and which lie on pads (n,).
 
         The lines are parallel to the approach, and go from their start outwards, after their setback; metres.

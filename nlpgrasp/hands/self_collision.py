@@ -15,13 +15,12 @@ from itertools import combinations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.scalar_constraints import SELF_COLLISION, TIPS_APART, LinkSphere, ScalarConstraint
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.unit_directions import directions_around
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
@@ -36,7 +35,6 @@ MAX_CORNERS = 64  # largest number of corners, and of normals, of a hull
 MIN_DISTANCE = 1e-12  # metres between the middles of hulls; nearer ones have no direction between them
 FIRST_DIRECTION = np.array([0.0, 0.0, 1.0])  # unit, the first separating direction
 EDGE_DIRECTIONS = directions_around(FIRST_DIRECTION, 60)  # beside the normals, for contact of edges with edges
-Indices = NDArray[np.intp]
 
 
 def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
@@ -125,7 +123,7 @@ class MovedSpheres:
         centres = np.einsum("sij,mj->smi", rotations, fit.centres) + positions[:, None]
         return cls(centres, fit.radii, rotations @ middle + positions, reach)
 
-    def gaps_near(self, other: MovedSpheres) -> tuple[Indices, FloatArray]:
+    def gaps_near(self, other: MovedSpheres) -> tuple[IntArray, FloatArray]:
         """Return the indices (n,) of postures in which two links' balls meet, and the gaps of their spheres there.
 
         Gaps (n, m, m') are signed distances, metres, negative where spheres overlap.

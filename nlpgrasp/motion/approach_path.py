@@ -14,10 +14,10 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.unit_directions import directions_around, directions_beside
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
+from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.straight_path import PathPosture, StraightPath, follow_straight_path
 from nlpgrasp.solution.obstructions import TABLE
 

@@ -21,9 +21,8 @@ from copy import copy
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.link_spheres import SphereFit
@@ -33,8 +32,6 @@ from nlpgrasp.problem.problem import GraspProblem
 
 TOLERANCE = 1e-3  # tolerated penetration of a sphere, as a share of the hand's span
 TIP_SHARE = 0.2  # tolerated penetration of a round tip in the body, as a share of its radius, as in the program
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 
 class CollisionModel:

@@ -17,7 +17,6 @@ from functools import cached_property, partial
 from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
@@ -25,7 +24,7 @@ from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.unit_directions import directions_around, directions_beside
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
@@ -60,7 +59,6 @@ _axes = np.concatenate([np.eye(3), -np.eye(3)])
 _corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / np.sqrt(3.0)
 DIRECTIONS = np.concatenate([_axes, _corners])  # directions of the pattern search
 Distance = Callable[[FloatArray], FloatArray]
-IntArray = NDArray[np.integer]
 
 
 class PenetrationModel:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
+from nlpgrasp.motion.link_clearance import CollisionModel
 
 LARGEST_STEP = 1.0 / 8.0  # first and largest step, as a share of the path
 CLEARANCE_ACCURACY = 1e-4  # metres, accuracy of the certified clearance

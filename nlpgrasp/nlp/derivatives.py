@@ -15,14 +15,12 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from nlpgrasp.common.validation import IntArray
 from nlpgrasp.nlp.blocks import ConstraintCopy, SplineSurface
 from nlpgrasp.nlp.program import Program
 
 UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # upper triangle of a 3 x 3 matrix, column by column
-
-Indices = NDArray[np.intp]  # indices of variables or constraints
 
 
 class ProgramFunctions:
@@ -325,7 +323,7 @@ class Repeats:
     def _columns_of(self, copy: ConstraintCopy) -> ca.SX:
         return self._z[[int(i) for i in self._indices(copy)]]
 
-    def _indices(self, copy: ConstraintCopy) -> Indices:
+    def _indices(self, copy: ConstraintCopy) -> IntArray:
         return np.array([*self._shared, *range(copy.variables.start, copy.variables.stop)])
 
 
@@ -336,7 +334,7 @@ class _SparseEntries:
         self._shape = rows, columns
         self._sums: dict[tuple[int, int], ca.SX] = {}
 
-    def add(self, block: ca.SX, rows: Indices, columns: Indices) -> None:
+    def add(self, block: ca.SX, rows: IntArray, columns: IntArray) -> None:
         """Add a sparse block at given rows and columns."""
         r, c = block.sparsity().get_triplet()
         entries = ca.vertsplit(block.nz[:])

@@ -18,10 +18,10 @@ from itertools import accumulate
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.scalar_constraints import Clearance, Label, ScalarConstraint
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.nlp.blocks import (
     HAND,
     Block,
@@ -36,8 +36,6 @@ from nlpgrasp.nlp.blocks import (
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints
 
 REACHABILITY, HAND_CONSTRAINTS = "(3.5-15)", "(3.5-16)"  # equations of the paper
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass

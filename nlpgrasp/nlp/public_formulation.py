@@ -13,10 +13,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, array, format_known_names
+from nlpgrasp.common.validation import BoolArray, FloatArray, array, format_known_names
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp.blocks import HAND, Block
@@ -185,7 +185,7 @@ class Formulation:
         """Upper limits of the constraints, (m,)."""
         return np.concatenate([self._program.limits[1], *[constraint.upper for constraint in self._added]])
 
-    def sparsity(self) -> tuple[NDArray[np.bool_], tuple[str, ...], tuple[str, ...]]:
+    def sparsity(self) -> tuple[BoolArray, tuple[str, ...], tuple[str, ...]]:
         """Return the sparsity pattern (m, n) of the constraints' Jacobian, and the names of its rows and columns."""
         inputs: list[Expression] = [self.x, self.p]
         pattern = ca.Function("g", inputs, [self.g]).jac_sparsity(0, 0)

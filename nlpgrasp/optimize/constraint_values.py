@@ -8,14 +8,13 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import CLEARANCE, SELF_COLLISION, ScalarConstraint
 from nlpgrasp.common.spatial import pose_data
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
@@ -81,7 +80,7 @@ class ConstraintValues:
         return np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf)
 
     @cached_property
-    def dependence_mask(self) -> NDArray[np.bool_]:
+    def dependence_mask(self) -> BoolArray:
         """Mask of the contacts that each constraint depends on, (rows, k + 1); the last column stands for the hand."""
         k, space = len(self.problem.models), self.problem.body.space
         result = np.zeros((len(self.named), k + 1), dtype=bool)
@@ -112,12 +111,12 @@ class ConstraintValues:
         )
 
     @cached_property
-    def clearances(self) -> NDArray[np.intp]:
+    def clearances(self) -> IntArray:
         """Indices of the constraints that keep a link away from the held body."""
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     @cached_property
-    def without_surface_points(self) -> NDArray[np.intp]:
+    def without_surface_points(self) -> IntArray:
         """Indices of the constraints other than those on surface points of links: those of the problem as given."""
         return np.array([i for i, r in enumerate(self.named) if f"/{SURFACE_POINT} " not in r.link], dtype=int)
 

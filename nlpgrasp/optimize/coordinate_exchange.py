@@ -23,12 +23,12 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.unit_directions import directions
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, project_onto_constraints
-from nlpgrasp.optimize.surface_samples import BAND, IntArray, SampleCloud, SampleTables
+from nlpgrasp.optimize.surface_samples import BAND, SampleCloud, SampleTables
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screening_score

@@ -6,10 +6,9 @@ They are computed at a candidate, selected for the slots of the program, and pas
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -115,7 +114,7 @@ def append_new(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArr
     return np.concatenate([cuts, directions[new_directions(compiled, cuts, directions)]])
 
 
-def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> BoolArray:
     """Return the mask of directions (n, d) that equal none of the cuts (m, d) in solver units."""
     a, b = cuts / compiled.scaling.wrench, directions / compiled.scaling.wrench
     a = a / np.linalg.norm(a, axis=1, keepdims=True)

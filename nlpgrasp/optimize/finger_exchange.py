@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
@@ -217,7 +216,7 @@ def _least_improvement(score: float) -> float:
     return score + GAIN * abs(score)
 
 
-def _single_finger_variables(compiled: CompiledProblem, candidate: GraspCandidate) -> NDArray[np.bool_]:
+def _single_finger_variables(compiled: CompiledProblem, candidate: GraspCandidate) -> BoolArray:
     """Return for each finger the mask of the hand's variables that move this finger alone, (k, m)."""
     jacobian = np.abs(compiled.hand_functions.tip_jacobian_function(*candidate.hand.values())[1].full())
     moves = jacobian.reshape(len(candidate.points), 3, -1).max(axis=1) > FIXED

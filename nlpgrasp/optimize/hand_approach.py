@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore_feasibility, step_bounds
 from nlpgrasp.common.scalar_constraints import ON_FINGERTIP
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.keyframes import plan_keyframes
@@ -38,7 +37,6 @@ FINEST = 0.02  # smallest stage, as a share of the requested clearance
 ENOUGH = 0.2  # share of the requested clearance below which the palm moves as well
 LONGEST = 0.2  # longest Newton step, radians or solver units
 T = TypeVar("T")
-IntArray = NDArray[np.intp]
 
 
 def choose_free_approach(

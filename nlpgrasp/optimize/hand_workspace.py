@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
-from nlpgrasp.optimize.surface_samples import IntArray, SampleCloud
+from nlpgrasp.optimize.surface_samples import SampleCloud
 from nlpgrasp.problem.problem import GraspProblem
 
 POSTURES = 2048  # sampled joint configurations
@@ -29,14 +29,14 @@ class ReachableSamples:
 
     Parameters
     ----------
-    samples : list of k (m,) int arrays
+    samples : sequence of k (m,) int arrays
         Indices of the surface samples that each fingertip reaches with its finger's links outside the body.
-    postures : list of k int arrays
+    postures : sequence of k int arrays
         Index of a joint configuration that reaches each of all samples.
     """
 
-    samples: list[IntArray]
-    postures: list[IntArray]
+    samples: Sequence[IntArray]
+    postures: Sequence[IntArray]
 
 
 class HandWorkspace:
@@ -139,7 +139,7 @@ class _Links:
         self.centres, self.least = np.ascontiguousarray(centres), least
 
 
-def _differing_points(points: FloatArray) -> NDArray[np.bool_]:
+def _differing_points(points: FloatArray) -> BoolArray:
     """Return the mask (s, m) of the points that move between the first and each later configuration.
 
     Points are (1 + m, s, 3), those of the first configuration first.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
@@ -166,9 +166,7 @@ def _reachable_palms(
     return reaching, reaches
 
 
-def _best_random_tuple(
-    search: CoordinateExchange, reach: ReachableSamples, rng: np.random.Generator
-) -> NDArray[np.intp]:
+def _best_random_tuple(search: CoordinateExchange, reach: ReachableSamples, rng: np.random.Generator) -> IntArray:
     """Return the best of some random tuples of reachable samples, (k,)."""
     tuples = np.stack([rng.choice(samples, RANDOM_TUPLES) for samples in reach.samples], axis=1)
     return np.asarray(tuples[int(np.argmax(search.values(tuples)))])

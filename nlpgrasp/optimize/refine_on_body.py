@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
@@ -203,11 +202,11 @@ class JointLimitMargins:
             margin, dict(zip(self.names, self.wanted.tolist(), strict=True)), self.distances_by_name(joints), price
         )
 
-    def is_below_margin(self, joints: FloatArray) -> NDArray[np.bool_]:
+    def is_below_margin(self, joints: FloatArray) -> BoolArray:
         """Return the mask of joints (m,) nearer to a limit than their margin, (m,)."""
         return np.asarray(self.distances_to_limits(joints) < (1.0 - SMALL) * self.wanted)
 
-    def narrow_limits(self, joints: NDArray[np.bool_]) -> FloatArray:
+    def narrow_limits(self, joints: BoolArray) -> FloatArray:
         """Return the joint limits (2, m), narrowed by the margins of the joints in a mask (m,)."""
         margins = np.where(joints, self.wanted, 0.0)
         return np.stack([self.limits[0] + margins, self.limits[1] - margins])
@@ -227,7 +226,7 @@ def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate,
 
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
-) -> tuple[NDArray[np.bool_], GraspCandidate]:
+) -> tuple[BoolArray, GraspCandidate]:
     """Return the mask (m,) of joints that can keep their margins while all fingertips touch, and such a candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
     for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
@@ -241,7 +240,7 @@ def _joints_with_margin(
     return ~lacking, candidate
 
 
-def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins: FloatArray) -> NDArray[np.bool_]:
+def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins: FloatArray) -> BoolArray:
     """Return the mask of joints (m,) whose margins are given up, so that the rest cost at most ``room_price``."""
     point, program = result.point, compiled.cutting_planes.functions.program
     costly = np.zeros(len(margins), dtype=bool)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.pad import is_off_normal
 from nlpgrasp.errors import InputError
@@ -38,7 +38,6 @@ TABLE_SAMPLES, PROJECTED_SAMPLES = 2400, 800  # samples of a contact in its supp
 BAND = 0.05  # allowed violation of equations, relative to their scales; samples are projected afterwards
 NEGLIGIBLE = 1e-5  # violation beyond the band, relative to the constraint's scale, that counts as none
 METRIC_GRASPS = 256  # random grasps whose wrenches complete the metric of a degenerate task
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class SampleCloud:
     normals: FloatArray
     tree: cKDTree
 
-    def subset(self, indices: NDArray[np.intp]) -> SampleCloud:
+    def subset(self, indices: IntArray) -> SampleCloud:
         """Return the cloud of the points with given indices (m,)."""
         points = self.points[indices]
         return SampleCloud(self.faces[indices], points, self.normals[indices], cKDTree(points))
@@ -143,7 +142,7 @@ def mesh_of(problem: GraspProblem) -> Mesh:
     return problem.body
 
 
-def is_usable(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
+def is_usable(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> BoolArray:
     """Return the mask of mesh points (m, 3), with outward normals (m, 3), that a contact may use.
 
     They are at least the margin away from sharp edges, their normals are near those of the smooth surface, and the
@@ -284,7 +283,7 @@ class SampleTable:
         return np.asarray(self.rule.powers(self.model, work), dtype=np.float32)
 
 
-def opposite_pairs(cloud: SampleCloud) -> NDArray[np.intp]:
+def opposite_pairs(cloud: SampleCloud) -> IntArray:
     """Return index pairs of opposite points, (b, 2): the second is near the line along the first one's inward normal.
 
     The line may leave the body and enter it again: each point has up to three partners.
@@ -318,12 +317,12 @@ def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
     return [direction for direction in directions if direction is not None]
 
 
-def _determines_direction(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
+def _determines_direction(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> BoolArray:
     """Return the mask (m,) of unit normals (m, 3) to which no direction of a line or rectangle is nearly parallel."""
     return np.asarray(np.all([is_off_normal(direction, outward) for direction in directions], axis=0))
 
 
-def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_], most: int) -> SampleCloud:
+def _table_samples(cloud: SampleCloud, allowed: BoolArray, most: int) -> SampleCloud:
     """Return at most ``most`` allowed points of a cloud, or of all its points if none is allowed."""
     indices = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(indices) > most:
@@ -332,7 +331,7 @@ def _table_samples(cloud: SampleCloud, allowed: NDArray[np.bool_], most: int) ->
 
 
 def _distinct_contacts(
-    models: Sequence[ContactModel], clouds: Sequence[SampleCloud], allowed: Sequence[NDArray[np.bool_]]
+    models: Sequence[ContactModel], clouds: Sequence[SampleCloud], allowed: Sequence[BoolArray]
 ) -> tuple[list[int], list[int]]:
     """Return the contacts with distinct models or samples, and each contact's index among these.
 
@@ -353,7 +352,7 @@ def _distinct_contacts(
 
 def _satisfying_samples(
     rows: ConstraintValues, hand: HandFunctions, clouds: Sequence[SampleCloud], contact: int
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return the mask of a contact's samples that satisfy the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)
     on_contact = rows.dependence_mask[:, contact] & (np.sum(rows.dependence_mask, axis=1) == 1)

@@ -18,7 +18,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.quadratic_program import (
     Linearised,
@@ -28,7 +27,7 @@ from nlpgrasp.common.quadratic_program import (
     restore_feasibility,
     step_bounds,
 )
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, contact_points, hand_of, pack_variables
@@ -184,7 +183,7 @@ class Linearisation:
         )
 
     @property
-    def cut_indices(self) -> NDArray[np.intp]:
+    def cut_indices(self) -> IntArray:
         """Indices of the cuts among all constraints, (m,)."""
         program = self.functions.program
         if self.outside_cuts is None:
@@ -223,7 +222,7 @@ class Linearisation:
 
 
 def reduced_hessian(
-    linear: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
+    linear: Linearisation, cuts: FloatArray, minimisers: BoolArray, multipliers: FloatArray
 ) -> FloatArray:
     """Return the Lagrangian's reduced Hessian, (n, n), solver units, with eigenvalues of at least ``LEAST_CURVATURE``.
 
@@ -253,7 +252,7 @@ def reduced_hessian(
 
 
 def _moving_minimiser_part(
-    linear: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
+    linear: Linearisation, cuts: FloatArray, moving: IntArray, multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
     """Return the part (s, s) of the Hessian, in a basis (n, s), due to weakest directions that move with the contacts.
 

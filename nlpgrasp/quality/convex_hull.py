@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
-Indices = NDArray[np.intp]
 LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
 MOST_NEW_CELLS = (
@@ -60,7 +59,7 @@ class IncrementalHull:
         self._dimension: int = points.shape[1]
         self._random = np.random.default_rng(0)
         self._names = self._new_names(self._count)
-        self._cells: Indices = np.asarray(ConvexHull(points).simplices, dtype=np.intp)
+        self._cells: IntArray = np.asarray(ConvexHull(points).simplices, dtype=np.intp)
         self._neighbours = self._first_neighbours()
         try:
             corners = self._points[self._cells]
@@ -70,7 +69,7 @@ class IncrementalHull:
         self.values = measure(self.planes, self.centre)
         self._marked = np.zeros(len(self.planes), dtype=bool)
         self._size = len(self.planes)
-        self._free: Indices = np.zeros(0, dtype=np.intp)
+        self._free: IntArray = np.zeros(0, dtype=np.intp)
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -86,7 +85,7 @@ class IncrementalHull:
         planes = self.planes[: self._size][live]
         return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
 
-    def worst(self, threshold: float, limit: int) -> Indices:
+    def worst(self, threshold: float, limit: int) -> IntArray:
         """Return the indices of at most ``limit`` cells with values below a threshold, smallest first."""
         values = self.values[: self._size]
         cells = np.flatnonzero(values < threshold)
@@ -94,7 +93,7 @@ class IncrementalHull:
             cells = cells[np.argpartition(values[cells], limit - 1)[:limit]]
         return cells[np.argsort(values[cells])]
 
-    def normals(self, cells: Indices) -> FloatArray:
+    def normals(self, cells: IntArray) -> FloatArray:
         """Return the unit normals of cells, (m, d)."""
         planes = self.planes[cells]
         return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
@@ -146,7 +145,7 @@ class IncrementalHull:
         return True
 
     def _new_planes(
-        self, height: FloatArray, visible_cells: Indices, hidden_cells: Indices, cells: Indices
+        self, height: FloatArray, visible_cells: IntArray, hidden_cells: IntArray, cells: IntArray
     ) -> FloatArray:
         """Return the planes through the horizon's ridges and the new point, interpolated from adjacent cells."""
         drop = height[visible_cells] - height[hidden_cells]
@@ -161,7 +160,7 @@ class IncrementalHull:
                 planes[nearly_equal[is_finite]] = solved[is_finite]
         return planes
 
-    def _match_ridges(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
+    def _match_ridges(self, cells: IntArray, inner: BoolArray) -> tuple[IntArray, IntArray, IntArray] | None:
         """Return the pairs of cells that share a ridge; None if some ridge is unmatched.
 
         For each ridge of each cell: row of the cell, slot of the vertex opposite, and row of the other cell.
@@ -178,7 +177,7 @@ class IncrementalHull:
         partner[first], partner[second] = rows[second], rows[first]
         return rows, slots, partner
 
-    def _first_neighbours(self) -> Indices:
+    def _first_neighbours(self) -> IntArray:
         """Return the neighbours of Qhull's cells, each across the ridge opposite a vertex, (f, d)."""
         cells = self._cells
         pairs = self._match_ridges(cells, np.ones(cells.shape, dtype=bool))
@@ -189,7 +188,7 @@ class IncrementalHull:
         neighbours[rows, slots] = partner
         return neighbours
 
-    def _slots(self, removed: Indices, count: int) -> Indices:
+    def _slots(self, removed: IntArray, count: int) -> IntArray:
         """Return storage indices for new cells, reusing those of removed cells."""
         self.planes[removed] = 0.0
         self.values[removed] = np.inf

@@ -11,13 +11,13 @@ from typing import overload
 
 import clarabel
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import BoolArray, FloatArray, array
 from nlpgrasp.contacts.product import conic_lift, project_strictly
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp
@@ -54,7 +54,7 @@ class FingerForces:
     """
 
     forces: FloatArray
-    feasible: NDArray[np.bool_]
+    feasible: BoolArray
     residual: FloatArray
     used: FloatArray
     separating_directions: FloatArray
@@ -193,7 +193,7 @@ def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> 
     return projected
 
 
-def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
+def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> BoolArray:
     """Return the mask of directions y that separate wrenches w from the cone ``G K``.
 
     There is no support along y, and <w, y> is clearly above 0.

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.spatial import (
     UNIT_TOLERANCE,
@@ -18,7 +18,7 @@ from nlpgrasp.common.spatial import (
     wrench_transform,
 )
 from nlpgrasp.common.user_warnings import is_called_by_user, warn
-from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, array, number, read_only
+from nlpgrasp.common.validation import LONGEST_BODY, BoolArray, FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
@@ -105,7 +105,7 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
     return np.asarray(normals / np.where(deviation <= ROUNDING, 1.0, length)[..., None])
 
 
-def do_all_point_away(points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+def do_all_point_away(points: FloatArray, normals: FloatArray) -> BoolArray:
     """Return whether all normals (..., k, space) of a grasp point away from the points' mean, within 45 degrees.
 
     This also holds for contacts in a cavity gripped from inside.

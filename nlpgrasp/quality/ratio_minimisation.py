@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.quality.containment import Containment
 
 REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
@@ -194,7 +193,7 @@ def _slope(gradient: FloatArray, u: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u, axis=1))
 
 
-def select_separated(u: FloatArray, order: NDArray[np.intp], cosine: float, limit: int) -> list[int]:
+def select_separated(u: FloatArray, order: IntArray, cosine: float, limit: int) -> list[int]:
     """Return indices of at most ``limit`` directions, best first, with pairwise cosines below ``cosine``."""
     ordered = u[order]
     is_near = ordered @ ordered.T >= cosine

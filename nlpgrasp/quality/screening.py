@@ -7,13 +7,12 @@ that choose the directions themselves.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.unit_directions import directions, directions_around
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.contacts.product import project
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
@@ -166,7 +165,7 @@ class GraspBatch:
         self.G = G
         self._set = force_set
 
-    def of(self, rows: NDArray[np.bool_]) -> GraspBatch:
+    def of(self, rows: BoolArray) -> GraspBatch:
         """Return the batch of the grasps in a mask."""
         return GraspBatch(self.G[rows], self._set)
 

@@ -19,9 +19,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.unit_directions import directions, directions_around
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.convex_hull import BEYOND, Indices
+from nlpgrasp.quality.convex_hull import BEYOND
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
@@ -40,7 +40,7 @@ FLAT = 1e-12  # volume of a cell over that of a rectangular one below which it i
 LEAST_HEIGHT = 0.5  # least height of a cell over its plane's nominal height 1
 COMPACT = 0.75  # share of unfinished grasps below which finished ones are removed
 
-Mask = NDArray[np.bool_]
+Mask = BoolArray
 
 
 def certify_side_by_side(
@@ -182,10 +182,10 @@ class _Chunk:
 class _Horizon:
     """Ridges between removed and remaining cells, each as a side of a removed cell."""
 
-    row: Indices  # (r,), of grasps
-    slot: Indices  # (r,), of the removed cells
-    cells: Indices  # (r, d), vertices of the removed cells
-    corner: Indices  # (r,), corners of these cells that are opposite the ridges
+    row: IntArray  # (r,), of grasps
+    slot: IntArray  # (r,), of the removed cells
+    cells: IntArray  # (r, d), vertices of the removed cells
+    corner: IntArray  # (r,), corners of these cells that are opposite the ridges
 
 
 class StackedHulls:
@@ -225,7 +225,7 @@ class StackedHulls:
             self._cells[i, : len(cells)] = cells
         self._inverses, self.planes = np.zeros((b, most, d, d)), np.zeros((b, most, d))
         self.values = np.full((b, most), np.inf)
-        self._new = np.nonzero(np.arange(most) < self._sizes[:, None])
+        self._new: tuple[IntArray, ...] = np.nonzero(np.arange(most) < self._sizes[:, None])
         row, slot = self._new
         corners = self._points[row[:, None], self._cells[row, slot]]
         volume = np.prod(np.linalg.norm(corners, axis=2), axis=1)
@@ -276,14 +276,14 @@ class StackedHulls:
         self._new = row, slot
         return np.asarray(np.bincount(removed_row, minlength=len(p)) > 0)
 
-    def _horizon(self, row: Indices, slot: Indices) -> _Horizon:
+    def _horizon(self, row: IntArray, slot: IntArray) -> _Horizon:
         """Return the ridges around the removed cells, sorted by grasp."""
         cells = self._cells[row, slot]
         single = self._odd_ridges(row, cells)
         cell, corner = np.divmod(single, cells.shape[1])
         return _Horizon(row[cell], slot[cell], cells[cell], corner)
 
-    def _odd_ridges(self, row: Indices, cells: Indices) -> Indices:
+    def _odd_ridges(self, row: IntArray, cells: IntArray) -> IntArray:
         """Return the ridges that an odd number of cells (m, d) of a grasp share.
 
         They are indexed by cell and corner.
@@ -296,7 +296,7 @@ class StackedHulls:
         first = np.flatnonzero(is_first)
         return np.sort(order[first[np.diff(first, append=len(keys)) % 2 == 1]])
 
-    def _slots(self, removed: tuple[Indices, Indices], row: Indices) -> Indices:
+    def _slots(self, removed: tuple[IntArray, IntArray], row: IntArray) -> IntArray:
         """Return storage slots of new cells, sorted by grasp: those of removed cells first."""
         self.planes[removed], self.values[removed] = 0.0, np.inf
         removed_counts, counts = (np.bincount(rows, minlength=len(self.planes)) for rows in (removed[0], row))
@@ -342,7 +342,7 @@ def _random_keys(random: np.random.Generator, count: int) -> NDArray[np.uint64]:
     return random.integers(0, 2**63, size=count, dtype=np.uint64)
 
 
-def _facets(points: FloatArray) -> Indices:
+def _facets(points: FloatArray) -> IntArray:
     """Return the facets (f, d) of the hull of points (n, d); an empty array for flat points."""
     try:
         return np.asarray(ConvexHull(points).simplices, dtype=np.intp)

@@ -16,7 +16,7 @@ from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.unit_directions import directions
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
@@ -54,7 +54,7 @@ class ShadedSurface:
 
     positions: FloatArray
     normals: FloatArray
-    faces: NDArray[np.int64]
+    faces: IntArray
     edges: FloatArray
 
     def to_dict(self) -> Json:
@@ -110,7 +110,7 @@ def surface(shape: Triangles, crease: float = CREASE) -> ShadedSurface:
     )
 
 
-def pack(values: NDArray[np.float64] | NDArray[np.int64], kind: str) -> str:
+def pack(values: NDArray[np.float64] | IntArray, kind: str) -> str:
     """Return numbers of a given numpy type as base64 text."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
 
@@ -131,7 +131,7 @@ def triangle_normals(corners: FloatArray) -> FloatArray:
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
-def _merge_vertices(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
+def _merge_vertices(shape: Triangles) -> tuple[FloatArray, IntArray]:
     """Return the vertices with coinciding ones merged, and the triangles that keep three distinct ones."""
     step = MERGE_DISTANCE * max(float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0)), 1e-300)
     _, representatives, merged_index = np.unique(
@@ -150,7 +150,7 @@ def _corner_angles(corners: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(across, np.sum(to_next * to_previous, axis=2)))
 
 
-def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, crease_cosine: float) -> FloatArray:
+def _creases(vertices: FloatArray, faces: IntArray, normals: FloatArray, crease_cosine: float) -> FloatArray:
     """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle.
 
     There are none if too many of their vertices are loose ends, where a single such edge ends.

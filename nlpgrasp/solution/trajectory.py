@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.spatial import Pose, pose_matrix
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray, IntArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.solution.phase_record import jaw_phases
@@ -157,7 +156,7 @@ def require_jaws(solution: GraspSolution, allowed: str) -> ParallelJaw:
     return ParallelJaw.from_dict(data)
 
 
-def _sample_legs(durations: Sequence[float], rate: float) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+def _sample_legs(durations: Sequence[float], rate: float) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return samples of consecutive motions: times (m,), index of the motion (m,), completed fraction (m, 1).
 
     The first sample is the start of the first leg; all others end at most ``1 / rate`` seconds after the previous one.

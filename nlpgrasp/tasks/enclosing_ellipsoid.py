@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaincinv
 
 from nlpgrasp.common.formatting import COMPONENTS
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.wrench_table import columns_of, has_units, scales_of, table_of, units_of
 
@@ -99,7 +99,7 @@ class EnclosingEllipsoid:
 
     center: FloatArray
     axes: FloatArray
-    inside: NDArray[np.bool_]
+    inside: BoolArray
     gap: float | None
     flat: FloatArray
 
@@ -290,7 +290,7 @@ def _quadratic_forms(q: FloatArray, inner: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ij,ij->i", q @ inner, q))
 
 
-def _independent_points(q: FloatArray) -> NDArray[np.intp]:
+def _independent_points(q: FloatArray) -> IntArray:
     """Return the indices of n linearly independent points among points (m, n).
 
     Each is the point farthest from the span of those before.
@@ -366,7 +366,7 @@ def _read_frame(frame: object) -> FloatArray:
     return table.numbers(columns) * scales_of(units)
 
 
-def format_invalid_rows(rows: NDArray[np.intp]) -> str:
+def format_invalid_rows(rows: IntArray) -> str:
     """Return the text of a message about rows that are not finite."""
     indices = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
     return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({indices})"

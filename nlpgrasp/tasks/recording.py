@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.spatial import Pose, pose_matrix, wrench_transform
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.enclosing_ellipsoid import GAP, enclose, format_invalid_rows
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
@@ -41,8 +41,8 @@ class WrenchRecording:
     """
 
     wrenches: FloatArray
-    lines: NDArray[np.intp]
-    dropped: NDArray[np.intp]
+    lines: IntArray
+    dropped: IntArray
     source: str
     columns: tuple[str, ...] = ()
     units: tuple[str, ...] = ()

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.formatting import vector
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import SMALLEST, FloatArray, array, number, read_only
+from nlpgrasp.common.validation import SMALLEST, BoolArray, FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
 from nlpgrasp.tasks.enclosing_ellipsoid import GAP, EnclosingEllipsoid, enclose
@@ -262,7 +262,7 @@ class EllipsoidFit:
     """
 
     task: TaskEllipsoid
-    inside: NDArray[np.bool_]
+    inside: BoolArray
     gap: float | None
     flat: FloatArray
 

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import LARGEST, FloatArray
+from nlpgrasp.common.validation import LARGEST, FloatArray, IntArray
 from nlpgrasp.errors import InputError
 
 LARGEST_FILE = 500_000_000  # bytes
@@ -60,7 +59,7 @@ class WrenchTable:
     name: str
     header: list[str] | None
     rows: list[list[str]] | FloatArray
-    lines: NDArray[np.intp]
+    lines: IntArray
     comma: bool = False
 
     @property

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.obstructions import BODY, TOLERANCE, jaws_depth
 from nlpgrasp.solution.solution import GraspSolution
@@ -186,7 +185,7 @@ def _approach_penetration(
     starts, offsets, on_pads = _finger_and_palm_lines(problem_hand, placement.points)
     approach = array(DIRECTION, hand["approach"]["direction"], starts.shape[1:])
 
-    def clearance(solids: Sequence[NumericSolid], line: NDArray[np.intp], coordinate: FloatArray) -> FloatArray:
+    def clearance(solids: Sequence[NumericSolid], line: IntArray, coordinate: FloatArray) -> FloatArray:
         points = starts[line] - coordinate[:, None] * approach
         return np.asarray(np.min([solid.distance(points) - solid.clearance for solid in solids], axis=0))
 
@@ -213,9 +212,9 @@ def _blocking_errors(stated: Json | None, recomputed: Mapping[str, float], toler
 
 
 def _least_clearance(
-    clearance: Callable[[NDArray[np.intp], FloatArray], FloatArray],
+    clearance: Callable[[IntArray, FloatArray], FloatArray],
     stations: FloatArray,
-    on_pads: NDArray[np.bool_],
+    on_pads: BoolArray,
     is_thick: bool,
 ) -> tuple[float, bool]:
     """Return the least clearance (metres) over several lines, and whether one of them runs steeply into a solid.
@@ -238,7 +237,7 @@ def _least_clearance(
     lines, count = stations.shape
     values = clearance(np.repeat(np.arange(lines), count), stations.ravel()).reshape(stations.shape)
     least, enters_steeply = float(values.min()), False
-    line: NDArray[np.intp] = np.repeat(np.arange(lines), count - 1)
+    line: IntArray = np.repeat(np.arange(lines), count - 1)
     low, high, start, end = (x.ravel() for x in (stations[:, :-1], stations[:, 1:], values[:, :-1], values[:, 1:]))
     while line.size:
         length = high - low
@@ -255,7 +254,7 @@ def _least_clearance(
     return least, enters_steeply
 
 
-def _finger_and_palm_lines(problem_hand: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _finger_and_palm_lines(problem_hand: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return the lines along which points of fingers and palm approach.
 
     Their points at the pads (n, space), the distance at which each line starts, and whether it starts on a pad.

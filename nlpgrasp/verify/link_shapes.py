@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.robot_files import SI, UrdfUnits, find_mesh
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
@@ -46,7 +45,7 @@ class LinkShape:
     """
 
     vertices: FloatArray
-    faces: NDArray[np.int64]
+    faces: IntArray
     corners: FloatArray | None = None
 
 

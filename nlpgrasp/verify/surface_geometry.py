@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 SMALLEST = 1e-300  # smallest divisor
 SHARP_COSINE = 0.75**0.5  # cosine of 30 degrees: an edge between directions further apart is sharp
@@ -31,7 +30,7 @@ class TriangleSurface:
     """
 
     vertices: FloatArray
-    faces: NDArray[np.int64]
+    faces: IntArray
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -45,7 +44,7 @@ class TriangleSurface:
         normal = np.cross(b - a, c - a)
         return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None])
 
-    def nearby_triangles(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
+    def nearby_triangles(self, point: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
         """Return the triangles that may be within ``reach`` of the nearest one, and their distances from a point (3,).
 
         Bounding balls about the triangles' centres rule out nearly all of them.

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.meshes.intersections import intersecting_boxes, normals_of
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, local_origin, relative_to
+from nlpgrasp.common.meshes.search_tree import SearchTree, local_origin, relative_to
 from nlpgrasp.common.meshes.topology import MeshParts, drop_duplicates, drop_unused_vertices, merge_mesh_vertices
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -227,13 +226,13 @@ def separate_pieces(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
     ]
 
 
-def _components(count: int, first: IntArray, second: IntArray) -> NDArray[np.int64]:
+def _components(count: int, first: IntArray, second: IntArray) -> IntArray:
     """Return the connected component (count,) of each node of a graph with edges from ``first`` to ``second``."""
     graph = coo_matrix((np.ones(first.size, dtype=bool), (first.ravel(), second.ravel())), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _edge_ids(faces: IntArray) -> NDArray[np.int64]:
+def _edge_ids(faces: IntArray) -> IntArray:
     """Return an integer identifier for each undirected edge of each triangle, (f, 3)."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     return np.asarray(ends.min(axis=2) << 32 | ends.max(axis=2), dtype=np.int64)

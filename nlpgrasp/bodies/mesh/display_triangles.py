@@ -6,10 +6,10 @@ import numpy as np
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
-from nlpgrasp.bodies.triangulation import PLATE, IntArray
+from nlpgrasp.bodies.triangulation import PLATE
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.search_tree import local_origin, relative_to
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 CELLS = 48  # grid cells along the longest side
 MARGIN = 0.04  # of the size: grid beyond the body

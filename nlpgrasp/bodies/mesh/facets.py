@@ -7,12 +7,11 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 SIDES = 3  # of a triangle
 NEAREST, MOST = 12, 24  # sharp edges considered near a place of a contact; near all its places, at most
@@ -37,7 +36,7 @@ class Facets(Body):
         Of the contacts' faces; ``triangle_of`` returns their triangles.
     """
 
-    def __init__(self, mesh: Mesh, triangles: NDArray[np.intp], points: FloatArray, margin: float) -> None:
+    def __init__(self, mesh: Mesh, triangles: IntArray, points: FloatArray, margin: float) -> None:
         self.mesh, self.margin = mesh, margin
         self.points, self.triangle_indices = points, triangles
         self.names = tuple(f"contact {i}, triangle {triangle}" for i, triangle in enumerate(triangles.tolist()))

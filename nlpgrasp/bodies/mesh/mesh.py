@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import SHARP, Body, Face
 from nlpgrasp.bodies.mesh.defects import defect_warnings, refuse_guessed_surface
@@ -25,11 +24,11 @@ from nlpgrasp.bodies.mesh.signed_distance import (
 from nlpgrasp.common.meshes.intersections import is_covered, normals_of
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh, scale_mesh
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
+from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.user_warnings import warn_once
-from nlpgrasp.common.validation import FloatArray, integer, metres_per, number
+from nlpgrasp.common.validation import FloatArray, IntArray, integer, metres_per, number
 
 if TYPE_CHECKING:
     import trimesh
@@ -263,7 +262,7 @@ class Mesh(Body):
         squared, triangles, positions = self._tree.nearest(points)
         return positions, np.asarray(self.mesh.face_normals)[triangles], np.sqrt(squared)
 
-    def triangles_at(self, points: FloatArray) -> NDArray[np.intp]:
+    def triangles_at(self, points: FloatArray) -> IntArray:
         """Return the indices (m,) of the triangles nearest to points (m, 3)."""
         return np.asarray(self._tree.nearest(points)[1], dtype=np.intp)
 

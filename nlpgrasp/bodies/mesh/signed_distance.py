@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.common.cache import cached_arrays
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, local_origin, relative_to
+from nlpgrasp.common.meshes.search_tree import SearchTree, local_origin, relative_to
 from nlpgrasp.common.meshes.topology import is_plain
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import trimesh
@@ -34,7 +34,6 @@ STEPS = 12  # Newton steps from mesh points to the smoothed surface
 OFFSET_QUANTILE = 0.8  # quantile of the offset over the surface
 
 ROUNDING = 1e-9  # relative error of distances, at most
-BoolArray = NDArray[np.bool_]
 GridDistance = Callable[[FloatArray, BoolArray, float], FloatArray]  # points of a grid, chosen ones, spacing, metres
 
 
@@ -445,9 +444,7 @@ def inward_rays(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, FloatArr
     return np.asarray(points, dtype=float), -np.asarray(mesh.face_normals)[triangles]
 
 
-def first_hits(
-    mesh: trimesh.Trimesh, points: FloatArray, directions: FloatArray
-) -> tuple[FloatArray, NDArray[np.intp]]:
+def first_hits(mesh: trimesh.Trimesh, points: FloatArray, directions: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return each ray's length up to the first triangle it hits, (n,), metres, and that triangle's index, (n,).
 
     A ray that hits nothing is as long as the mesh, and its triangle is -1.

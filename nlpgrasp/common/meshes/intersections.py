@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.meshes.search_tree import IntArray
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 FEW = 48  # most boxes compared pairwise
 PARALLEL = 1.0 - 1e-6  # cosine of the angle below which axes are parallel
@@ -60,7 +58,7 @@ def intersecting_triangles(vertices: FloatArray, faces: IntArray, slack: float) 
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
+def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:
     """Return whether each triangle (p, 3, 3) intersects or touches its partner (p, 3, 3).
 
     A separating axis shows that they do not. Along a triangle's normal a gap of up to ``slack`` still counts as
@@ -71,7 +69,7 @@ def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> 
     return np.concatenate([np.zeros(0, dtype=bool), *(_batch_intersects(first[s], second[s], slack) for s in parts)])
 
 
-def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
+def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:
     """Return whether each triangle of a batch intersects its partner, by separating axes."""
     normals = normals_of(first), normals_of(second)
     result = np.ones(len(first), dtype=bool)
@@ -91,7 +89,7 @@ def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> ND
     return result
 
 
-def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
+def is_covered(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:
     """Return whether each triangle (p, 3, 3) lies entirely on its partner (p, 3, 3), within ``slack``."""
     from_corner = first[:, :, None] - second[:, None]  # pair, corner of one, corner of the other
     result = in_plane(first, second, slack)
@@ -100,7 +98,7 @@ def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[n
     return np.asarray(result & np.all(np.einsum("pijk,pjk->pij", from_corner, inwards) >= -slack, axis=(1, 2)))
 
 
-def in_plane(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
+def in_plane(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:
     """Return whether each triangle (p, 3, 3) lies in the plane of its partner (p, 3, 3), within ``slack``."""
     offsets = np.einsum("pik,pk->pi", first - second[:, :1], normals_of(second))
     return np.asarray(np.all(np.abs(offsets) <= slack, axis=1))

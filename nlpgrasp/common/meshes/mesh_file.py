@@ -13,10 +13,10 @@ import numpy as np
 
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.common.meshes.outer_surface import outer_surface
-from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, local_origin, relative_to, unclear_fraction
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, local_origin, relative_to, unclear_fraction
 from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
 from nlpgrasp.common.user_warnings import warn_once
-from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, check_body_size, metres_per
+from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, IntArray, check_body_size, metres_per
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.intersections import (
@@ -22,16 +21,9 @@ from nlpgrasp.common.meshes.intersections import (
     normals_of,
     triangles_intersect,
 )
-from nlpgrasp.common.meshes.search_tree import (
-    OPEN_SHARE,
-    TEST_OFFSET,
-    IntArray,
-    buried_fraction,
-    is_buried,
-    unclear_fraction,
-)
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, TEST_OFFSET, buried_fraction, is_buried, unclear_fraction
 from nlpgrasp.common.meshes.topology import MeshParts, drop_unused_vertices
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.errors import InputError
 
 SAME = 1e-9  # relative change of area and volume below which parts do not overlap
@@ -289,7 +281,7 @@ def _unintersected_pieces(corners: FloatArray, pairs: IntArray, size: float) -> 
 
 
 def _bisect_pieces(
-    pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, selected: NDArray[np.bool_]
+    pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, selected: BoolArray
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
     """Return the halves of selected pieces, with the triangle each is from and the pairs that may intersect."""
     parents = pieces[selected]
@@ -308,7 +300,7 @@ def _bisect_pieces(
     )
 
 
-def _has_similar_normals(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
+def _has_similar_normals(first: FloatArray, second: FloatArray) -> BoolArray:
     """Return whether each triangle (p, 3, 3) has a normal within 90 degrees of its partner's (p, 3, 3)."""
     return np.asarray(np.einsum("ij,ij->i", normals_of(first), normals_of(second)) > 0.0)
 

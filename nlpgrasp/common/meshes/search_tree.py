@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import igl
@@ -23,9 +22,6 @@ SAMPLES = 4000  # sample points in the bounding box
 SPREAD = 2000  # sample points on the surface
 UNCLEAR = 0.2  # distance of a winding number from an integer above which the inside is ambiguous
 OPEN_SHARE = 0.01  # of the bounding box: largest accepted share with an ambiguous inside
-
-
-IntArray = NDArray[np.integer]
 
 
 class SearchTree:
@@ -75,7 +71,7 @@ class SearchTree:
         self.__dict__.pop("_boxes", None)
         self.__dict__.pop("_winding", None)
 
-    def nearest(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+    def nearest(self, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return squared distances (m,), face indices (m,) and nearest points (m, 3) of points (m, 3), metres."""
         squared, faces, positions = self._boxes.squared_distance(self._vertices, self._faces, self._local(points))
         nearest = np.asarray(positions)
@@ -123,7 +119,7 @@ def unclear_fraction(vertices: FloatArray, faces: IntArray) -> float:
     return float(np.mean(np.abs(winding - np.round(winding)) > UNCLEAR))
 
 
-def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> BoolArray:
     """Return whether the body is on both sides of surface points (m, 3) with unit normals (m, 3), (m,)."""
     step = TEST_OFFSET * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
     tree = SearchTree(vertices, faces)

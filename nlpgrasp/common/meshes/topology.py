@@ -7,13 +7,12 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import trimesh
@@ -43,14 +42,14 @@ class MeshParts:
     faces: IntArray
 
     @cached_property
-    def _edges(self) -> NDArray[np.int64]:
+    def _edges(self) -> IntArray:
         """Index of each undirected edge of each triangle, (f, 3)."""
         ends = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2), axis=2)
         keys = ends[..., 0] * np.int64(len(self.vertices)) + ends[..., 1]
         return np.asarray(np.unique(keys, return_inverse=True)[1]).reshape(self.faces.shape)
 
     @cached_property
-    def _edge_directions(self) -> NDArray[np.int64]:
+    def _edge_directions(self) -> IntArray:
         """Direction of each edge in its triangle, (f, 3): 1 from the smaller vertex index, -1 from the larger."""
         return np.where(self.faces < np.roll(self.faces, -1, axis=1), 1, -1)
 
@@ -60,14 +59,14 @@ class MeshParts:
         return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._edge_directions.ravel())))
 
     @cached_property
-    def open_vertices(self) -> NDArray[np.int64]:
+    def open_vertices(self) -> IntArray:
         """Indices of the vertices of open edges."""
         sums = np.bincount(self._edges.ravel(), self._edge_directions.ravel())
         is_open = sums[self._edges] != 0
         return np.unique([self.faces[is_open], np.roll(self.faces, -1, axis=1)[is_open]]).astype(np.int64)
 
     @cached_property
-    def labels(self) -> NDArray[np.int64]:
+    def labels(self) -> IntArray:
         """Part index of each triangle, (f,)."""
         edges, directions = self._edges.ravel(), self._edge_directions.ravel()
         order = np.argsort(edges, kind="stable")
@@ -155,7 +154,7 @@ def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     return vertices[indices], np.asarray(new_indices).reshape(-1, 3).astype(np.int64)
 
 
-def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
+def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int, int]:
     """Return the mask (f,) of triangles to keep, and the numbers of dropped copies and dropped opposite triangles.
 
     Pairs of opposite triangles bound no volume. They are dropped unless their area is negligible or all there is; where
@@ -181,9 +180,7 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
     return ~(copies | balanced) | closing, int(copies.sum()), int((balanced & ~closing).sum())
 
 
-def _closing_triangles(
-    faces: IntArray, group: IntArray, is_kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _closing_triangles(faces: IntArray, group: IntArray, is_kept: BoolArray, pairs: BoolArray) -> BoolArray:
     """Return the mask (f,) of triangles, at most one of opposite ones, that close the surface of the kept triangles.
 
     A group has the same three vertices, and at most one triangle of it is chosen. An open edge with a single group of
@@ -266,6 +263,6 @@ def count_open_edges(mesh: trimesh.Trimesh) -> int:
     return MeshParts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)).open_edges
 
 
-def _has_three_corners(faces: IntArray) -> NDArray[np.bool_]:
+def _has_three_corners(faces: IntArray) -> BoolArray:
     """Return whether each triangle (f, 3) has three distinct vertices, (f,)."""
     return np.asarray(np.all(faces != np.roll(faces, 1, axis=1), axis=1))

@@ -9,12 +9,9 @@ from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
-
-IntArray = NDArray[np.int64]
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 
 class CurvedSurface(Protocol):
@@ -32,7 +29,7 @@ class CurvedSurface(Protocol):
         velocity at any corner.
         """
 
-    def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
         """Subdivide parts (n, c, q); return vertices (n, v, q), and r smaller parts as vertex indices (r, c)."""
 
 
@@ -51,7 +48,7 @@ class CurvedParts:
 
     surface: CurvedSurface
     parts: FloatArray
-    rows: NDArray[np.int64]
+    rows: IntArray
 
     @cached_property
     def deviations(self) -> FloatArray:

@@ -13,8 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import CellFace, CurvedParts, IntArray, RepresentativeContacts, SurfaceCell
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.global_bound.cells.cell import CellFace, CurvedParts, RepresentativeContacts, SurfaceCell
 
 FINE = 0.2  # radians, largest angle between rows
 LEVELS = (1, 4)  # least and largest number of halvings of a cell's sides for its rows

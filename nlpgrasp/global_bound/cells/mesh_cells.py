@@ -10,8 +10,8 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.global_bound.cells.cell import CellFace, RepresentativeContacts, SurfaceCell
 
 LEVELS = 12  # levels of the cluster tree below the root
 ENOUGH, MOST = 4096, 40_000  # number of pieces that sets their largest size, and largest number

@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import CellFace, CurvedParts, IntArray, RepresentativeContacts, SurfaceCell
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.global_bound.cells.cell import CellFace, CurvedParts, RepresentativeContacts, SurfaceCell
 
 SECTORS = 8  # number of root cells of a disc, each less than half a turn
 FINE = 0.2  # radians, largest angle between rows
