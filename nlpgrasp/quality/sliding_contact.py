@@ -30,8 +30,8 @@ from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.tasks import Task
 
 ENOUGH = 0.02  # relative width of the bounds at which no further stations are certified
-RTOL = 0.005  # relative width of the certificates at stations
-MOST_STATIONS = 80  # certified on one path, at most
+RTOL = 0.01  # relative width of the certificates at stations
+MOST_STATIONS = 200  # certified on one path, at most
 BALL_RTOL = 0.2  # relative width of the certificate of an inscribed ball
 STRAIGHT = 1e-12  # deviation from a straight line of wrenches that is rounding
 

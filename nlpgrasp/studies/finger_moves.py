@@ -12,12 +12,14 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, PointContact
 from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
 from nlpgrasp.motion.finger_motion import FingerPath
+from nlpgrasp.motion.triangle_path import TrianglePaths
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp
@@ -28,7 +30,7 @@ from nlpgrasp.tasks import Task
 SLIDE_STATIONS = 6  # evenly spaced stations for estimating a slide
 HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
-MOST_TURN = np.radians(2.0)  # largest turn of the normal over a chord of a certified path
+MOST_TURN = np.radians(0.5)  # largest turn of the normal over a chord of a certified path
 Posture = TypeVar("Posture")
 LIFTED, SLIDES = False, True  # values of ``slides``: the two modes of a move
 
@@ -45,7 +47,8 @@ class FingerMove:
     finger : int
         Index of the finger that moves.
     path : (m, space) array
-        Points of the body's surface from the old contact to the new one, metres, body frame.
+        Points of the body's surface from the old contact to the new one, metres, body frame; where the finger slides
+        over a mesh, of its triangles.
     slides : bool
         Whether the finger slides under pressure (without friction), or is lifted.
     held : Bounds
@@ -302,12 +305,19 @@ class HoldingQuality:
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
         """Return the move of a finger, certified on its whole path."""
-        curve, others_quality = self._curves[finger], self.quality_without(moved, finger)
+        others_quality = self.quality_without(moved, finger)
         if not slides:
-            return FingerMove(finger, curve.points, slides, others_quality)
-        path = SurfacePath(curve.points, curve.normals, curve.deviations())
+            return FingerMove(finger, self._curves[finger].points, slides, others_quality)
+        path = self._surface_path(finger)
         along = least_mu_along(path, self._grasp(moved, finger), self.hold, self.budget, others_quality.lower)
-        return FingerMove(finger, curve.points, slides, along.bounds, stations=along.stations)
+        return FingerMove(finger, path.points, slides, along.bounds, stations=along.stations)
+
+    def _surface_path(self, finger: int) -> SurfacePath:
+        """Return the path of a finger over the body itself: over the triangles of a mesh."""
+        curve = self._curves[finger]
+        if isinstance(self.problem.body, Mesh):
+            return TrianglePaths(self.problem.body).over(curve.points, curve.normals)
+        return SurfacePath(curve.points, curve.normals, curve.deviations())
 
     def _estimate(self, grasp: Grasp) -> float:
         return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
