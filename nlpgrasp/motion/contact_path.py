@@ -26,6 +26,7 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 
 MAX_TURN = np.radians(10.0)  # largest turn of the normal over a chord
+ROUNDING = 1e-12  # of cosines
 SAME_POINT = 1e-9  # share of the body's size within which two stations are at one point
 LEVELS = 8  # largest number of halvings of a chord
 MIDDLE_SHARE = 0.25  # share of the tolerance allowed at a chord's middle
@@ -125,7 +126,7 @@ class ContactPath:
         most_turn: float = MAX_TURN,
     ) -> None:
         refined = _refine_stations(body, _add_edge_stations(body, stations), MIDDLE_SHARE * tolerance, most_turn)
-        self.body, self.stations = body, refined
+        self.body, self.stations, self.most_turn = body, refined, most_turn
         self.points = np.array([s.point for s in refined])
         self.normals = np.array([s.normal for s in refined])
         chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
@@ -147,8 +148,9 @@ class ContactPath:
     def deviations(self) -> FloatArray:
         """Return the deviations of the surface from the chords, (m - 1, 2): of points, metres, and of unit normals.
 
-        They are twice the deviations of the chord's middle from the surface there, and infinite where a chord leads
-        from one face to another.
+        They are twice the deviations of the chord's middle from the surface there. They are infinite where a chord
+        leads from one face to another, and where the normal turns too far over it although it has been halved most
+        often, as at a cusp.
         """
         pairs = list(itertools.pairwise(self.stations))
         middles = _middle_stations(self.body, pairs)
@@ -161,7 +163,9 @@ class ContactPath:
         result = 2.0 * np.column_stack([off_point, off_normal])
         rolls = np.linalg.norm(np.diff(self.points, axis=0), axis=1) <= SAME_POINT * self.body.size
         result[rolls] = 0.0
-        result[~rolls & np.array([a.face != b.face for a, b in pairs])] = np.inf
+        cosines = np.sum(self.normals[1:] * self.normals[:-1], axis=1)
+        is_unknown = np.array([a.face != b.face for a, b in pairs]) | ~(cosines >= np.cos(self.most_turn) - ROUNDING)
+        result[~rolls & is_unknown] = np.inf
         return result
 
     def at(self, path_length: float) -> tuple[FloatArray, FloatArray, float]:

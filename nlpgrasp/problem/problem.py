@@ -32,7 +32,7 @@ from nlpgrasp.problem.checks import (
     warn_of_surroundings,
 )
 from nlpgrasp.problem.description import DisplayedProblem
-from nlpgrasp.quality.measures import is_unit_ball, unit_ball
+from nlpgrasp.quality.measures import unit_ball, unit_ball_scale
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
@@ -176,11 +176,12 @@ class GraspProblem(DisplayedProblem):
                 expected = 'None, except for objective="delta" or "nu"'
                 raise InputError("GraspProblem.torque_scale", self.torque_scale, expected)
             return
-        scale = self.body.size if self.torque_scale is None else self.torque_scale
+        ball_scale = None if self.task is None else unit_ball_scale(self.task)
+        scale = (ball_scale or self.body.size) if self.torque_scale is None else self.torque_scale
         self._set("torque_scale", number("GraspProblem.torque_scale", scale, above=0.0))
         if self.objective == "nu":
             check_volume_parts(self.force_budget, self.hand)
-        if self.task is None or is_unit_ball(self.task):  # that of a copy with another torque scale is replaced
+        if self.task is None or ball_scale is not None:  # that of a copy with another torque scale is replaced
             self._set("task", unit_ball(self.dimension, scale))
         elif self.objective == "delta":
             expected = 'no task: that of objective="delta" is the unit ball of wrenches'

@@ -207,10 +207,10 @@ def unit_ball(dimension: int, torque_scale: float) -> TaskEllipsoid:
     return TaskEllipsoid(np.array([1.0] * forces + [scale] * (dimension - forces)))
 
 
-def is_unit_ball(task: Task) -> bool:
-    """Return whether a task is the unit ball of wrenches, at any torque scale."""
+def unit_ball_scale(task: Task) -> float | None:
+    """Return the torque scale, metres, with which a task is the unit ball of wrenches; None for other tasks."""
     scale = float(task.axes[-1, -1]) if isinstance(task, TaskEllipsoid) else 0.0
-    return scale > 0.0 and task == unit_ball(task.dimension, scale)
+    return scale if scale > 0.0 and task == unit_ball(task.dimension, scale) else None
 
 
 @overload

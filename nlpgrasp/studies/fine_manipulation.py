@@ -180,6 +180,8 @@ def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid 
     for name, problem in (("pick", pick), ("goal", goal)):
         if not isinstance(problem, GraspProblem):
             raise InputError(name, problem, "a GraspProblem")
+        if problem.objective == "nu":
+            raise InputError(f"{name}.objective", "nu", "mu or delta, by which grasps are compared along the way")
     if pick.body.to_dict() != goal.body.to_dict():
         raise InputError("goal.body", "another body", "the body of the pick-up problem")
     if pick.models != goal.models or len(pick.models) < 2:

@@ -48,3 +48,15 @@ def test_faces_are_flat_and_edges_are_rolled_over_in_place():
         PathStation(np.array([0.5, 0.2, 0.1]), np.array([-1.0, 0.0, 0.0]), "+x"),
     ]
     assert np.max(ContactPath(body, ends, 0.2, 1e-3).deviations()) < 1e-12
+
+
+def test_the_surface_between_stations_on_both_sides_of_a_cusp_is_unknown():
+    def h(p):
+        return p[1] ** 2 - 0.25 * (1.0 - p[0]) ** 3 * (1.0 + p[0])  # a cusp at (1, 0)
+
+    body = ng.PlanarImplicit(h, [[-1.2, -1.2], [1.2, 1.2]])
+    points = body.snap("surface", np.array([[0.9, 0.01], [0.9, -0.01]]))
+    normals = -body.evaluate("surface", points)[2]
+    a, b = (PathStation(point, normal, "surface") for point, normal in zip(points, normals, strict=True))
+    path = ContactPath(body, SurfaceGraph(body).stations(a, b), 0.5, 1e-3, np.radians(2.0))
+    assert np.isinf(path.deviations()).any()

@@ -73,6 +73,12 @@ def test_copies_keep_the_torque_scale_and_take_another():
     assert replace(asked, torque_scale=0.02).task == ng.TaskEllipsoid([1, 1, 0.02])
 
 
+def test_a_unit_ball_given_as_the_task_states_the_torque_scale():
+    asked = problem(objective="delta", task=ng.TaskEllipsoid([1, 1, 0.5]))
+    assert asked.torque_scale == 0.5
+    assert asked.task == ng.TaskEllipsoid([1, 1, 0.5])
+
+
 @pytest.mark.parametrize(
     ("parts", "message"),
     [

@@ -130,6 +130,9 @@ def test_other_bodies_and_contacts_are_refused(names):
         ng.fine_manipulation(
             pick, ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)], ng.TaskEllipsoid([1.0] * 6))
         )
+    volume = ng.GraspProblem(pick.body, pick.models, objective="nu")
+    with pytest.raises(ng.InputError, match=r"pick\.objective: got nu, expected mu or delta"):
+        ng.fine_manipulation(volume, volume)
     with pytest.raises(ng.InputError, match="hold"):
         ng.fine_manipulation(pick, names["in_the_hand"](), hold=ng.TaskEllipsoid([1.0] * 3))
 
