@@ -10,7 +10,7 @@ test test-all bench: export OMP_NUM_THREADS = 1
 # compiled modules are kept, also where the machine says otherwise: the tests start some hundred commands
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all bench lint types docs gallery picture dist browser robots lock clean
+.PHONY: demo test test-all bench lint types docs gallery picture examples dist browser robots lock clean
 
 demo: $(READY)
 	$(BIN)/nlpgrasp demo
@@ -42,6 +42,10 @@ gallery: $(READY)
 # README's picture, by Debian's chromium
 picture: $(READY)
 	$(BIN)/python docs/make_picture.py
+
+# pictures of the worked examples in docs/hands.md, tasks.md and choosing_contacts.md; some minutes
+examples: $(READY)
+	$(BIN)/python -m docs.make_worked_examples
 
 # wheel and sdist, in dist, checked as an index would
 dist: $(READY)
