@@ -11,6 +11,7 @@ from nlpgrasp.studies.dynamic_grasping import DynamicGrasp, DynamicStep, follow_
 from nlpgrasp.studies.fine_manipulation import FineManipulation, fine_manipulation
 from nlpgrasp.studies.finger_moves import FingerMove
 from nlpgrasp.studies.first_choice import FirstChoice, Reason, first_choice
+from nlpgrasp.studies.purposes import PurposeComparison
 
 __all__ = [
     "BlockedDirection",
@@ -24,6 +25,7 @@ __all__ = [
     "FirstChoice",
     "Manipulability",
     "PalmPath",
+    "PurposeComparison",
     "Rate",
     "Reason",
     "Sensitivity",

@@ -23,6 +23,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.nested_problems import is_same_body, solve_family
+from nlpgrasp.studies.purposes import PurposeComparison, check_purposes, compare_purposes, require_comparison
 
 SUBSETS = 256  # most subsets of contacts to keep
 
@@ -40,6 +41,7 @@ def how_many_contacts(
     options: SolveOptions | None = None,
     *,
     possible: Mapping[int, float] | None = None,
+    weights: Mapping[str, float] | None = None,
 ) -> ContactCurve:
     """Solve a problem with different numbers of contacts, and return the quality for each number.
 
@@ -64,11 +66,18 @@ def how_many_contacts(
     possible : mapping of int to float, optional
         Proved upper bounds on mu by the number of contacts that are tighter than those the solutions state; such as
         ``ng.best_possible(problem_with(k)).upper`` of a longer search.
+    weights : mapping of str to float, optional
+        Weights, at least 0, of the purposes by which the grasps are compared: ``"mu"``, ``"sensitivity"``,
+        ``"manipulability"``, ``"contacts"`` and ``"force"``, as ``nlpgrasp.studies.PurposeComparison`` defines them.
+        The curve then has ``purposes``, ``front`` and ``best_weighted``. Each number's grasp is the one with the
+        largest mu: weights choose among the numbers, not among the placements of one number.
 
     Raises
     ------
     InputError
-        Without counts, on problems with another number of contacts, different tasks, or invalid bounds.
+        Without counts, on problems with another number of contacts, different tasks, or invalid bounds; on unknown
+        purposes, weights below 0, not finite or all 0, manipulability without a hand with joints, and sensitivity under
+        a budget that depends on the posture.
     """
     if not callable(problem_with):
         raise InputError("problem_with", problem_with, "a function of the number of contacts")
@@ -82,11 +91,20 @@ def how_many_contacts(
     problems = [problem_with(k) for k in contact_counts]
     for k, problem in zip(contact_counts, problems, strict=True):
         _check_problem(k, problem, problems[0])
+    checked_weights = check_purposes(weights, problems)
     successive = [(i, i + 1) for i in range(len(problems) - 1)]  # exchange warm starts
     family = solve_family(problems, successive, NumberConversion(), starts, seed, options)
     solutions = tuple((k, solution) for k, (solution, _) in zip(contact_counts, family, strict=True))
     starts_near_best = {k: near_best for k, (_, near_best) in zip(contact_counts, family, strict=True)}
-    return ContactCurve(solutions, starts_near_best, bounds)
+    purposes = compare_purposes(
+        [f"{k} contacts" for k in contact_counts],
+        [solution for _, solution in solutions],
+        problems,
+        contact_counts,
+        checked_weights,
+        options.robust_offset,
+    )
+    return ContactCurve(solutions, starts_near_best, bounds, purposes)
 
 
 @dataclass(frozen=True)
@@ -102,11 +120,14 @@ class ContactCurve:
         1, a better grasp may well have been missed.
     possible : mapping of int to float
         Proved upper bounds on mu by number of contacts, beside those that the solutions state.
+    purposes : PurposeComparison or None
+        Comparison of the solutions, in their order, by the purposes with weights; ``None`` without weights.
     """
 
     solutions: tuple[tuple[int, GraspSolution], ...]
     reached: Mapping[int, int] = field(default_factory=dict)
     possible: Mapping[int, float] = field(default_factory=dict)
+    purposes: PurposeComparison | None = None
 
     @property
     def best_known(self) -> dict[int, float]:
@@ -188,6 +209,36 @@ class ContactCurve:
         """
         return max(self.solutions, key=lambda pair: (self._penalised_interval(pair[1], penalty)[0], -pair[0]))[0]
 
+    @property
+    def front(self) -> tuple[int, ...]:
+        """Numbers of contacts whose grasps no other one beats for the purposes with weights, increasing.
+
+        Raises
+        ------
+        InputError
+            If the study had no weights.
+        """
+        return tuple(self.solutions[i][0] for i in require_comparison(self.purposes).front)
+
+    def best_weighted(self, weights: Mapping[str, float] | None = None) -> int | None:
+        """Return the number of contacts with the largest score by weights, or ``None`` if no number has a grasp.
+
+        Of equal ones it is the least. ``nlpgrasp.studies.PurposeComparison`` defines the score.
+
+        Parameters
+        ----------
+        weights : mapping of str to float, optional
+            Other weights of purposes that the study measured; those of the study when left out.
+
+        Raises
+        ------
+        InputError
+            If the study had no weights; on purposes that it did not measure and invalid weights.
+        """
+        comparison = require_comparison(self.purposes)
+        best = (comparison if weights is None else comparison.with_weights(weights)).best
+        return None if best is None else self.solutions[best][0]
+
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:
         """Return bounds on mu minus penalty for each number of contacts.
 
@@ -212,8 +263,9 @@ class ContactCurve:
         raise InputError("contacts", contacts, "one of " + ", ".join(str(k) for k, _ in self.solutions))
 
     def to_dict(self) -> Json:
-        """Return the curve as JSON data, one row per number of contacts."""
+        """Return the curve as JSON data, one row per number of contacts; with ``purposes`` if the study had weights."""
         shortfall, bounds = self.shortfall, self.best_possible
+        purposes = {} if self.purposes is None else {"purposes": self.purposes.to_dict()}
         return {
             "curve": [
                 {
@@ -228,7 +280,8 @@ class ContactCurve:
                     "gap": _finite(self.gap(k)),
                 }
                 for k, solution in self.solutions
-            ]
+            ],
+            **purposes,
         }
 
     def __str__(self) -> str:
@@ -245,7 +298,7 @@ class ContactCurve:
             elif np.isfinite(self.best_possible[k]):
                 bounds += f", at most {format_upper(self.best_possible[k], 4)} possible"
             lines.append(f"{k:3d} contacts: {bounds}")
-        return "\n".join(lines)
+        return "\n".join(lines if self.purposes is None else [*lines, str(self.purposes)])
 
 
 def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> float:

@@ -26,6 +26,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.nested_problems import solve_family
+from nlpgrasp.studies.purposes import PurposeComparison, check_purposes, compare_purposes, require_comparison
 
 MOST_ASSIGNMENTS = 256  # most assignments
 SAMPLES = 8  # random placements that test whether contacts are interchangeable
@@ -43,6 +44,7 @@ def choose_contact_types(
     options: SolveOptions | None = None,
     *,
     costs: Mapping[str, float] | None = None,
+    weights: Mapping[str, float] | None = None,
 ) -> TypeChoice:
     """Solve a problem with every distinct assignment of contact types, and rank the assignments.
 
@@ -64,6 +66,12 @@ def choose_contact_types(
         As for ``solve``, for each assignment.
     costs : mapping of str to float, optional
         Cost of a contact of each type, at least 0, in any unit; 0 for all when left out.
+    weights : mapping of str to float, optional
+        Weights, at least 0, of the purposes by which the assignments are compared: ``"mu"``, ``"sensitivity"``,
+        ``"manipulability"``, ``"contacts"`` and ``"force"``, as ``nlpgrasp.studies.PurposeComparison`` defines them.
+        ``"contacts"`` is the assignment's cost; without costs it is the number of contacts, equal for all. The result
+        then has ``purposes``, ``front`` and ``best_weighted``. Each assignment's grasp is the one with the largest mu:
+        weights choose among the assignments, not among the placements of one assignment.
 
     Returns
     -------
@@ -74,13 +82,19 @@ def choose_contact_types(
     ------
     InputError
         On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
-        are missing or below zero.
+        are missing or below zero, or zero where weights have ``"contacts"``; on unknown purposes, weights below 0, not
+        finite or all 0, manipulability without a hand with joints, and sensitivity under a budget that depends on the
+        posture.
     """
     menu = AllowedTypes.of(problem, types)
     starts, seed, options = check_solve_arguments(starts, seed, options)
     prices = _type_costs(menu, costs)
     names, pairs = menu.ordered_assignments()
     problems = [menu.problem_with(types_of_contacts) for types_of_contacts in names]
+    checked_weights = check_purposes(weights, problems)
+    if checked_weights and "contacts" in checked_weights and costs is not None:
+        for name, price in prices.items():  # ratios of costs need costs above zero
+            number(f"costs[{name!r}]", price, above=0.0)
     solved = solve_family(problems, pairs, TypeConversion(menu, names), starts, seed, options)
     assignments = [
         TypeAssignment(types_of_contacts, solution, sum(prices[name] for name in types_of_contacts), reached)
@@ -89,7 +103,15 @@ def choose_contact_types(
     # neighbours are ordered from smaller to larger; of equals the later is the richer
     ranked = sorted(range(len(assignments)), key=lambda i: (-assignments[i].mu.lower, -i))
     upgrades = tuple(TypeUpgrade(assignments[a], assignments[b]) for a, b in pairs)
-    return TypeChoice(problem.name, tuple(assignments[i] for i in ranked), upgrades)
+    purposes = compare_purposes(
+        [str(assignments[i]) for i in ranked],
+        [assignments[i].solution for i in ranked],
+        [problems[i] for i in ranked],
+        [len(problem.models) if costs is None else assignments[i].cost for i in ranked],
+        checked_weights,
+        options.robust_offset,
+    )
+    return TypeChoice(problem.name, tuple(assignments[i] for i in ranked), upgrades, purposes)
 
 
 @dataclass(frozen=True)
@@ -104,11 +126,14 @@ class TypeChoice:
         Largest certified lower bound first; of equals the richer one.
     upgrades : tuple of TypeUpgrade
         Gains between neighbours: no third assignment is between the two.
+    purposes : PurposeComparison or None
+        Comparison of the assignments, in their order, by the purposes with weights; ``None`` without weights.
     """
 
     name: str
     assignments: tuple[TypeAssignment, ...]
     upgrades: tuple[TypeUpgrade, ...] = ()
+    purposes: PurposeComparison | None = None
 
     def best(
         self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
@@ -160,12 +185,44 @@ class TypeChoice:
                 frontier.append(a)
         return tuple(frontier)
 
+    @property
+    def front(self) -> tuple[TypeAssignment, ...]:
+        """Assignments whose grasps no other one beats for the purposes with weights, largest mu first.
+
+        Raises
+        ------
+        InputError
+            If the study had no weights.
+        """
+        return tuple(self.assignments[i] for i in require_comparison(self.purposes).front)
+
+    def best_weighted(self, weights: Mapping[str, float] | None = None) -> TypeAssignment | None:
+        """Return the assignment with the largest score by weights, or ``None`` if none has a grasp.
+
+        Of equal ones it is the one with the largest mu. ``nlpgrasp.studies.PurposeComparison`` defines the score.
+
+        Parameters
+        ----------
+        weights : mapping of str to float, optional
+            Other weights of purposes that the study measured; those of the study when left out.
+
+        Raises
+        ------
+        InputError
+            If the study had no weights; on purposes that it did not measure and invalid weights.
+        """
+        comparison = require_comparison(self.purposes)
+        best = (comparison if weights is None else comparison.with_weights(weights)).best
+        return None if best is None else self.assignments[best]
+
     def to_dict(self) -> Json:
-        """Return the ranking as JSON data."""
+        """Return the ranking as JSON data, with ``purposes`` if the study had weights."""
+        purposes = {} if self.purposes is None else {"purposes": self.purposes.to_dict()}
         return {
             "name": self.name,
             "assignments": [a.to_dict() for a in self.assignments],
             "upgrades": [u.to_dict() for u in self.upgrades],
+            **purposes,
         }
 
     def __str__(self) -> str:
@@ -176,7 +233,8 @@ class TypeChoice:
             overlapping = len(self.not_told_apart(a)) if a.solution.success else 0
             note = f", not told apart from {overlapping} other{'s' * (overlapping > 1)}" if overlapping else ""
             lines.append(f"  {a!s:{width}}  cost {a.cost:g}  {bounds}{note}")
-        return "\n".join([*lines, *(f"  {u}" for u in self.upgrades)])
+        lines += [f"  {u}" for u in self.upgrades]
+        return "\n".join(lines if self.purposes is None else [*lines, str(self.purposes)])
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.warm_starts import WarmStart
 from nlpgrasp.pipeline.multistart import Multistart
-from problems.how_many_fingers import EFFORT, brush, pencil
+from problems.how_many_fingers import EFFORT, WEIGHTS, brush, pencil
 
 FAST = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)
 
@@ -25,9 +25,12 @@ def square(contacts, size=1.0):
 QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
 
 
+MEASURED = {"mu": 1.0, "sensitivity": 1.0, "contacts": 1.0, "force": 0.0}
+
+
 @pytest.fixture(scope="module")
 def curve():
-    return ng.how_many_contacts(square, (4, 2, 3), starts=2, options=QUICK)
+    return ng.how_many_contacts(square, (4, 2, 3), starts=2, options=QUICK, weights=MEASURED)
 
 
 def best_of_pairs(steps=17):
@@ -103,6 +106,44 @@ def test_what_is_known_and_what_is_possible(curve):
     assert rows[0]["possible"] is None
 
 
+def test_a_study_measures_its_purposes(curve):
+    for (k, solution), values in zip(curve.solutions, curve.purposes.values, strict=True):
+        rates = ng.sensitivity(solution)
+        assert values["mu"] == solution.mu.lower
+        assert values["contacts"] == k
+        assert values["force"] == pytest.approx(max(solution.needed.largest))
+        assert values["sensitivity"] == pytest.approx(max(rate.worst for rate in rates.contacts) / rates.mu)
+
+
+def test_the_best_and_the_front_of_a_study(curve):
+    mu = [solution.mu.lower for _, solution in curve.solutions]
+    assert curve.front == (2, 3, 4)  # each with fewer contacts than the next
+    assert curve.best_weighted({"mu": 1.0}) == 4
+    assert curve.best_weighted({"contacts": 1.0}) == 2
+    assert curve.best_weighted({"mu": 1.0, "contacts": 1.0}) == 2 + int(np.argmax(np.array(mu) / [2, 3, 4]))
+    text = str(curve).splitlines()
+    assert text[3] == "by weights: mu 1, sensitivity 1, contacts 1, force 0"
+    assert sum(line.endswith("best") for line in text[5:]) == 1
+    data = json.loads(json.dumps(curve.to_dict()))["purposes"]
+    assert data["best"] == f"{curve.best_weighted()} contacts"
+    assert [row["front"] for row in data["grasps"]] == [True] * 3
+
+
+def test_a_study_without_weights_has_no_front(curve):
+    without = replace(curve, purposes=None)
+    assert "purposes" not in without.to_dict()
+    assert "by weights" not in str(without)
+    with pytest.raises(ng.InputError, match="weights: got none, expected a study with weights="):
+        _ = without.front
+    with pytest.raises(ng.InputError, match="weights: got none"):
+        without.best_weighted()
+
+
+def test_only_measured_purposes_can_be_weighed_again(curve):
+    with pytest.raises(ng.InputError, match="weights: got manipulability, expected some of mu, sensitivity, contacts"):
+        curve.best_weighted({"manipulability": 1.0})
+
+
 def unbounded(curve):
     return tuple((k, replace(solution, bound=None)) for k, solution in curve.solutions)
 
@@ -163,7 +204,7 @@ def test_a_grasp_that_a_tight_certificate_overtakes_is_not_chosen():
 
 @pytest.fixture(scope="module")
 def for_the_pencil():
-    return ng.how_many_contacts(pencil, (2, 3, 4), starts=2, options=FAST)
+    return ng.how_many_contacts(pencil, (2, 3, 4), starts=2, options=FAST, weights=WEIGHTS)
 
 
 @pytest.mark.slow
@@ -177,9 +218,15 @@ def test_the_pencil_with_three_fingers_does_not_depend_on_luck(for_the_pencil):
 
 @pytest.mark.slow
 def test_the_brush_takes_more_fingers_than_the_pencil(for_the_pencil):
-    """Section 4: the same effort, a heavier tool."""
-    for_the_brush = ng.how_many_contacts(brush, (2, 3, 4), starts=2, seed=1, options=FAST)
+    """Section 4: the same effort, or the same weights, and a heavier tool.
+
+    Without counting contacts four fingers beat fewer on the pencil; on the brush two are the least sensitive.
+    """
+    for_the_brush = ng.how_many_contacts(brush, (2, 3, 4), starts=2, seed=1, options=FAST, weights=WEIGHTS)
     assert (for_the_pencil.fewest(EFFORT), for_the_brush.fewest(EFFORT)) == (3, 4)
+    assert (for_the_pencil.best_weighted(), for_the_brush.best_weighted()) == (3, 4)
+    purposes = [c.purposes.with_weights({"mu": 1.0, "sensitivity": 1.0}) for c in (for_the_pencil, for_the_brush)]
+    assert [[p.names[i] for i in p.front] for p in purposes] == [["4 contacts"], ["2 contacts", "4 contacts"]]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Contact types per finger, against a grid of placements and the dominance of richer contacts."""
 
 import json
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -23,7 +24,12 @@ def rectangle(contacts=2, **more):
 @pytest.fixture(scope="module")
 def choice():
     return ng.choose_contact_types(
-        rectangle(), {"rough": ROUGH, "pad": PAD}, starts=1, options=QUICK, costs={"rough": 1.0, "pad": 3.0}
+        rectangle(),
+        {"rough": ROUGH, "pad": PAD},
+        starts=1,
+        options=QUICK,
+        costs={"rough": 1.0, "pad": 3.0},
+        weights={"mu": 1.0, "contacts": 0.0},
     )
 
 
@@ -84,6 +90,17 @@ def test_the_best_within_a_budget(choice):
     assert [row["cost"] for row in data["assignments"]] == [6.0, 4.0, 2.0]
     assert len(data["upgrades"]) == 2
     assert str(choice).splitlines()[0].startswith("rectangle: 3 assignments")
+
+
+def test_types_are_weighed_by_their_cost(choice):
+    assert [v["contacts"] for v in choice.purposes.values] == [a.cost for a in choice.assignments]
+    assert {a.types for a in choice.front} == {a.types for a in choice.frontier}
+    assert choice.best_weighted().mu.lower == choice.best().mu.lower
+    assert choice.best_weighted({"contacts": 1.0}).types == ("rough", "rough")
+    assert json.loads(json.dumps(choice.to_dict()))["purposes"]["best"] == str(choice.best_weighted())
+    assert "by weights: mu 1, contacts 0" in str(choice)
+    with pytest.raises(ng.InputError, match="weights: got none"):
+        _ = replace(choice, purposes=None).front
 
 
 def test_contacts_that_a_constraint_tells_apart_are_distinct():
@@ -167,6 +184,11 @@ def test_one_soft_finger_of_two_closes_a_pinch():
         ({"a": ROUGH}, {"costs": {"b": 1.0}}, "costs: .* costs by type: a"),
         ({"a": ROUGH, "b": PAD}, {"costs": {"a": 1.0}}, "costs: got none for b"),
         ({"a": ROUGH}, {"costs": {"a": -1.0}}, r"costs\['a'\]: got -1.0"),
+        (
+            {"a": ROUGH},
+            {"costs": {"a": 0.0}, "weights": {"contacts": 1.0}},
+            r"costs\['a'\]: got 0.0, expected a number greater than 0",
+        ),
         ({"a": ROUGH}, {"starts": 0}, "starts: got 0"),
         ({"a": ROUGH}, {"options": 3}, "options: got 3, expected a SolveOptions"),
     ],
