@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from nlpgrasp.analysis.squeeze import squeeze_for_task
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.experiments.solve_record import body_digest
 from nlpgrasp.interop.hand_states import HandStates
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import pack_solution
@@ -30,6 +36,8 @@ POSTURES = ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos", "lift_qpos")
 VECTORS = ("contact_points", "contact_normals", *POSTURES, "squeeze_effort")
 HAS = ("has_pose", "has_pregrasp", "has_squeeze", "has_lift", "has_depth")
 FLAGS = (*HAS, "way_in_free", "simulated", "held", "caged")
+SIMULATED = ("simulated", "held", "caged", "verdict", "slip", "turn")  # labels of the simulation
+LABEL_RTOL = 1e-9  # difference of a label from its solution that counts as rounding, relative, in metres and radians
 LABELS = (
     *("problem", "start", "seed", "object", "hand", "status", "reason", "mu_lower", "mu_upper", "mu_gap"),
     *("contact_points", "contact_normals", "faces", "has_pose", "grasp_qpos", "has_pregrasp", "pregrasp_qpos"),
@@ -91,6 +99,13 @@ class RowIdentity:
 
         ``verdict`` is the outcome of the simulation, or the reason why there is none.
         """
+        row = self.labels_of(start, solution) | {"simulated": hold is not None, "verdict": verdict}
+        if hold is not None:
+            row |= {"held": hold.held, "caged": hold.caged, "slip": hold.motion.slip, "turn": hold.motion.turn}
+        return row | pack_solution(solution) | entries
+
+    def labels_of(self, start: int, solution: GraspSolution) -> Row:
+        """Return the row entries of a start with a grasp that follow from its solution, beside times and simulation."""
         grasp, depth = solution.require_grasp(), solution.link_depth
         row = self.row_without_grasp(start, GRASP, "") | {
             "mu_lower": solution.mu.lower,
@@ -101,12 +116,40 @@ class RowIdentity:
             "faces": list(solution.faces),
             "has_depth": depth is not None,
             "link_depth": None if depth is None else depth.depth,
-            "simulated": hold is not None,
-            "verdict": verdict,
         }
-        if hold is not None:
-            row |= {"held": hold.held, "caged": hold.caged, "slip": hold.motion.slip, "turn": hold.motion.turn}
-        return row | _posture_entries(solution) | pack_solution(solution) | entries
+        return row | _posture_entries(solution)
+
+
+def row_identity(name: str, seed: int, problem: Json) -> RowIdentity:
+    """Return the entries shared by all rows of a problem, from the problem's JSON data."""
+    body, hand = problem["body"], problem.get("hand")
+    return RowIdentity(name, seed, body_digest(body) or data_digest(body), "" if hand is None else data_digest(hand))
+
+
+def data_digest(data: Json) -> str:
+    """Return a digest of JSON data with 16 hexadecimal digits."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def differing_label(stated: Row, expected: Row) -> str | None:
+    """Return the name of a label that differs from that of the row's solution, or None.
+
+    Labels of the simulation and times are not compared: a solution does not determine them.
+    """
+    for name in LABELS:
+        if name not in (*SIMULATED, *COST) and not _are_equal(stated[name], expected.get(name)):
+            return name
+    return None
+
+
+def _are_equal(stated: object, expected: object) -> bool:
+    """Return whether two entries are equal, numbers up to rounding."""
+    if stated is None or expected is None or isinstance(expected, str | bool):
+        return stated == expected
+    if isinstance(expected, list) and expected and isinstance(expected[0], str):
+        return stated == expected
+    a, b = np.asarray(stated, dtype=float), np.asarray(expected, dtype=float)
+    return a.shape == b.shape and bool(np.allclose(a, b, rtol=LABEL_RTOL, atol=LABEL_RTOL, equal_nan=True))
 
 
 def _posture_entries(solution: GraspSolution) -> Row:

@@ -22,7 +22,19 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions
 from nlpgrasp.interop.registry import format_named
 from nlpgrasp.optimize.processes import cores, separate_processes
 from nlpgrasp.quality.measure_table import Columns
-from nlpgrasp.sets.grasp_rows import FLAGS, GRASP, GROUP, LABELS, STATUSES, TEXT, VECTORS, WHOLE, read_rows
+from nlpgrasp.sets.grasp_rows import (
+    FLAGS,
+    GRASP,
+    GROUP,
+    LABELS,
+    STATUSES,
+    TEXT,
+    VECTORS,
+    WHOLE,
+    differing_label,
+    read_rows,
+    row_identity,
+)
 from nlpgrasp.sets.set_folder import FinishedUnits, SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
@@ -42,7 +54,8 @@ MOST_LISTED = 5  # failed grasps listed in a verdict
 class SetVerification:
     """Outcome of verifying all grasps of a set.
 
-    It is true if there are grasps, and no check that could be made failed.
+    It is true if there are grasps, and no check that could be made failed. Labels that follow from a solution are
+    compared with it; those of the simulation are not computed again.
 
     Parameters
     ----------
@@ -53,7 +66,7 @@ class SetVerification:
     missing : tuple of str
         Names of the files (mesh, robot) that were not found.
     damaged : tuple of str
-        What of the set could not be read.
+        What of the set could not be read, or is not there.
     """
 
     verified: int
@@ -103,9 +116,9 @@ class RowFile:
     digest: str
     file: Path
 
-    def labels(self) -> Any:
-        """Return the label columns of all rows."""
-        return read_rows(self.file, LABELS, self.digest, str(self.file))
+    def labels(self, group: int | None = None) -> Any:
+        """Return the label columns of one row group of the file, or of all rows."""
+        return read_rows(self.file, LABELS, self.digest, str(self.file), group)
 
     def records(self, group: int) -> Any:
         """Return the stored solutions of one row group of the file."""
@@ -149,7 +162,7 @@ class GraspSet:
 
     @property
     def complete(self) -> bool:
-        """Whether every problem is finished. Until then, grasps of one problem may be equivalent."""
+        """Whether every problem is finished, and its rows are read. Until then, grasps of one may be equivalent."""
         return len(self._finished) == len(self.problems)
 
     def __len__(self) -> int:
@@ -258,6 +271,12 @@ class GraspSet:
         ------
         InputError
             On an unknown format, a set without grasps, and what the format lacks.
+
+        Warns
+        -----
+        UserWarning
+            On each problem that is left out, as its rows are damaged or lack what the format holds, where others are
+            written.
         """
         target, export_format = Path(folder), format_named(to)
         if not len(self):
@@ -266,10 +285,17 @@ class GraspSet:
             target.mkdir(exist_ok=True)
         except OSError as error:
             raise InputError("folder", f"{target} ({error.strerror})", "a folder in one that exists") from None
-        written: list[Path] = []
+        written, refused = list[Path](), list[InputError]()
         for problem in self.problems:
-            if len(self._indices(problem)):
-                written += self._export_problem(problem, target, export_format, options or ExportOptions())
+            try:
+                if len(self._indices(problem)):
+                    written += self._export_problem(problem, target, export_format, options or ExportOptions())
+            except InputError as error:
+                refused.append(error)
+        for refusal in refused if written else ():
+            warn(f"left out: {refusal}")
+        if refused and not written:
+            raise refused[0]
         return tuple(written)
 
     def verify(
@@ -308,7 +334,18 @@ class GraspSet:
             checked += len(chunk)
             if progress is not None:
                 progress(checked)
-        return SetVerification(verified, partly, failed, tuple(missing), self.notes)
+        return SetVerification(verified, partly, failed, tuple(missing), (*self.notes, *self._missing_rows()))
+
+    def _missing_rows(self) -> Iterator[str]:
+        """Yield sentences on problems whose rows are not all there, and on rows whose status hides a grasp."""
+        unfinished = [name for name in self.problems if name not in self._finished]
+        if unfinished:
+            yield f"not all rows of {', '.join(unfinished[:MOST_LISTED])} are there: unfinished, lost or damaged"
+        for source, table in zip(self._files, self._tables, strict=True):
+            pairs = zip(table["status"].to_pylist(), table["mu_lower"].to_pylist(), strict=True)
+            hidden = [row for row, (status, mu) in enumerate(pairs) if status != GRASP and mu is not None]
+            if hidden:
+                yield f"{source.file.name}: row {hidden[0]} holds a grasp, though its status is another"
 
     def __repr__(self) -> str:
         return f"GraspSet({str(self.path)!r}: {len(self)} grasps of {len(self.problems)} problems)"
@@ -319,6 +356,15 @@ class GraspSet:
         lines = [f"{len(self)} grasps of {len(self.problems)} problems in {self.path}"]
         if failures:
             lines.append(f"  starts without a grasp of their own: {failures}")
+        wanted, starts = self.settings["grasps_per_problem"], self.settings["starts"]
+        found = {problem: len(self._indices(problem)) for problem in self.problems if problem in self._finished}
+        short = [f"{problem} ({count})" for problem, count in found.items() if count < wanted]
+        if short:
+            listed = ", ".join(short[:MOST_LISTED]) + (", ..." if len(short) > MOST_LISTED else "")
+            lines.append(
+                f"  fewer than the {wanted} wanted of {listed}: the {starts} starts of each found no more distinct"
+                " ones; more starts, in another folder, may"
+            )
         if len(self):
             lines.append(f"  {cost:.0f} CPU seconds, {cost / len(self):.2g} for each grasp")
         unfinished = len(self.problems) - len(self._finished)
@@ -423,18 +469,30 @@ def _verify_rows(
 ) -> list[_VerifiedGrasp]:
     """Verify the grasps in some rows of one row group, and return their outcomes."""
     try:
-        problem = SetFolder(Path(path)).read_problem(source.problem, source.digest)
-        records = source.records(rows[0] // GROUP)
+        folder, group = SetFolder(Path(path)), rows[0] // GROUP
+        problem, seed = folder.read_problem(source.problem, source.digest), folder.read_plan()["settings"]["seed"]
+        records, labels = source.records(group), source.labels(group)
     except InputError as error:
         return [_VerifiedGrasp(False, False, (), f"NOT verified: {error}")] * len(rows)
-    outcomes = list[_VerifiedGrasp]()
+    identity, outcomes = row_identity(source.problem, seed, problem), list[_VerifiedGrasp]()
     for row in rows:
         try:
-            result = verify(source.solution(records, row, problem), rtol, folders)
+            solution = source.solution(records, row, problem)
+            stated = labels.slice(row % GROUP, 1).to_pylist()[0]
+            label = differing_label(stated, identity.labels_of(stated["start"], solution))
+            if label is not None:
+                raise InputError(label, _shortened(stated[label]), "what follows from the stored solution of the row")
+            result = verify(solution, rtol, folders)
             outcomes.append(_VerifiedGrasp(result.passed, result.complete, result.missing, result.verdict))
         except InputError as error:
             outcomes.append(_VerifiedGrasp(False, False, (), f"NOT verified: {error}"))
     return outcomes
+
+
+def _shortened(value: object) -> str:
+    """Return a value as text of at most 60 characters."""
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def open_set(path: str | Path, *, warns: bool = True) -> GraspSet:
@@ -462,14 +520,19 @@ def open_set(path: str | Path, *, warns: bool = True) -> GraspSet:
     folder = SetFolder.of(path)
     plan = folder.read_plan()
     files, tables, notes, finished = list[RowFile](), [], list[str](), folder.finished()
+    merged = set[str]()
     for problem, digest in plan["problems"].items():
+        known = len(notes)
         for source, labels in _read_problem_rows(folder, problem, digest, finished, notes):
             files.append(source)
             tables.append(labels)
+        if finished.is_merged(problem) and len(notes) == known:
+            merged.add(problem)
     for note in notes if warns else ():
         warn(f"{folder.path.name}: {note}")
-    merged = frozenset(problem for problem in plan["problems"] if finished.is_merged(problem))
-    return GraspSet(folder.path, tuple(notes), _plan=plan, _files=tuple(files), _tables=tuple(tables), _finished=merged)
+    return GraspSet(
+        folder.path, tuple(notes), _plan=plan, _files=tuple(files), _tables=tuple(tables), _finished=frozenset(merged)
+    )
 
 
 def _read_problem_rows(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 import warnings
 from collections.abc import Iterator, Sequence
@@ -18,7 +16,6 @@ from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.experiments.solve_job import Outcome
-from nlpgrasp.experiments.solve_record import body_digest
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand
 from nlpgrasp.hands.robot import Robot
@@ -42,7 +39,9 @@ from nlpgrasp.sets.grasp_rows import (
     TOUCHES,
     Row,
     RowIdentity,
+    data_digest,
     parquet_bytes,
+    row_identity,
 )
 from nlpgrasp.simulation.hand_protocol import HoldTest, try_hold
 from nlpgrasp.simulation.robot_hand_scene import read_hand
@@ -152,17 +151,6 @@ class UnitProblem:
     def identity(self) -> RowIdentity:
         """Entries shared by all rows of the problem."""
         return row_identity(self.name, self.seed, self.problem.to_dict())
-
-
-def row_identity(name: str, seed: int, problem: Json) -> RowIdentity:
-    """Return the entries shared by all rows of a problem, from the problem's JSON data."""
-    body, hand = problem["body"], problem.get("hand")
-    return RowIdentity(name, seed, body_digest(body) or data_digest(body), "" if hand is None else data_digest(hand))
-
-
-def data_digest(data: Json) -> str:
-    """Return a digest of JSON data with 16 hexadecimal digits."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,11 @@ from nlpgrasp.sets.grasp_rows import (
     FAILED,
     GRASP,
     LABELS,
+    data_digest,
     import_pyarrow,
     parquet_bytes,
     read_rows,
+    row_identity,
 )
 from nlpgrasp.sets.grasp_set import GraspSet, open_set
 from nlpgrasp.sets.grasp_unit import (
@@ -46,8 +48,6 @@ from nlpgrasp.sets.grasp_unit import (
     UnitId,
     UnitJob,
     UnitProblem,
-    data_digest,
-    row_identity,
 )
 from nlpgrasp.sets.set_folder import SetFolder
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD

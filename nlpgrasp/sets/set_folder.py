@@ -19,7 +19,8 @@ from typing import TextIO, TypedDict
 from nlpgrasp.common.files import file_name, hold_lock, read_object, try_lock, write_bytes, write_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
-from nlpgrasp.sets.grasp_unit import UnitId, data_digest
+from nlpgrasp.sets.grasp_rows import data_digest
+from nlpgrasp.sets.grasp_unit import UnitId
 from nlpgrasp.version import __version__
 
 SCHEMA = "nlpgrasp-set/1"

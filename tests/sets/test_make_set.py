@@ -301,19 +301,71 @@ def test_invalid_arguments_are_refused_before_anything_runs(run, tmp_path, setti
     assert not (tmp_path / "out" / "rows").exists() or "workers" in settings
 
 
-def test_verify_finds_a_row_that_was_changed(copy):
+def change_first_row(folder, entries):
+    """Change entries of the first grasp's row of a set; a callable gets the old entry."""
     from nlpgrasp.sets.grasp_rows import RECORD, parquet_bytes, read_rows
 
-    file, digest = copy / "rows" / "rough.parquet", json.loads((copy / "set.json").read_text())["problems"]["rough"]
+    file, digest = folder / "rows" / "rough.parquet", json.loads((folder / "set.json").read_text())["problems"]["rough"]
     rows = read_rows(file, (*LABELS, *RECORD), digest, "rows").to_pylist()
     first = next(row for row in rows if row["status"] == "grasp")
-    first["numbers"] = (1.5 * np.frombuffer(first["numbers"])).tobytes()
+    first |= {name: value(first[name]) if callable(value) else value for name, value in entries.items()}
     file.write_bytes(parquet_bytes(rows, digest, "all"))
+
+
+def test_verify_finds_a_row_that_was_changed(copy):
+    change_first_row(copy, {"numbers": lambda numbers: (1.5 * np.frombuffer(numbers)).tobytes()})
     outcome = ng.open_set(copy).verify(workers=1)
     assert not outcome
     assert list(outcome.failed) == [0]
     assert "NOT verified" in str(outcome)
     assert outcome.verified == 2 * WANTED - 1
+
+
+@pytest.mark.parametrize(
+    ("label", "value"),
+    [
+        ("mu_lower", 9.0),
+        ("mu_upper", 9.5),
+        ("contact_points", [0.0] * 4),
+        ("faces", ["left", "left"]),
+        ("object", "0123456789abcdef"),
+        ("seed", 99),
+        ("has_squeeze", True),
+    ],
+)
+def test_verify_finds_a_label_that_is_not_that_of_the_solution(copy, label, value):
+    change_first_row(copy, {label: value})
+    outcome = ng.open_set(copy).verify(workers=1)
+    assert not outcome
+    assert list(outcome.failed) == [0]
+    assert f"{label}: got" in outcome.failed[0]
+
+
+def test_a_damaged_problem_is_left_out_of_an_export(copy, tmp_path):
+    damage(copy / "rows" / "rough.parquet", "numbers")
+    with pytest.warns(UserWarning, match="left out: .*rough"):
+        files = ng.open_set(copy).export(tmp_path / "arrays")
+    assert [file.name for file in files] == ["smooth.npz"]
+
+
+def test_fewer_grasps_than_wanted_are_said(run, tmp_path):
+    made = run(tmp_path / "out", starts=4, wanted=30)
+    assert made.complete
+    assert f"fewer than the 30 wanted of rough ({made.frame()['problem'].tolist().count('rough')})" in str(made)
+
+
+def test_a_grasp_that_is_called_a_duplicate_is_noticed(copy):
+    change_first_row(copy, {"status": "duplicate"})
+    outcome = ng.open_set(copy).verify(workers=1)
+    assert not outcome.complete
+    assert "rough.parquet: row 0 holds a grasp, though its status is another" in str(outcome)
+
+
+def test_a_set_whose_file_is_lost_is_not_complete(copy):
+    (copy / "rows" / "rough.parquet").unlink()
+    opened = ng.open_set(copy)
+    assert not opened.complete
+    assert "not all rows of rough are there" in str(opened.verify(workers=1))
 
 
 def test_a_set_without_a_grasp_is_not_verified():
