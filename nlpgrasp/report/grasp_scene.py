@@ -186,11 +186,12 @@ def grasp_tips(solution: GraspSolution) -> FloatArray:
 
 
 def body_surface(solution: GraspSolution) -> Triangles | None:
-    """Return the body's triangles from the drawing or else from the body's data, or ``None`` if there is neither."""
+    """Return the body's triangles from the drawing, the solved problem or the body's data; ``None`` without these."""
     if solution.drawing is not None:
         return solution.drawing.body
     try:
-        return Triangles(*triangles(body_from_dict(solution.problem["body"])))
+        body = body_from_dict(solution.problem["body"]) if solution.source is None else solution.source.body
+        return Triangles(*triangles(body))
     except InputError:
         return None
 

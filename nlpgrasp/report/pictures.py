@@ -79,7 +79,10 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
 
 
 def draw_grasp(solution: GraspSolution) -> Figure:
-    """Draw a grasp: body, hand, obstacles, contacts, and the finger forces for the task's hardest wrench."""
+    """Draw a grasp: body, hand, obstacles, contacts, and the finger forces for the task's hardest wrench.
+
+    Without a grasp the body and the obstacles alone; axes without contents if the file does not contain them.
+    """
     figure: Figure = pyplot(PURPOSE).figure(figsize=(7.0, 6.0), layout="constrained")
     ax = figure.add_subplot(projection="3d", computed_zorder=False)  # contacts and arrows over the surfaces
     drawing = solution.drawn()
@@ -105,7 +108,10 @@ def draw_grasp(solution: GraspSolution) -> Figure:
             ax.set_title(f"{solution.name}: {chosen[0].label}", fontsize=8, wrap=True)
             drawn_points.append(points - forces)
         drawn_points.append(points)
-    show_at_one_scale(ax, np.vstack(drawn_points))
+    if drawn_points:
+        show_at_one_scale(ax, np.vstack(drawn_points))
+    else:  # a file without a grasp and its body
+        ax.set_axis_off()
     ax.view_init(elev=elevation, azim=azimuth)
     return figure
 

@@ -1,5 +1,6 @@
 """A batch of parts: files and a row each, finished parts stay, failures are rows."""
 
+import html
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
+from nlpgrasp.report.pictures import draw_grasp
 from tests.cli.test_cli import run_here
 from tests.held_block import GRIPPER
 
@@ -77,6 +79,25 @@ def test_a_part_that_fails_is_a_row_with_its_reason(batch):
     assert str(batch).startswith("2 of 3 parts have a grasp, 2 solved now")
     with pytest.raises(InputError, match=r"broken\.stl"):
         broken.load()
+
+
+def test_a_part_without_a_grasp_has_a_picture_of_its_body_and_a_row_with_the_reason(tmp_path, monkeypatch):
+    def fail(problem, **_):
+        return ng.GraspSolution(ng.Status.LOCALLY_INFEASIBLE, "wide", problem.to_dict(), source=problem)
+
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", fail)
+    (tmp_path / "parts").mkdir()
+    block(tmp_path, "wide", 200, 200, 200)
+    batch = solved(tmp_path)
+    (part,) = batch.parts
+    solution = part.load()
+    assert solution.grasp is None
+    assert {p.name for p in batch.folder.iterdir() if p.name[0] != "."} == {"index.html", "wide.json", "wide.png"}
+    page = batch.page.read_text(encoding="utf-8")
+    assert 'src="data:image/png;base64,' in page
+    assert html.escape(part.failure[1:]) in page
+    assert "Error" not in part.failure
+    assert not draw_grasp(solution).axes[0].axison  # the file does not contain the mesh
 
 
 @pytest.mark.slow
