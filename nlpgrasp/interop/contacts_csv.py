@@ -24,6 +24,9 @@ from nlpgrasp.solution.solution import GraspSolution
 # names of columns
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
 FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
+NAMES = (GRASP, "grasp_id", "id")  # columns that name the grasp of a row: the first that a table has
+NUMBERS = ("contact", "finger")  # columns that number the contacts of a grasp
+SEPARATORS = {";": "';'", "\t": "tabs", "|": "'|'", " ": "spaces"}  # of tables that are not separated by commas
 PROBE_STEP = 1e-3  # share of the body's size: probing step along a normal
 MOST_ROWS = 1_000_000  # contacts in a table
 UNIT_TOLERANCE = 1e-2  # tolerance of unit normals: other tools write few digits
@@ -79,7 +82,8 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     path : str or Path
         With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (metres, inward normals), and
         optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
-        coefficients have to agree with); other columns are ignored.
+        coefficients have to agree with). ``grasp`` (or ``grasp_id``, ``id``) names the grasp, ``contact`` or
+        ``finger`` may number its contacts; other columns are ignored.
     friction : float, optional
         Friction of contacts whose row has none: frictionless by default, with a warning unless the row's model says so.
     body : Body, optional
@@ -88,7 +92,7 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     Raises
     ------
     InputError
-        On a file that is not such a table, naming row and column, and on one whose column ``grasp`` names several.
+        On a file that is not such a table, naming row and column, and on one of several grasps.
 
     Warns
     -----
@@ -98,18 +102,23 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     """
     grasps = _read_grasps(path, friction, body)
     if len(grasps) > 1:
-        raise InputError(f"{path}: {GRASP}", f"{len(grasps)} grasps", "one: nlpgrasp quality reads tables of several")
+        raise InputError(
+            str(path),
+            f"{len(grasps)} grasps",
+            "one: nlpgrasp quality reads tables of several",
+        )
     return next(iter(grasps.values()))
 
 
 def _read_grasps(path: str | Path, friction: float | None, body: Body | None, unit: str = "m") -> dict[str, Grasp]:
-    """Read the grasps of a table of contacts, by the value of the column ``grasp``.
+    """Read the grasps of a table of contacts, by the value of the column that names them.
 
-    A table without this column has one grasp.
+    A table without such a column has one grasp.
 
     Their order is that of their first rows.
     """
     name, rows = str(path), _contact_rows(path)
+    rows_of = _rows_of_grasps(name, rows)
     space = 3 if "p_z" in rows[0] else 2
     points = np.array([[_read_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
     points = in_metres("unit", points, unit)
@@ -118,9 +127,6 @@ def _read_grasps(path: str | Path, friction: float | None, body: Body | None, un
     if friction is None:
         warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in rows])
     warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}")
-    rows_of: dict[str, list[int]] = {}
-    for i, row in enumerate(rows):
-        rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)
     grasps = {
         key: Grasp(points[indices], normals[indices], [models[i] for i in indices], points[indices].mean(axis=0))
         for key, indices in rows_of.items()
@@ -131,15 +137,70 @@ def _read_grasps(path: str | Path, friction: float | None, body: Body | None, un
     return grasps
 
 
+def _rows_of_grasps(name: str, rows: Sequence[Row]) -> dict[str, list[int]]:
+    """Return the indices of each grasp's rows; raise if they are not one after another, or have a number twice."""
+    column = _name_column(rows)
+    keys = ["" if column is None else (row.get(column) or "").strip() for row in rows]
+    if column == NAMES[-1] and 1 < len(rows) == len(set(keys)):
+        raise InputError(f"{name}: {column}", "another value in each row", f"a column {GRASP} that names the grasps")
+    rows_of: dict[str, list[int]] = {}
+    for i, key in enumerate(keys):
+        field = f"{name}: row {i + 2}, {column}"
+        if not key and any(keys):
+            raise InputError(field, "nothing", "the name of the grasp in each row")
+        if key in rows_of and keys[i - 1] != key:
+            raise InputError(
+                field,
+                f"grasp {key} again, after others",
+                "the rows of a grasp together, and another name for each grasp",
+            )
+        rows_of.setdefault(key, []).append(i)
+    for key, indices in rows_of.items():
+        _check_numbers(name, key, rows, indices)
+    return rows_of
+
+
+def _name_column(rows: Sequence[Row]) -> str | None:
+    """Return the column of a table that names the grasp of each row, or ``None`` for a table of one grasp."""
+    return next((column for column in NAMES if column in rows[0]), None)
+
+
+def _check_numbers(name: str, key: str, rows: Sequence[Row], indices: Sequence[int]) -> None:
+    """Raise if a contact number is repeated in a grasp.
+
+    A finger may have several contacts, in rows one after another.
+    """
+    for column in NUMBERS:
+        numbers = [(rows[i].get(column) or "").strip() for i in indices]
+        seen: set[str] = set()
+        previous = ""
+        for i, number in zip(indices, numbers, strict=True):
+            if number.isdecimal() and number in seen and not (column == "finger" and number == previous):
+                given = f"{column} {number} again" + (f" in grasp {key}" if key else "")
+                allowed = f"each {column} once in a grasp, and a column {GRASP} with another name for each grasp"
+                raise InputError(f"{name}: row {i + 2}, {column}", given, allowed)
+            seen.add(number)
+            previous = number
+
+
 def _csv_rows(path: str | Path) -> tuple[list[str], list[Row]]:
     """Read header and rows of a CSV table."""
     try:
-        reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
-        return list(reader.fieldnames or []), list(reader)
+        text = Path(path).read_text(encoding="utf-8-sig")
+        reader = csv.DictReader(io.StringIO(text))
+        header, rows = list(reader.fieldnames or []), list(reader)
     except OSError as error:
         raise InputError(str(path), error.strerror, "a CSV table of contacts that exists") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), f"no table ({error})", "a CSV table of contacts") from None
+    if not text.strip():
+        raise InputError(str(path), "an empty file", "a CSV table of contacts: a header, then rows")
+    for i, row in enumerate(rows):
+        extra: Sequence[str] = row.pop(None, ())  # cells beyond the header
+        if any(cell.strip() for cell in extra):
+            cells = f"{len(header) + len(extra)} cells"
+            raise InputError(f"{path}: row {i + 2}", cells, f"{len(header)}, as in the header")
+    return header, rows
 
 
 def _parquet_rows(path: str | Path) -> tuple[list[str], list[Row]]:
@@ -170,12 +231,20 @@ def _contact_rows(path: str | Path) -> list[Row]:
     space = 3 if "p_z" in columns else 2
     missing = [c for c in (*POSITION[:space], *NORMAL[:space]) if c not in columns]
     if missing:
+        _check_separator(name, columns)
         raise InputError(f"{name}: header", f"no column {missing[0]}", ", ".join((*POSITION, *NORMAL)) + ", then rows")
     if not rows:
         raise InputError(name, "a header without rows", "a row for each contact")
     if len(rows) > MOST_ROWS:
         raise InputError(name, f"{len(rows)} contacts", f"at most {MOST_ROWS}")
     return [{(k or "").strip(): v for k, v in row.items()} for row in rows]
+
+
+def _check_separator(name: str, columns: Sequence[str]) -> None:
+    """Raise if the columns of a header seem to be separated by something else than commas."""
+    for separator, given in SEPARATORS.items():
+        if len(columns) == 1 and POSITION[0] in [c.strip(" \"'") for c in columns[0].split(separator)]:
+            raise InputError(f"{name}: header", f"columns separated by {given}", "','")
 
 
 def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> FloatArray:

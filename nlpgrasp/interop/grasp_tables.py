@@ -31,10 +31,10 @@ def read_grasps(
     Parameters
     ----------
     source : str, Path, or mapping of str to (b, ...) array
-        A table of contacts (``.csv``, ``.parquet``; the column ``grasp`` numbers or names the grasps), arrays
-        (``.npz``, a record of a benchmark in ``.npy``, or a mapping): ``points`` and ``normals``, (b, k, 3),
-        optionally ``ids``, ``friction`` and ``torsional_friction``; postures of a hand (isaac_grasp ``.yaml``,
-        ``grasp_qpos`` in ``.npy``); or a solution.
+        A table of contacts (``.csv``, ``.parquet``; the column ``grasp``, ``grasp_id`` or ``id`` names the grasp,
+        whose rows stand together), arrays (``.npz``, a record of a benchmark in ``.npy``, or a mapping): ``points``
+        and ``normals``, (b, k, 3), optionally ``ids``, ``friction`` and ``torsional_friction``; postures of a hand
+        (isaac_grasp ``.yaml``, ``grasp_qpos`` in ``.npy``); or a solution.
     friction : float, optional
         Of contacts that state none; by default they are frictionless, with a warning.
     unit : {"m", "dm", "cm", "mm", "in", "ft"}
@@ -52,8 +52,9 @@ def read_grasps(
     Raises
     ------
     InputError
-        On a file without such columns or arrays, normals that are not unit vectors within 1 %, ids that are repeated,
-        and grasps of different contacts: ``read_grasp_stacks`` returns a stack for each kind.
+        On a file without such columns or arrays, normals that are not unit vectors within 1 %, ids that are repeated
+        (also by rows of a grasp that are not one after another), and grasps of different contacts:
+        ``read_grasp_stacks`` returns a stack for each kind.
 
     Warns
     -----

@@ -18,13 +18,14 @@ from nlpgrasp.common.spatial import (
     wrench_transform,
 )
 from nlpgrasp.common.user_warnings import is_called_by_user, warn
-from nlpgrasp.common.validation import LONGEST_BODY, BoolArray, FloatArray, array, number, read_only
+from nlpgrasp.common.validation import BoolArray, FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
 ROUNDING = 1e-15  # deviation from unit norm within which normals are kept unchanged
 AWAY = np.cos(np.pi / 4.0)  # cosine of the angle within which a normal points away from the mean
-UNIT_RATIO = 100.0  # ratio of a grasp's size to the median above which units seem to be mixed
+LONG_SPAN = 4.0  # m, median distance of a grasp's farthest contacts above which they seem not to be in metres
+UNIT_RATIO = 30.0  # ratio of a grasp's size to the median above which units seem to be mixed
 
 
 class ContactArrays:
@@ -121,18 +122,20 @@ def warn_of_units_and_normals(name: str, points: FloatArray, normals: FloatArray
     Warns
     -----
     UserWarning
-        One sentence each: contacts of a grasp more than 10 m apart, grasps more than 100 times as large as the median,
-        and normals of a grasp that all point away from the mean of its contacts.
+        One sentence each: contacts more than 4 m apart in the median of the grasps, grasps more than 30 times as large
+        as the median, and normals of a grasp that all point away from the mean of its contacts.
     """
     if not len(points):
         return
-    span = np.linalg.norm(np.ptp(points, axis=1), axis=1)
-    is_long, median = span > LONGEST_BODY, float(np.median(span))
-    is_mixed = span > UNIT_RATIO * median
-    if np.all(is_long):
-        warn(f"{name}.points: contacts {median:.3g} m apart, in the median; they have to be in metres, not millimetres")
-    elif np.any(is_long | is_mixed):
-        indices = np.flatnonzero(is_long | is_mixed)
+    span = np.zeros(len(points))  # distance of the contacts that are farthest apart
+    for i in range(points.shape[1]):
+        span = np.maximum(span, np.max(np.linalg.norm(points - points[:, i : i + 1], axis=2), axis=1))
+    median = float(np.median(span))
+    indices = np.flatnonzero(span > UNIT_RATIO * median)
+    if median > LONG_SPAN:
+        unit = "metres, not millimetres or centimetres"
+        warn(f"{name}.points: contacts {median:.3g} m apart, in the median; they have to be in {unit}")
+    elif indices.size:
         first = f"grasp {indices[0]} has contacts {span[indices[0]]:.3g} m apart, the median {median:.3g} m"
         warn(f"{name}.points: units seem to be mixed, in {len(indices)} of {len(points)} grasps: {first}")
     is_away = np.flatnonzero(do_all_point_away(points, normals))

@@ -54,6 +54,12 @@ def test_a_table_of_another_tool_takes_its_friction_from_the_caller(tmp_path):
         assert not ng.is_stable(read_contacts_csv(path))
 
 
+def test_a_finger_may_have_several_contacts_and_a_row_an_empty_cell_more(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("finger,p_x,p_y,n_x,n_y\n0,-1,0,1,0,\n0,-1,1,1,0\n1,1,0,-1,0\n")
+    assert len(read_contacts_csv(path, friction=0.4)) == 3
+
+
 OTHERS = {
     "line": ng.LineContact(0.02, 0.5, direction=[0, 1, 0]),
     "elliptic": ng.SoftContact(0.5, 0.01, model="elliptic"),
@@ -79,7 +85,28 @@ TABLES = {
         "torsion of a contact with friction",
     ),
     "no columns": ("x,y\n1,2\n", "header: got no column p_x"),
-    "empty": ("", "header: got no column p_x"),
+    "empty": ("", "bad.csv: got an empty file, expected a CSV table of contacts"),
+    "blank": ("\n\n", "bad.csv: got an empty file"),
+    "semicolons": ("p_x;p_y;n_x;n_y\n1;2;0;1\n", "header: got columns separated by ';', expected ','"),
+    "tabs": ("grasp\tp_x\tp_y\n1\t2\t0\n", "header: got columns separated by tabs, expected ','"),
+    "extra cell": ("p_x,p_y,n_x,n_y\n1,2,0,1\n1,2,0,1,9\n", "row 3: got 5 cells, expected 4, as in the header"),
+    "several grasps": (
+        "grasp_id,p_x,p_y,n_x,n_y,friction\na,1,2,0,1,1\nb,1,2,0,1,1\n",
+        "bad.csv: got 2 grasps, expected one",
+    ),
+    "two files in one": (
+        "finger,p_x,p_y,n_x,n_y\n" + 2 * "0,1,0,0,1\n1,1,2,0,1\n",
+        "row 4, finger: got finger 0 again",
+    ),
+    "contact twice": (
+        "grasp,contact,p_x,p_y,n_x,n_y\na,0,1,0,0,1\nb,0,1,0,0,1\nb,0,1,2,0,1\n",
+        "row 4, contact: got contact 0 again in grasp b, expected each contact once in a grasp",
+    ),
+    "no name": ("grasp,p_x,p_y,n_x,n_y\na,1,0,0,1\n,1,2,0,1\n", "row 3, grasp: got nothing, expected the name"),
+    "id of rows": (
+        "id,p_x,p_y,n_x,n_y\n0,1,0,0,1\n1,1,2,0,1\n",
+        "id: got another value in each row, expected a column",
+    ),
     "no normal": ("p_x,p_y,p_z,n_x,n_y\n1,2,3,0,1\n", "no column n_z"),
     "text": ("p_x,p_y,n_x,n_y\n1,a,0,1\n", "row 2, p_y: got a"),
     "nan": ("p_x,p_y,n_x,n_y\n1,nan,0,1\n", "row 2, p_y: got nan"),

@@ -67,6 +67,20 @@ def test_every_kind_of_table_gives_the_same_stack(arrays, tmp_path):
     np.testing.assert_allclose(stack.points, arrays["points"], rtol=1e-12)
 
 
+def test_grasp_id_and_id_name_grasps_too(arrays, tmp_path):
+    for column in ("grasp_id", "id"):
+        (tmp_path / "a.csv").write_text(table_text(arrays).replace("grasp,", f"{column},", 1))
+        same(ng.read_grasps(tmp_path / "a.csv", friction=0.5), arrays)
+
+
+def test_a_grasp_that_comes_back_is_refused_and_not_merged(arrays, tmp_path):
+    text = table_text(arrays)
+    (tmp_path / "a.csv").write_text(text + text.split("\n", 1)[1])
+    message = r"a.csv: row 26, grasp: got grasp g0 again, after others, expected the rows of a grasp together"
+    with pytest.raises(ng.InputError, match=message):
+        ng.read_grasps(tmp_path / "a.csv", friction=0.5)
+
+
 def test_friction_of_arrays_is_one_number_or_one_for_each_contact(arrays):
     assert ng.read_grasps(arrays | {"friction": [0.2, 0.3, 0.4, 0.5]}).contacts[2] == ng.FrictionContact(0.4)
     soft = ng.read_grasps(arrays | {"friction": 0.5, "torsional_friction": 0.01})
@@ -111,9 +125,10 @@ def test_bad_arrays_are_refused(arrays, change, message):
 def test_what_is_suspicious_is_noticed(arrays):
     with pytest.warns(UserWarning, match="in metres, not millimetres"):
         ng.read_grasps(arrays | {"points": 1000 * arrays["points"]}, friction=0.5)
-    mixed = arrays["points"] * np.where(np.arange(6) == 2, 1000, 1)[:, None, None]
-    with pytest.warns(UserWarning, match="units seem to be mixed, in 1 of 6 grasps"):
-        ng.read_grasps(arrays | {"points": mixed}, friction=0.5)
+    for factor in (100, 1000):
+        mixed = arrays["points"] * np.where(np.arange(6) == 2, factor, 1)[:, None, None]
+        with pytest.warns(UserWarning, match="units seem to be mixed, in 1 of 6 grasps: grasp 2"):
+            ng.read_grasps(arrays | {"points": mixed}, friction=0.5)
     with pytest.warns(UserWarning, match="arrays: no friction stated: taken to be frictionless"):
         ng.read_grasps(arrays)
 

@@ -172,9 +172,12 @@ def test_millimetres_mixed_units_and_outward_normals_are_noticed():
     ng.GraspStack(points, normals, ng.FrictionContact(0.5))
     with pytest.warns(UserWarning, match=r"GraspStack.points: contacts .* m apart.*not millimetres"):
         ng.GraspStack(1000 * points, normals, ng.FrictionContact(0.5))
-    mixed = points * np.where(np.arange(6) == 4, 1000.0, 1.0)[:, None, None]
-    with pytest.warns(UserWarning, match=r"units seem to be mixed, in 1 of 6 grasps: grasp 4"):
-        ng.GraspStack(mixed, normals, ng.FrictionContact(0.5))
+    with pytest.warns(UserWarning, match=r"contacts 5.2 m apart, in the median; .* or centimetres"):
+        ng.GraspStack(100 * points, normals, ng.FrictionContact(0.5))  # a ball of 6 cm
+    for factor in (100.0, 1000.0):
+        mixed = points * np.where(np.arange(6) == 4, factor, 1.0)[:, None, None]
+        with pytest.warns(UserWarning, match=r"units seem to be mixed, in 1 of 6 grasps: grasp 4"):
+            ng.GraspStack(mixed, normals, ng.FrictionContact(0.5))
     turned = normals * np.where(np.arange(6) < 2, -1.0, 1.0)[:, None, None]
     with pytest.warns(UserWarning, match=r"GraspStack.normals: of 2 of 6 grasps, first 0, all point away"):
         ng.GraspStack(points, turned, ng.FrictionContact(0.5))
