@@ -77,7 +77,8 @@ def press_into_cones(u: FloatArray, contacts: Sequence[ContactModel], space: int
         start += A.shape[1]
         more = np.zeros(len(u))
         for M in contact.cones(space):
-            missing = np.linalg.norm(own @ M[1:].T, axis=1) - own @ M[0]
-            more = np.maximum(more, missing / float(M[0] @ normal))
+            if (gain := float(M[0] @ normal)) > 0.0:  # a cone that normal forces do not widen is left as it is
+                missing = np.linalg.norm(own @ M[1:].T, axis=1) - own @ M[0]
+                more = np.maximum(more, missing / gain)
         parts.append((own + ROUNDED_UP * more[:, None] * normal) @ A.T)
     return np.concatenate(parts, axis=1)
