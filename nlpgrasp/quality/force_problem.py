@@ -18,7 +18,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import BoolArray, FloatArray, array
-from nlpgrasp.contacts.product import conic_lift, press_into_cones
+from nlpgrasp.contacts.product import conic_lift, project_strictly
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
@@ -156,7 +156,7 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
     if unsettled.size:  # narrow cones are hard for Newton's method: use a conic solver
         l2_set = replace(reduced, force_set=L2Set(reduced.contacts, reduced.space))
         forces = solve_least_forces(l2_set, local[unsettled])[0]
-        forces = _correct_wrenches(reduced, forces, local[unsettled])
+        forces = _project_into_cones(reduced, forces, local[unsettled])
         conic_residual = np.linalg.norm(forces @ reduced.G.T - local[unsettled], axis=1)
         is_produced = conic_residual <= PRODUCED  # false for NaN
         x[unsettled[is_produced]] = forces[is_produced]
@@ -170,25 +170,27 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
         failed = feasible[~np.all(np.isfinite(forces), axis=1) & np.any(local[feasible] != 0.0, axis=1)]
         if failed.size:
             raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
-        x[feasible] = _correct_wrenches(reduced, np.where(np.isfinite(forces), forces, 0.0), local[feasible])
+        x[feasible] = _project_into_cones(reduced, np.where(np.isfinite(forces), forces, 0.0), local[feasible])
         residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     return x, residual, directions
 
 
-def _correct_wrenches(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
-    """Return a conic solver's forces, which are in the cones, corrected to produce the wrenches w.
+def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
+    """Return a conic solver's forces projected into the cones and corrected to produce the wrenches w.
 
-    The error of the wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
+    The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
     """
-    corrected = x.copy()
-    missing = w - x @ wrench_set.G.T
+    projected = np.full_like(x, np.nan)
+    solved = np.all(np.isfinite(x), axis=1)
+    projected[solved] = project_strictly(x[solved], wrench_set.contacts, wrench_set.space)
+    missing = w - projected @ wrench_set.G.T
     size = np.linalg.norm(missing, axis=1)
     inexact = np.flatnonzero(size > TOLERANCE)  # false for NaN
     corrections = dual_newton(wrench_set, missing[inexact] / size[inexact, None])[1]
-    trial = x[inexact] + size[inexact, None] * corrections
-    is_better = np.linalg.norm(w[inexact] - trial @ wrench_set.G.T, axis=1) < size[inexact]
-    corrected[inexact[is_better]] = trial[is_better]
-    return corrected
+    corrected = projected[inexact] + size[inexact, None] * corrections
+    is_better = np.linalg.norm(w[inexact] - corrected @ wrench_set.G.T, axis=1) < size[inexact]
+    projected[inexact[is_better]] = corrected[is_better]
+    return projected
 
 
 def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> BoolArray:
@@ -203,8 +205,7 @@ def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> BoolA
 def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
 
-    The forces are in the contacts' cones, and produce the wrenches to the solver's tolerance. A dual direction is the
-    gradient of the least amount with respect to the wrench. NaN where the solver fails.
+    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
     """
     d = len(wrench_set.G)
     lift, matrices = conic_lift(wrench_set.contacts, wrench_set.space)
@@ -227,7 +228,7 @@ def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[Flo
         for options in settings:
             solution = clarabel.DefaultSolver(no_cost, cost, A, b, cones, options).solve()
             if str(solution.status) == "Solved":
-                forces[i] = press_into_cones(np.array(solution.x)[None, :n], wrench_set.contacts, wrench_set.space)[0]
+                forces[i] = lift @ np.array(solution.x)[:n]
                 directions[i] = -np.array(solution.z)[:d]
                 break
             if "Infeasible" in str(solution.status):

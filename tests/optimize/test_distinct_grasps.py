@@ -211,7 +211,7 @@ def test_a_table_of_several_is_read_grasp_by_grasp(solution, tmp_path):
     read = list(reader_of(path).read(path, ReadOptions()))
     assert [item.name for item in read] == [str(i) for i in range(KEEP)]
     assert all(np.array_equal(r.grasp.points, f.grasp.points) for r, f in zip(read, solution.grasps, strict=True))
-    with pytest.raises(ng.InputError, match="grasp: got 5 grasps, expected one"):
+    with pytest.raises(ng.InputError, match="got 5 grasps, expected one"):
         read_contacts_csv(path)
 
 
