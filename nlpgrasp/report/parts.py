@@ -249,6 +249,7 @@ class _Batch:
         solution_file = self._out / f"{name}.json"
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
+            is_begun = False  # until a solve begins, the files of an earlier result stay
             try:
                 problem = self._problem(name, file)
                 digest = self._digest(problem)
@@ -256,6 +257,7 @@ class _Batch:
                 if entry.get("digest") == digest and solution_file.is_file():
                     solution = GraspSolution.load(solution_file)
                     return PartResult(name, solution_file, _failure(solution), tuple(entry.get("notes", ())))
+                is_begun = True
                 self._remove(name)
                 solution = solve_one(problem)
                 if solution.status is Status.INTERRUPTED:
@@ -264,10 +266,12 @@ class _Batch:
             except KeyboardInterrupt:
                 return PartResult(name, failure=NOT_SOLVED)
             except NlpgraspError as error:
-                self._remove(name)
+                if is_begun:
+                    self._remove(name)
                 return PartResult(name, failure=str(error))
             except Exception as error:  # of the user's function or a broken mesh: the other parts go on
-                self._remove(name)
+                if is_begun:
+                    self._remove(name)
                 return PartResult(name, failure=error_line(error))
         notes = tuple(dict.fromkeys(single_line(str(warning.message)) for warning in caught))
         self._finished[name] = {"digest": digest, "notes": list(notes)}

@@ -538,7 +538,7 @@ class GraspSolution(InNotebook):
 
         Data that hold for the first answer alone are removed.
         """
-        if kept.grasp is self.grasp:
+        if kept.grasp is self.grasp and kept.hand == self.hand:  # a gripper's flips and turns share the contacts
             return replace(self, others=(), stated_first=None)
         return replace(
             self,
