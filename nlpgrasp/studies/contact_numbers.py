@@ -23,7 +23,13 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.nested_problems import is_same_body, solve_family
-from nlpgrasp.studies.purposes import PurposeComparison, check_purposes, compare_purposes, require_comparison
+from nlpgrasp.studies.purposes import (
+    PurposeComparison,
+    best_by_weights,
+    check_purposes,
+    compare_purposes,
+    require_comparison,
+)
 
 SUBSETS = 256  # most subsets of contacts to keep
 
@@ -235,8 +241,7 @@ class ContactCurve:
         InputError
             If the study had no weights; on purposes that it did not measure and invalid weights.
         """
-        comparison = require_comparison(self.purposes)
-        best = (comparison if weights is None else comparison.with_weights(weights)).best
+        best = best_by_weights(self.purposes, weights)
         return None if best is None else self.solutions[best][0]
 
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:

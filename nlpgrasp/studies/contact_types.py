@@ -26,7 +26,13 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.nested_problems import solve_family
-from nlpgrasp.studies.purposes import PurposeComparison, check_purposes, compare_purposes, require_comparison
+from nlpgrasp.studies.purposes import (
+    PurposeComparison,
+    best_by_weights,
+    check_purposes,
+    compare_purposes,
+    require_comparison,
+)
 
 MOST_ASSIGNMENTS = 256  # most assignments
 SAMPLES = 8  # random placements that test whether contacts are interchangeable
@@ -211,8 +217,7 @@ class TypeChoice:
         InputError
             If the study had no weights; on purposes that it did not measure and invalid weights.
         """
-        comparison = require_comparison(self.purposes)
-        best = (comparison if weights is None else comparison.with_weights(weights)).best
+        best = best_by_weights(self.purposes, weights)
         return None if best is None else self.assignments[best]
 
     def to_dict(self) -> Json:

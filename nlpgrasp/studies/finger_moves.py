@@ -291,6 +291,7 @@ class HoldingQuality:
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size
         self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size, MOST_TURN) for path in paths]
+        self._triangle_paths = TrianglePaths(problem.body) if isinstance(problem.body, Mesh) else None
         self.quality_without, self.sliding_quality = cache(self._quality_without), cache(self._sliding_quality)
 
     def _quality_without(self, moved: frozenset[int], finger: int) -> Bounds:
@@ -315,8 +316,8 @@ class HoldingQuality:
     def _surface_path(self, finger: int) -> SurfacePath:
         """Return the path of a finger over the body itself: over the triangles of a mesh."""
         curve = self._curves[finger]
-        if isinstance(self.problem.body, Mesh):
-            return TrianglePaths(self.problem.body).over(curve.points, curve.normals)
+        if self._triangle_paths is not None:
+            return self._triangle_paths.over(curve.points, curve.normals)
         return SurfacePath(curve.points, curve.normals, curve.deviations())
 
     def _estimate(self, grasp: Grasp) -> float:

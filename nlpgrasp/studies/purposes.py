@@ -273,6 +273,18 @@ def compare_purposes(
     return PurposeComparison(tuple(names), dict(weights), tuple(values), displacement)
 
 
+def best_by_weights(comparison: PurposeComparison | None, weights: Mapping[str, float] | None) -> int | None:
+    """Return the index of a study's best grasp by its own or other weights, or ``None`` without grasps.
+
+    Raises
+    ------
+    InputError
+        If the study had no weights; as ``PurposeComparison.with_weights``.
+    """
+    measured = require_comparison(comparison)
+    return (measured if weights is None else measured.with_weights(weights)).best
+
+
 def require_comparison(comparison: PurposeComparison | None) -> PurposeComparison:
     """Return the comparison of a study, or raise ``InputError`` if the study had no weights."""
     if comparison is None:
