@@ -11,6 +11,8 @@ from scipy.linalg import block_diag
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import ContactModel
 
+ROUNDED_UP = 1.0 + 1e-12  # factor on added normal forces
+
 
 def component_slices(contacts: Sequence[ContactModel], space: int) -> list[slice]:
     """Return the slice of each contact's components in the stacked vector of finger forces."""
@@ -65,4 +67,24 @@ def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> l
 def project_strictly(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
     """Return the projection of finger forces (m, n) onto K, moved inside if numerical errors leave it outside."""
     parts = [c.into(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
+    return np.concatenate(parts, axis=1)
+
+
+def press_into_cones(u: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+    """Return finger forces (m, n) in K from variables ``u`` (m, l) of ``conic_lift`` that a solver left near the cones.
+
+    All normal forces of a contact, at its point or at the corners of its pad, grow by the least amount that puts the
+    variables into their second-order cones. A projection of the forces instead has errors of its own.
+    """
+    parts, start = [], 0
+    for contact in contacts:
+        A = contact.generators(space)
+        own, normal = u[:, start : start + A.shape[1]], A[0]  # of the normal force: 1 at each point
+        start += A.shape[1]
+        more = np.zeros(len(u))
+        for M in contact.cones(space):
+            if (gain := float(M[0] @ normal)) > 0.0:  # a cone that normal forces do not widen is left as it is
+                missing = np.linalg.norm(own @ M[1:].T, axis=1) - own @ M[0]
+                more = np.maximum(more, missing / gain)
+        parts.append((own + ROUNDED_UP * more[:, None] * normal) @ A.T)
     return np.concatenate(parts, axis=1)

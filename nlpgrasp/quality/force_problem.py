@@ -18,7 +18,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import BoolArray, FloatArray, array
-from nlpgrasp.contacts.product import conic_lift, project_strictly
+from nlpgrasp.contacts.product import conic_lift, press_into_cones, project_strictly
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
@@ -155,8 +155,7 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
     unsettled = unsettled[~proven]
     if unsettled.size:  # narrow cones are hard for Newton's method: use a conic solver
         l2_set = replace(reduced, force_set=L2Set(reduced.contacts, reduced.space))
-        forces = solve_least_forces(l2_set, local[unsettled])[0]
-        forces = _project_into_cones(reduced, forces, local[unsettled])
+        forces = _feasible_forces(reduced, _solve_conic_programs(l2_set, local[unsettled])[0], local[unsettled])
         conic_residual = np.linalg.norm(forces @ reduced.G.T - local[unsettled], axis=1)
         is_produced = conic_residual <= PRODUCED  # false for NaN
         x[unsettled[is_produced]] = forces[is_produced]
@@ -166,31 +165,44 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
             directions[i] = basis @ (y[i] if direction is None else direction)
     if not isinstance(wrench_set.force_set, L2Set):  # least forces in that set's measure
         feasible = np.flatnonzero(residual <= PRODUCED)
-        forces = solve_least_forces(reduced, local[feasible])[0]
-        failed = feasible[~np.all(np.isfinite(forces), axis=1) & np.any(local[feasible] != 0.0, axis=1)]
+        u = _solve_conic_programs(reduced, local[feasible])[0]
+        failed = feasible[~np.all(np.isfinite(u), axis=1) & np.any(local[feasible] != 0.0, axis=1)]
         if failed.size:
             raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
-        x[feasible] = _project_into_cones(reduced, np.where(np.isfinite(forces), forces, 0.0), local[feasible])
+        x[feasible] = _feasible_forces(reduced, np.where(np.isfinite(u), u, 0.0), local[feasible])
         residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     return x, residual, directions
 
 
-def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
-    """Return a conic solver's forces projected into the cones and corrected to produce the wrenches w.
+def _feasible_forces(wrench_set: WrenchSet, u: FloatArray, w: FloatArray) -> FloatArray:
+    """Return forces in the cones that produce the wrenches w, next to a conic solver's variables u (m, l).
 
-    The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
+    Variables that are pressed into their cones keep the least amount of force exactly. Where that misses the wrench, as
+    in narrow cones, the forces are projected instead.
     """
-    projected = np.full_like(x, np.nan)
-    solved = np.all(np.isfinite(x), axis=1)
-    projected[solved] = project_strictly(x[solved], wrench_set.contacts, wrench_set.space)
-    missing = w - projected @ wrench_set.G.T
+    contacts, space = wrench_set.contacts, wrench_set.space
+    x = np.full((len(u), wrench_set.G.shape[1]), np.nan)
+    solved = np.flatnonzero(np.all(np.isfinite(u), axis=1))
+    x[solved] = _correct_wrenches(wrench_set, press_into_cones(u[solved], contacts, space), w[solved])
+    missed = solved[np.linalg.norm(x[solved] @ wrench_set.G.T - w[solved], axis=1) > PRODUCED]
+    lifted = u[missed] @ conic_lift(contacts, space)[0].T
+    x[missed] = _correct_wrenches(wrench_set, project_strictly(lifted, contacts, space), w[missed])
+    return x
+
+
+def _correct_wrenches(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
+    """Return forces in the cones corrected to produce the wrenches w.
+
+    The error of the wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
+    """
+    corrected = x.copy()
+    missing = w - x @ wrench_set.G.T
     size = np.linalg.norm(missing, axis=1)
-    inexact = np.flatnonzero(size > TOLERANCE)  # false for NaN
-    corrections = dual_newton(wrench_set, missing[inexact] / size[inexact, None])[1]
-    corrected = projected[inexact] + size[inexact, None] * corrections
-    is_better = np.linalg.norm(w[inexact] - corrected @ wrench_set.G.T, axis=1) < size[inexact]
-    projected[inexact[is_better]] = corrected[is_better]
-    return projected
+    inexact = np.flatnonzero(size > TOLERANCE)
+    trial = x[inexact] + size[inexact, None] * dual_newton(wrench_set, missing[inexact] / size[inexact, None])[1]
+    is_better = np.linalg.norm(w[inexact] - trial @ wrench_set.G.T, axis=1) < size[inexact]
+    corrected[inexact[is_better]] = trial[is_better]
+    return corrected
 
 
 def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> BoolArray:
@@ -207,6 +219,12 @@ def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[Flo
 
     A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
     """
+    u, directions = _solve_conic_programs(wrench_set, wrenches)
+    return u @ conic_lift(wrench_set.contacts, wrench_set.space)[0].T, directions
+
+
+def _solve_conic_programs(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the variables (m, l) of ``conic_lift`` with the least forces for wrenches (m, d), and dual directions."""
     d = len(wrench_set.G)
     lift, matrices = conic_lift(wrench_set.contacts, wrench_set.space)
     n = lift.shape[1]
@@ -220,7 +238,7 @@ def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[Flo
     cost = np.zeros(n + 1)
     cost[n] = 1.0
     settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
-    forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
+    u, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
     no_cost = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
         b = np.zeros(A.shape[0])
@@ -228,9 +246,9 @@ def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[Flo
         for options in settings:
             solution = clarabel.DefaultSolver(no_cost, cost, A, b, cones, options).solve()
             if str(solution.status) == "Solved":
-                forces[i] = lift @ np.array(solution.x)[:n]
+                u[i] = solution.x[:n]
                 directions[i] = -np.array(solution.z)[:d]
                 break
             if "Infeasible" in str(solution.status):
                 break
-    return forces, directions
+    return u, directions

@@ -137,3 +137,19 @@ def test_nothing_asked_nothing_used(rng):
 def test_wrenches_that_make_no_sense_are_refused(wrenches, rng):
     with pytest.raises(ng.InputError, match="wrenches"):
         ng.finger_forces(closed_ellipsoid_grasp(rng), wrenches)
+
+
+def test_forces_of_pads_at_the_edge_of_their_friction_are_the_least():
+    normal = np.array([0.8819213089994025, 0.4713966532897539, 0.0])
+    points = [
+        [-0.01476122386767098, -0.006161939065209692, 0.05661694516288713],
+        [0.013324363345977842, 0.008850116639865206, 0.056616945162887414],
+    ]
+    pad = ng.PlaneContact(extents=(0.02, 0.012), friction=0.5, direction=(0, 0, -1))
+    grasp = ng.Grasp(points, [normal, -normal], pad, torque_origin=[0.0, 0.0, 0.026857141793390955])
+    wrench = [
+        *(1.2032314903249768, -2.403701002341299, 4.143232786628172),
+        *(-0.005642430163249058, -0.0028795221972666048, 0.0001568557047059856),
+    ]
+    used = ng.finger_forces(grasp, wrench, force_budget="shared").used[0]
+    assert used == pytest.approx(15.885612337, rel=1e-8)  # proved by weak duality
