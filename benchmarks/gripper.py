@@ -104,9 +104,9 @@ def sampled(problem):
     chosen = pairs[:: -(-len(pairs) // PAIRS)]
     free_count = 0
     for points in chosen:
-        for direction in problem.hand.approaches(points, clearance.cones, TURNS):
-            on_face = min(clearance.pad_shares(points, direction)) >= LEAST_PAD_SHARE
-            free_count += on_face and clearance.pose(points, direction).is_free
+        directions = problem.hand.approaches(points, clearance.cones, TURNS)
+        on_faces = clearance.pad_shares(points, directions).min(axis=1) >= LEAST_PAD_SHARE
+        free_count += sum(clearance.pose(points, direction).is_free for direction in directions[on_faces])
     return free_count, len(chosen) * TURNS
 
 

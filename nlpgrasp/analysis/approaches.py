@@ -18,7 +18,7 @@ from nlpgrasp.motion.jaw_clearance import SLIDES, JawClearance, JawPose, flip_po
 from nlpgrasp.optimize.constraint_values import HandFunctions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses
-from nlpgrasp.solution.obstructions import approach_obstructions
+from nlpgrasp.solution.obstructions import approach_obstructions, obstruction_rank
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 
@@ -138,7 +138,7 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
 
     A grasp whose approach is blocked takes the approach of another turn that is free. Where fewer than ``count`` grasps
     have a free approach, further turns of their contacts are added, at least 30 degrees apart, then flips. Free grasps
-    come first; where the answer is blocked, the best free grasp becomes the answer.
+    come first, then those whose pads overhang, the least overhang first, then blocked ones; the first is the answer.
 
     Parameters
     ----------
@@ -155,8 +155,8 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
     if count > 1:
         posed += arranger.further_poses(posed, count)
     free = sorted((p for p in posed if p.is_free), key=lambda p: p.kind)[:count]  # stable: best first in each kind
-    blocked = [p for p in posed if not p.is_free][: count - len(free)]
-    kept = [*sorted(free, key=lambda p: (p.index, p.kind)), *blocked]
+    others = sorted((p for p in posed if not p.is_free), key=lambda p: obstruction_rank(p.grasp.hand))
+    kept = [*sorted(free, key=lambda p: (p.index, p.kind)), *others[: count - len(free)]]
     return _with_kept(solution, [p.grasp for p in kept])
 
 

@@ -1,14 +1,17 @@
-"""Diagnosis of parallel jaws without a grasp, by sampled antipodal pairs: opening, pads, surroundings."""
+"""Poses of parallel jaws at sampled antipodal pairs: the direction of their pads, and why they cannot hold a part."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from nlpgrasp.bodies.mesh.signed_distance import first_hits, inward_rays
-from nlpgrasp.common.formatting import format_number, format_percent
+from nlpgrasp.common.formatting import format_number, format_percent, vector
+from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.constraints import Approach
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, surface_triangles
 from nlpgrasp.problem.problem import GraspProblem
@@ -17,7 +20,56 @@ from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TABLE
 SAMPLES = 2000  # points of the surface
 MOST_PAIRS = 60  # pairs at which poses are tried
 TURNS = 12  # approaches of each
+ALIKE = np.cos(np.radians(10.0))  # least cosine between two approaches that count as one
 OPPOSED = np.cos(np.radians(10.0))  # least cosine between a normal and that across, which curved parts rarely have at 1
+
+
+def with_usable_pads(problem: GraspProblem) -> GraspProblem:
+    """Return the problem with its gripper's default pads along an approach that can be used, and warn of another one.
+
+    Default pads are long along the approach from above. Where no sampled antipodal pair has them on its faces and a
+    free way in, the approach is taken by which most pairs have, the steepest of those alike. Unchanged are other
+    contacts, problems with an ``Approach``, and parts for which no approach is found.
+    """
+    hand, pads = problem.hand, problem.default_pads()
+    if (
+        not isinstance(hand, ParallelJaw)
+        or not pads
+        or problem.models != pads
+        or any(isinstance(c, Approach) for c in problem.constraints)
+    ):
+        return problem
+    clearance = JawClearance(hand, problem.body, problem.constraints, pads)
+    pairs = sampled_antipodal_pairs(problem)
+    openings = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1)
+    pairs = _some(pairs[(hand.closed <= openings) & (openings <= hand.opening)])
+    for points in pairs:
+        directions = clearance.directions(points, pads)
+        if directions is not None and len(_usable_approaches(clearance, points, directions)):
+            return problem
+    approaches = [_usable_approaches(clearance, points, hand.approaches(points, (), TURNS)) for points in pairs]
+    usable = np.concatenate([np.zeros((0, 3)), *approaches])
+    if not len(usable):
+        return problem
+    counts = np.sum(usable @ usable.T >= ALIKE, axis=1)
+    best = usable[np.lexsort([usable[:, 2], -counts])[0]]
+    x, y, z = best.tolist()
+    warn(
+        f"GraspProblem.contacts: no sampled grasp from above has the gripper's pads on faces and a free way in; the"
+        f" pads are along the approach [{vector(best)}] instead, as by ng.Approach"
+    )
+    return replace(problem, contacts=[replace(pad, direction=(x, y, z)) for pad in pads])
+
+
+def _usable_approaches(clearance: JawClearance, points: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return the approach directions (n, 3) by which the pads are on their faces and the way in is free."""
+    on_faces = clearance.pad_shares(points, directions).min(axis=1, initial=1.0) >= LEAST_PAD_SHARE
+    return np.array([d for d in directions[on_faces] if clearance.pose(points, d).is_free]).reshape(-1, 3)
+
+
+def _some(pairs: FloatArray) -> FloatArray:
+    """Return evenly spaced pairs, at most ``MOST_PAIRS``."""
+    return pairs[:: max(-(-len(pairs) // MOST_PAIRS), 1)]
 
 
 def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:
@@ -95,10 +147,10 @@ def _poses(clearance: JawClearance, pairs: FloatArray) -> Iterator[tuple[float, 
 
     The fraction is 1 without pads.
     """
-    for points in pairs[:: -(-len(pairs) // MOST_PAIRS)]:
-        for direction in clearance.gripper.approaches(points, clearance.cones, TURNS):
-            fraction = min(clearance.pad_shares(points, direction), default=1.0)
-            yield fraction, clearance.pose(points, direction)
+    for points in _some(pairs):
+        directions = clearance.gripper.approaches(points, clearance.cones, TURNS)
+        fractions = clearance.pad_shares(points, directions).min(axis=1, initial=1.0).tolist()
+        yield from ((f, clearance.pose(points, d)) for f, d in zip(fractions, directions, strict=True))
 
 
 def _rank(pose: JawPose) -> tuple[bool, float]:

@@ -18,7 +18,7 @@ import numpy as np
 from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.mesh.display_triangles import triangles as display_triangles
 from nlpgrasp.common.meshes.box_distance import least_box_distance
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.constraints import Approach, Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel, PlaneContact
 from nlpgrasp.hands import ParallelJaw
@@ -283,23 +283,33 @@ class JawClearance:
             least_clearance = min(least_clearance, clearance)
         return least_clearance, depths
 
-    def pad_shares(self, points: FloatArray, direction: FloatArray, slide: float = 0.0) -> list[float]:
-        """Return the fraction of each pad's area that is on its face, for an approach; empty without pads.
+    def pad_shares(self, points: FloatArray, directions: FloatArray) -> FloatArray:
+        """Return the fraction of each pad's area that is on its face, (m, 2); (m, 0) for a gripper without pads.
 
         Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm, and
         within 0.5 mm where the contacts are rectangles. They are clipped from the triangles that face the pad.
+
+        Parameters
+        ----------
+        points : (2, 3) array
+            Contacts, metres.
+        directions : (m, 3) array
+            Approaches across the closing line.
         """
         if self.gripper.pad is None:
-            return []
+            return np.zeros((len(directions), 0))
         length, width = self.gripper.pad
         _, closing = _opening_and_closing(points)
         half = 0.5 * np.array([width, length])
-        fractions = []
+        areas = []
         for point, inward in zip(points, (closing, -closing), strict=True):
-            frame = np.stack([inward, np.cross(direction, inward), direction], axis=1)
-            local = (self.solids[0].triangles - point - slide * direction) @ frame
-            fractions.append(min(_covered_area(local, half, self.face_depth) / (width * length), 1.0))
-        return fractions
+            across = np.cross(directions, inward)
+            frames = np.stack([np.broadcast_to(inward, across.shape), across, directions], axis=2)
+            facing = _facing_triangles(
+                self.solids[0].triangles - point, inward, float(np.hypot(*half)), self.face_depth
+            )
+            areas.append(_covered_areas(facing, frames, half, self.face_depth))
+        return np.minimum(np.stack(areas, axis=1) / (width * length), 1.0)
 
     def directions(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray | None:
         """Return the approach directions (m, 3) that rectangular contacts allow; None if they allow all."""
@@ -329,30 +339,43 @@ def _opening_and_closing(points: FloatArray) -> tuple[float, FloatArray]:
     return opening, (points[1] - points[0]) / opening
 
 
-def _covered_area(triangles: FloatArray, half: FloatArray, face_depth: float) -> float:
-    """Return the area of a rectangle that is covered by triangles projected along x, square metres.
+def _facing_triangles(triangles: FloatArray, inward: FloatArray, radius: float, face_depth: float) -> FloatArray:
+    """Return the triangles (n, 3, 3) that face a pad about the origin and may be on it at some turn.
+
+    Parameters
+    ----------
+    triangles : (m, 3, 3) array
+        Metres.
+    inward : (3,) array
+        Direction from the pad into the part.
+    radius : float
+        Half the diagonal of the pad, metres.
+    face_depth : float
+        Largest distance along ``inward`` that counts, metres; those behind the pad do not count.
+    """
+    depth = triangles @ inward
+    near = triangles[(depth.max(axis=1) >= -TOUCHING) & (depth.min(axis=1) <= face_depth)]
+    near = near[np.all((near.min(axis=1) <= radius) & (near.max(axis=1) >= -radius), axis=1)]
+    normals = np.cross(near[:, 1] - near[:, 0], near[:, 2] - near[:, 0])
+    return np.asarray(near[normals @ inward < -FLAT_AREA])
+
+
+def _covered_areas(triangles: FloatArray, frames: FloatArray, half: FloatArray, face_depth: float) -> FloatArray:
+    """Return the areas (m,) of a rectangle in m frames that triangles (n, 3, 3) cover along x, square metres.
 
     Parameters
     ----------
     triangles : (n, 3, 3) array
-        In a frame whose x axis points from the pad into the part; those behind the pad or too far away do not count.
+        Metres, that face the rectangle.
+    frames : (m, 3, 3) array
+        Axes of the frames, their columns; x points from the rectangle into the part.
     half : (2,) array
         Half sides of the rectangle in y and z, about the origin.
     face_depth : float
         Largest distance in x that counts, metres.
     """
-    corners = triangles[:, :, 1:]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    facing = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < -FLAT_AREA
-    depth = triangles[:, :, 0]
-    near = (depth.max(axis=1) >= -TOUCHING) & (depth.min(axis=1) <= face_depth)
-    over = np.all((corners.min(axis=1) < half) & (corners.max(axis=1) > -half), axis=1)
-    return sum(_clipped_area(triangle, half, face_depth) for triangle in triangles[facing & near & over])
-
-
-def _clipped_area(triangle: FloatArray, half: FloatArray, face_depth: float) -> float:
-    """Return the area, square metres, of a triangle clipped to a rectangle in y and z and to a range of depth x."""
-    polygon = triangle
+    polygons = (triangles[None] @ frames[:, None]).reshape(-1, 3, 3)
+    owners = np.repeat(np.arange(len(frames)), len(triangles))
     for axis, sign, limit in (
         (1, 1.0, half[0]),
         (1, -1.0, half[0]),
@@ -361,19 +384,37 @@ def _clipped_area(triangle: FloatArray, half: FloatArray, face_depth: float) -> 
         (0, 1.0, face_depth),
         (0, -1.0, TOUCHING),
     ):
-        excess = sign * polygon[:, axis] - limit
-        clipped = []
-        for i in range(len(polygon)):
-            a, b, u, v = polygon[i - 1], polygon[i], excess[i - 1], excess[i]
-            if (u <= 0.0) != (v <= 0.0):
-                clipped.append(a + u / (u - v) * (b - a))
-            if v <= 0.0:
-                clipped.append(b)
-        if len(clipped) < 3:
-            return 0.0
-        polygon = np.array(clipped)
-    y, z = polygon[:, 1], polygon[:, 2]
-    return 0.5 * abs(float(np.sum(y * np.roll(z, -1) - np.roll(y, -1) * z)))
+        polygons, kept = _clip(polygons, sign * polygons[:, :, axis] - limit)
+        owners = owners[kept]
+    y, z = polygons[:, :, 1], polygons[:, :, 2]
+    areas = 0.5 * np.abs(np.sum(y * np.roll(z, -1, axis=1) - np.roll(y, -1, axis=1) * z, axis=1))
+    return np.asarray(np.bincount(owners, areas, len(frames)), dtype=float)
+
+
+def _clip(polygons: FloatArray, excess: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return convex polygons (m, v + 1, 3) clipped to a half-space, and the indices (m,) of those that are not empty.
+
+    By Sutherland and Hodgman, for all of them at once.
+
+    Parameters
+    ----------
+    polygons : (n, v, 3) array
+        Their last vertices may be equal.
+    excess : (n, v) array
+        Signed distances of the vertices from the half-space, outside positive.
+    """
+    before, excess_before = np.roll(polygons, 1, axis=1), np.roll(excess, 1, axis=1)
+    inside, crosses = excess <= 0.0, (excess <= 0.0) != (excess_before <= 0.0)
+    share = excess_before / np.where(crosses, excess_before - excess, 1.0)
+    crossings = before + share[:, :, None] * (polygons - before)
+    shape = len(polygons), 2 * polygons.shape[1]
+    vertices = np.stack([crossings, polygons], axis=2).reshape(*shape, 3)
+    remains = np.stack([crosses, inside], axis=2).reshape(shape)
+    counts = np.sum(remains, axis=1)
+    kept = np.flatnonzero(counts >= 3)
+    first = np.argsort(~remains[kept], axis=1, kind="stable")
+    slots = np.minimum(np.arange(polygons.shape[1] + 1), counts[kept, None] - 1)
+    return vertices[kept[:, None], np.take_along_axis(first, slots, axis=1)], kept
 
 
 def rank(pose: JawPose) -> tuple[bool, float, float, float]:

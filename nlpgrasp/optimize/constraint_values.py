@@ -299,11 +299,8 @@ class HandFunctions:
         directions = clearance.directions(points, self._problem.models)
         if directions is None:
             directions = clearance.gripper.approaches(points, clearance.cones, FEW_TURNS)
-        return not any(
-            min(clearance.pad_shares(points, direction), default=1.0) >= LEAST_PAD_SHARE
-            and clearance.pose(points, direction).is_free
-            for direction in directions
-        )
+        shares = clearance.pad_shares(points, directions).min(axis=1, initial=1.0)
+        return not any(clearance.pose(points, d).is_free for d in directions[shares >= LEAST_PAD_SHARE])
 
     @cached_property
     def _fields(self) -> list[DistanceField]:
@@ -368,7 +365,7 @@ def _jaw_record(clearance: JawClearance, points: FloatArray, pose: JawPose) -> J
         "opened": pose.opened,
         **({"blocked_by": dict(pose.blocked_by)} if pose.blocked_by else {}),
     }
-    shares = clearance.pad_shares(points, pose.direction)
+    shares = clearance.pad_shares(points, pose.direction[None])[0].tolist()
     return {
         "palm_pose": pose_data(pose.rotation, pose.position),
         "opening": pose.opening,

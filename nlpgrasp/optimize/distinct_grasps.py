@@ -27,7 +27,7 @@ from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp
-from nlpgrasp.solution.obstructions import approach_obstructions, link_obstructions
+from nlpgrasp.solution.obstructions import obstruction_rank
 
 MOST_KNOWN = 12  # grasps whose neighbours are computed, at most
 POSITIONS = 48  # positions tried per contact
@@ -111,10 +111,10 @@ class GraspCollection:
         weighs = self._runner.options.weighs_fragility
         by_robustness = self._runner.options.maximise_robust
 
-        def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
+        def order(grasp: FoundGrasp) -> tuple[bool, bool, float, bool, float]:
             bounds = grasp.robust.mu if by_robustness and grasp.robust is not None else grasp.mu
             fragile = weighs and not by_robustness and grasp.is_fragile
-            return bool(link_obstructions(grasp.hand)), bool(approach_obstructions(grasp.hand)), fragile, -bounds.lower
+            return *obstruction_rank(grasp.hand), fragile, -bounds.lower
 
         return tuple(sorted(grasps, key=order))
 

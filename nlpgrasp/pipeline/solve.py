@@ -22,6 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nlpgrasp.analysis.analyse import check_phases_possible
+from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.deadline import InterruptHandler
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, NoGraspError
@@ -112,6 +113,7 @@ def solve(
     warn_of_smoothing(problem.body, problem.hand)
     keeping = KeepOptions(keep, distinct)
     callback = progress_callback(progress, starts)
+    problem = with_usable_pads(problem)
     known_grasps = check_warm_starts(problem, warm_starts)
     check_objective(problem, options, keep, len(known_grasps))
     runner = StartRunner.with_kept_programs(problem, options.narrow(), starts)

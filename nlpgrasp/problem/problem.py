@@ -213,7 +213,7 @@ class GraspProblem(DisplayedProblem):
             models = tuple(contacts)
         except TypeError:
             raise InputError("GraspProblem.contacts", contacts, CONTACT_MODELS) from None
-        models = models or self._pad_contacts()
+        models = models or self.default_pads()
         if not models or not all(isinstance(m, ContactModel) for m in models):
             raise InputError("GraspProblem.contacts", contacts, CONTACT_MODELS)
         if len(models) > MOST_CONTACTS:
@@ -229,13 +229,8 @@ class GraspProblem(DisplayedProblem):
                 raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
         self._set("contacts", models)
 
-    def _pad_contacts(self) -> tuple[ContactModel, ...]:
-        """Return the contacts of a gripper's pads, with their long sides along the approach direction.
-
-        By default the approach is downwards.
-
-        Empty without pads.
-        """
+    def default_pads(self) -> tuple[PlaneContact, ...]:
+        """Return the contacts of a gripper's pads, long along the first ``Approach`` or downwards; empty without."""
         if not isinstance(self.hand, ParallelJaw) or self.hand.pad is None or self.body.space != 3:
             return ()
         self._set_constraint_tuple()

@@ -137,12 +137,41 @@ def _units(grasp: Grasp) -> FloatArray:
 def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return forces, residuals and separating directions for unit (or zero) wrenches.
 
-    A direction counts only where the residual exceeds ``PRODUCED``. Whether forces exist is decided with the least
-    ones in the L2 norm; other force sets then have their own least forces.
+    A direction counts only where the residual exceeds ``PRODUCED``. Other force sets than the L2 ball have a conic
+    program each; where it finds no forces, the least ones in the L2 norm decide whether there are any.
     """
     basis, values, _ = np.linalg.svd(wrench_set.G)
     basis = basis[:, : numerical_rank(values)]  # range of G, without the contacts' cones
     reduced = wrench_set.transformed(basis.T)
+    local = w @ basis
+    if isinstance(wrench_set.force_set, L2Set):
+        return _least_norm_forces(wrench_set, reduced, basis, w)
+    x, directions = np.full((len(w), wrench_set.G.shape[1]), np.nan), np.full_like(w, np.nan)
+    in_range = np.flatnonzero(np.linalg.norm(w - local @ basis.T, axis=1) <= PRODUCED)
+    x[in_range] = _feasible_forces(reduced, _solve_conic_programs(reduced, local[in_range])[0], local[in_range])
+    residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    others = np.flatnonzero(~(residual <= PRODUCED))  # true for NaN
+    x[others], residual[others], directions[others] = _least_norm_forces(wrench_set, reduced, basis, w[others])
+    failed = others[(residual[others] <= PRODUCED) & np.any(local[others] != 0.0, axis=1)]
+    if failed.size:
+        raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
+    return x, residual, directions
+
+
+def _least_norm_forces(
+    wrench_set: WrenchSet, reduced: WrenchSet, basis: FloatArray, w: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the forces of least L2 norm, their residuals and separating directions for unit (or zero) wrenches.
+
+    Parameters
+    ----------
+    wrench_set, reduced : WrenchSet
+        Of the grasp, and in the range of its grasp map.
+    basis : (d, r) array
+        Orthonormal basis of that range.
+    w : (m, d) array
+        Wrenches.
+    """
     local = w @ basis
     y, x = dual_newton(reduced, local)
     directions = w - local @ basis.T  # out of the range of G
@@ -163,14 +192,6 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
         for i in unsettled[~is_produced]:
             direction = separate_wrench(reduced, local[i])
             directions[i] = basis @ (y[i] if direction is None else direction)
-    if not isinstance(wrench_set.force_set, L2Set):  # least forces in that set's measure
-        feasible = np.flatnonzero(residual <= PRODUCED)
-        u = _solve_conic_programs(reduced, local[feasible])[0]
-        failed = feasible[~np.all(np.isfinite(u), axis=1) & np.any(local[feasible] != 0.0, axis=1)]
-        if failed.size:
-            raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
-        x[feasible] = _feasible_forces(reduced, np.where(np.isfinite(u), u, 0.0), local[feasible])
-        residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     return x, residual, directions
 
 

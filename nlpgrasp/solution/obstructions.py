@@ -117,10 +117,14 @@ def jaws_cross_thin_part(hand: Json | None) -> bool:
     return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
 
 
+def pad_share(hand: Json | None) -> float:
+    """Return the least fraction of a gripper's pads that is on its face; 1 for other hands."""
+    return float(min((hand or {}).get("pads") or (), default=1.0))
+
+
 def pad_overhang(hand: Json | None) -> str:
     """Return a text on the fraction of a gripper's pad that is on its face; empty if at least 90 %."""
-    pad_fractions = (hand or {}).get("pads") or ()
-    least = min(pad_fractions, default=1.0)
+    least = pad_share(hand)
     return "" if least >= LEAST_PAD_SHARE else f"{format_percent(least)} of the pad on the face"
 
 
@@ -185,15 +189,28 @@ def format_unshaped_links(hand: Json | None) -> str:
     return f"the links of {subject} have no collision shapes, and may be inside anything"
 
 
-def approach_obstructions(hand: Json | None) -> list[str]:
-    """Return texts on the obstructions of the straight approach, and on overhanging pads."""
+def way_obstructions(hand: Json | None) -> list[str]:
+    """Return texts on the obstructions of the straight approach."""
     obstructions, jaws = [], jaws_way_in(hand)
     if jaws:
         obstructions.append(f"the gripper's way in leads {jaws}")
     elif jaws_cross_thin_part(hand):
         obstructions.append("the gripper's way in passes through something thin")
-    reasons = pad_overhang(hand), missing_approach_reason(hand)
-    return [*obstructions, *closing_obstructions(hand), *filter(None, reasons)]
+    return [*obstructions, *closing_obstructions(hand), *filter(None, [missing_approach_reason(hand)])]
+
+
+def approach_obstructions(hand: Json | None) -> list[str]:
+    """Return texts on the obstructions of the straight approach, and on overhanging pads."""
+    return [*way_obstructions(hand), *filter(None, [pad_overhang(hand)])]
+
+
+def obstruction_rank(hand: Json | None) -> tuple[bool, bool, float]:
+    """Return the sorting key of a grasp's obstructions: free links first, then a free way in, then more of the pads.
+
+    Pads that are on their faces to 90 % rank alike.
+    """
+    overhang = 1.0 - pad_share(hand) if pad_overhang(hand) else 0.0
+    return bool(link_obstructions(hand)), bool(way_obstructions(hand)), overhang
 
 
 def format_link_penetrations(hand: Json | None) -> str:

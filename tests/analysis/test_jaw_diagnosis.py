@@ -1,4 +1,4 @@
-"""Why a gripper does not hold a part: one sentence each."""
+"""Poses of a gripper at sampled pairs: the direction of its pads, and why it does not hold a part."""
 
 import re
 
@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.jaw_diagnosis import jaw_reasons, sampled_antipodal_pairs
+from nlpgrasp.analysis.jaw_diagnosis import jaw_reasons, sampled_antipodal_pairs, with_usable_pads
+from nlpgrasp.motion.jaw_clearance import JawClearance
 
 BLOCK = ng.Box([0.06, 0.04, 0.03])
 TASK = ng.lift([0.0, 0.0, 0.0], 0.5) + ng.disturbance(1.0, 0.01)
@@ -102,3 +103,33 @@ def test_the_answer_of_a_solve_says_it():
 def test_no_reason_without_jaws():
     free = ng.GraspProblem(BLOCK, [ng.FrictionContact(0.5)] * 3, TASK)
     assert jaw_reasons(free) == ()
+
+
+def t_handle():
+    """Return a square bar of 16 mm on a stem: no face beside the bar is as high as a pad of 20 mm is long."""
+    bar, stem = trimesh.creation.box([0.09, 0.016, 0.016]), trimesh.creation.box([0.016, 0.016, 0.07])
+    return ng.Mesh(trimesh.boolean.union([bar.apply_translation([0.0, 0.0, 0.043]), stem]))
+
+
+def test_pads_that_no_grasp_from_above_has_on_faces_are_turned_to_a_usable_approach():
+    handle = t_handle()
+    gripper = ng.ParallelJaw(stroke=0.11, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.014))
+    task = ng.lift(handle.centroid, 0.5)
+    default = ng.GraspProblem(handle, task=task, hand=gripper, constraints=[ng.Table.under(handle, 0.001)])
+    with pytest.warns(UserWarning, match=r"the pads are along the approach \[-?1, 0, 0\] instead"):
+        turned = with_usable_pads(default)
+    clearance = JawClearance(gripper, handle, turned.constraints, turned.models)
+    pairs = sampled_antipodal_pairs(turned)
+    pairs = pairs[np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) < 0.02][:200]
+    shares = [clearance.pad_shares(p, clearance.directions(p, turned.models)).min() for p in pairs]
+    assert max(shares) == pytest.approx(1.0)
+    stated = ng.Approach([0, 0, -1], 0.1)
+    kept = ng.GraspProblem(handle, task=task, hand=gripper, constraints=[*default.constraints, stated])
+    assert with_usable_pads(kept) is kept
+    assert with_usable_pads(turned) is turned
+
+
+def test_pads_that_a_grasp_from_above_has_on_faces_stay():
+    gripper = ng.ParallelJaw(stroke=0.11, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.014))
+    default = ng.GraspProblem(BLOCK, task=TASK, hand=gripper, constraints=[ng.Table.under(BLOCK, 0.001)])
+    assert with_usable_pads(default) is default

@@ -114,7 +114,7 @@ def test_the_share_of_a_pad_by_rays(seed):
     x, z, turn = *rng.uniform(-0.02, 0.02, 2), rng.uniform(0.0, 2.0 * np.pi)
     points = np.array([[x, -0.004, z], [x, 0.004, z]])
     direction = np.array([np.sin(turn), 0.0, np.cos(turn)])
-    shares = cleared(body=mesh).pad_shares(points, direction)
+    shares = cleared(body=mesh).pad_shares(points, direction[None])[0]
     a, b = (s.ravel() for s in np.meshgrid(np.linspace(-1, 1, 201) * 0.01, np.linspace(-1, 1, 121) * 0.006))
     samples = np.array([x, z]) + a[:, None] * direction[[0, 2]] + b[:, None] * direction[[2, 0]] * [1.0, -1.0]
     is_on = np.all(np.abs(samples) <= [0.03, 0.025], axis=1) & (np.linalg.norm(samples, axis=1) >= 0.004)
@@ -129,5 +129,5 @@ def test_a_curved_face_counts_as_far_as_it_is_near_the_pad(contact, depth):
     """On a cylinder of radius r the surface is d behind the pad at sqrt(2 r d - d^2) beside its middle."""
     cylinder, radius = ng.Cylinder(0.006, 0.08), 0.006
     points = np.array([[-radius, 0.0, 0.0], [radius, 0.0, 0.0]])
-    (share, _) = JawClearance(GRIPPER, cylinder, (), [contact] * 2).pad_shares(points, DOWN)
+    (share, _) = JawClearance(GRIPPER, cylinder, (), [contact] * 2).pad_shares(points, np.array([DOWN]))[0]
     assert share == pytest.approx(np.sqrt(2 * radius * depth - depth**2) / 0.006, rel=0.01)
