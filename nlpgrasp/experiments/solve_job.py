@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -185,7 +186,8 @@ def _worker_case(maker: Callable[[], Case], compared: bool) -> Case:
     case = maker()
     check_json(case.problem.to_dict())
     options = case.options.narrow()
-    return replace(case, options=replace(options, rank="mu") if compared else options)
+    options = replace(options, rank="mu") if compared else options
+    return replace(case, problem=with_usable_pads(case.problem), options=options)
 
 
 def improve_solution(

@@ -13,6 +13,7 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any
 
+from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.types import Json
@@ -545,9 +546,9 @@ def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _Problem
         raise InputError(f"problems[{name!r}]", error_line(error), "a function that returns a GraspProblem") from error
     if not isinstance(problem, GraspProblem):
         raise InputError(f"problems[{name!r}]", problem, "a GraspProblem, or a function that returns one")
-    data = problem.to_dict()
+    data = with_usable_pads(problem).to_dict()
     check_json(data)
-    return _ProblemState(name, make, data)
+    return _ProblemState(name, partial(_make_with_usable_pads, make), data)
 
 
 def _return(problem: GraspProblem) -> GraspProblem:
@@ -556,6 +557,11 @@ def _return(problem: GraspProblem) -> GraspProblem:
     A lambda could not be sent to a worker.
     """
     return problem
+
+
+def _make_with_usable_pads(make: ProblemFactory) -> GraspProblem:
+    """Build a problem, with the default pads of a gripper along an approach that can be used."""
+    return with_usable_pads(make())
 
 
 def _make_unit(

@@ -107,7 +107,7 @@ def test_no_reason_without_jaws():
 
 def t_handle():
     """Return a square bar of 16 mm on a stem: no face beside the bar is as high as a pad of 20 mm is long."""
-    bar, stem = trimesh.creation.box([0.09, 0.016, 0.016]), trimesh.creation.box([0.016, 0.016, 0.07])
+    bar, stem = trimesh.creation.box([0.09, 0.016, 0.016]), trimesh.creation.box([0.012, 0.012, 0.07])
     return ng.Mesh(trimesh.boolean.union([bar.apply_translation([0.0, 0.0, 0.043]), stem]))
 
 
@@ -120,7 +120,8 @@ def test_pads_that_no_grasp_from_above_has_on_faces_are_turned_to_a_usable_appro
         turned = with_usable_pads(default)
     clearance = JawClearance(gripper, handle, turned.constraints, turned.models)
     pairs = sampled_antipodal_pairs(turned)
-    pairs = pairs[np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) < 0.02][:200]
+    across = np.abs(pairs[:, 1] - pairs[:, 0])
+    pairs = pairs[(across[:, 1] > 0.0159) & (across[:, 0] < 1e-6)][:100]
     shares = [clearance.pad_shares(p, clearance.directions(p, turned.models)).min() for p in pairs]
     assert max(shares) == pytest.approx(1.0)
     stated = ng.Approach([0, 0, -1], 0.1)
