@@ -15,7 +15,8 @@ from nlpgrasp.constraints import Approach
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, surface_triangles
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TABLE
+from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TABLE, approach_obstructions
+from nlpgrasp.solution.solution import GraspSolution
 
 SAMPLES = 2000  # points of the surface
 MOST_PAIRS = 60  # pairs at which poses are tried
@@ -70,6 +71,22 @@ def _usable_approaches(clearance: JawClearance, points: FloatArray, directions: 
 def _some(pairs: FloatArray) -> FloatArray:
     """Return evenly spaced pairs, at most ``MOST_PAIRS``."""
     return pairs[:: max(-(-len(pairs) // MOST_PAIRS), 1)]
+
+
+def with_unusable_reason(solution: GraspSolution, problem: GraspProblem) -> GraspSolution:
+    """Return a solution by parallel jaws whose answer cannot be used, with the reason why no sampled pose can.
+
+    Other solutions are returned unchanged, and those where no reason is found.
+    """
+    hand = solution.hand or {}
+    if solution.grasp is None or "opening" not in hand or not approach_obstructions(hand):
+        return solution
+    reasons = jaw_reasons(problem)
+    return (
+        replace(solution, hand={**hand, "approach": {**hand["approach"], "unusable": reasons[0]}})
+        if reasons
+        else solution
+    )
 
 
 def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_an
 from nlpgrasp.analysis.approaches import arrange_jaw_poses
 from nlpgrasp.analysis.grip_force import add_grips
 from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
+from nlpgrasp.analysis.jaw_diagnosis import with_unusable_reason
 from nlpgrasp.analysis.squeeze import add_squeezes
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.formatting import format_measure
@@ -457,12 +458,12 @@ class Multistart:
 
     def analyse(self, solution: GraspSolution) -> GraspSolution:
         """Return the solution with the requested analyses, the other distinct grasps and the record of the solve."""
-        solution = self._add_analyses(solution)
+        solution, problem = self._add_analyses(solution), self.runner.problem
         if self._others is not None:
-            hand = self.runner.problem.hand
+            hand = problem.hand
             solution = add_grips(add_squeezes(replace(solution, others=self._others.grasps()), hand), hand)
             self._clock.mark("other grasps")
-        solution = arrange_jaw_poses(solution, self.runner.problem, self._keeping.count)
+        solution = with_unusable_reason(arrange_jaw_poses(solution, problem, self._keeping.count), problem)
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
         record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)
         if self._keeping.count > 1:

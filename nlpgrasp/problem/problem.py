@@ -153,7 +153,7 @@ class GraspProblem(DisplayedProblem):
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._set_constraints()
-        check_patches(self.models, self.body)
+        check_patches(self.models, self.body, self.models == self.default_pads())
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         warn_of_lengths(self.body, self.models, self.constraints, self.hand)
         warn_of_surroundings(self.body, self.constraints, self.hand)
@@ -386,7 +386,7 @@ def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequenc
     Parameters
     ----------
     value : float or None
-        None for the default: of a gripper with pads 0.4 of their shorter side where some face has room for that; else
+        None for the default: of a gripper with pads 0.4 of their shorter side where each face has room for that; else
         half the largest fingertip's radius, at most a tenth of the body's shortest extent;
         without fingertip radii, a twentieth of that extent. At least a millimetre, but at most a fifth of the extent;
         less if the faces are too small.
@@ -412,7 +412,7 @@ def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequenc
     if value is None:
         shortest = float(np.min(np.ptp(body.bounds, axis=0)))
         pad = hand.pad if isinstance(hand, ParallelJaw) else None
-        if pad is not None and PAD_MARGIN * min(pad) < largest < np.inf:
+        if pad is not None and PAD_MARGIN * min(pad) < min(distances.values(), default=0.0) < np.inf:
             return float(PAD_MARGIN * min(pad))
         radius = 0.0 if hand is None else max(hand.tip_radii)
         least = min(LEAST_MARGIN, LEAST_MARGIN_SHARE * shortest)

@@ -128,6 +128,12 @@ def pad_overhang(hand: Json | None) -> str:
     return "" if least >= LEAST_PAD_SHARE else f"{format_percent(least)} of the pad on the face"
 
 
+def unusable_reason(hand: Json | None) -> str:
+    """Return a text on why no sampled pose of parallel jaws has its pads on faces and a free way in; mostly empty."""
+    reason = str(((hand or {}).get("approach") or {}).get("unusable", ""))
+    return f"{reason[:1].lower()}{reason[1:].rstrip('.')}"
+
+
 def missing_approach_reason(hand: Json | None) -> str:
     """Return a text on why there is no straight approach; empty if there is one or the reason is unknown."""
     reason = ((hand or {}).get("approach") or {}).get("reason")

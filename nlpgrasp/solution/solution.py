@@ -47,6 +47,7 @@ from nlpgrasp.solution.obstructions import (
     jaws_depth,
     links_are_free,
     missing_approach_reason,
+    unusable_reason,
 )
 from nlpgrasp.solution.phase_record import Phase, read_phases
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
@@ -436,6 +437,7 @@ class GraspSolution(InNotebook):
         warnings = (
             *grasp_obstructions(self.hand),
             *approach_obstructions(self.hand),
+            unusable_reason(self.hand),
             format_unshaped_links(self.hand),
             fragility_warning(self.robust, self.mu, self.label),
             excess_force_warning(self.needed, self.finger_limit),

@@ -134,3 +134,28 @@ def test_pads_that_a_grasp_from_above_has_on_faces_stay():
     gripper = ng.ParallelJaw(stroke=0.11, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.014))
     default = ng.GraspProblem(BLOCK, task=TASK, hand=gripper, constraints=[ng.Table.under(BLOCK, 0.001)])
     assert with_usable_pads(default) is default
+
+
+def test_a_pad_longer_than_the_part_is_refused_by_its_own_name():
+    gripper = ng.ParallelJaw(stroke=0.11, pad=(0.08, 0.012), finger=(0.06, 0.012, 0.014))
+    with pytest.raises(ng.InputError, match=r"^GraspProblem\.hand\.pad: got 0\.08 m, expected metres, no more than"):
+        ng.GraspProblem(BLOCK, task=TASK, hand=gripper)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("part", "pad", "words"),
+    [
+        (BLOCK, (0.05, 0.045), "no face has room for a pad of 50 x 45 mm: at most 89 % of it is on one"),
+        (ng.Box([0.06, 0.04, 0.006]), (0.02, 0.012), "the gripper fits only with the table [0-9.]+ mm lower"),
+    ],
+)
+def test_an_answer_that_cannot_be_used_says_why_no_other_can(part, pad, words):
+    gripper = ng.ParallelJaw(stroke=0.11, pad=pad, finger=(0.06, 0.012, pad[1]), palm_size=(0.14, 0.06, 0.08))
+    tables = [ng.Table.under(part, 0.001)]
+    problem = ng.GraspProblem(part, task=TASK, hand=gripper, constraints=tables, force_budget="shared")
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
+    assert re.search(words, solution.told)
+    assert ng.verify(solution).passed
+    read = ng.GraspSolution.from_dict(solution.to_dict())
+    assert read.told == solution.told
