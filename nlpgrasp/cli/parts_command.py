@@ -13,7 +13,7 @@ from nlpgrasp.cli.problem_script import load_part_task
 from nlpgrasp.errors import InputError
 
 TASK = "Python file with task(part), or problem(part, gripper); gripper() in it states the gripper without --gripper."
-GRIPPER = "Preset of a parallel gripper, such as robotiq_2f85 or panda."
+GRIPPER = "Preset of a parallel gripper, such as robotiq_2f85, 2f-85, hand-e or panda."
 
 
 def parts_command(

@@ -95,7 +95,8 @@ class ParallelJaw(Hand):
     safety_factor : float
         Of the stated grip force with its margin: a factor on the force at 10 % less friction, at least 1.
     pad : (2,) sequence of float, optional
-        Length of each pad along the approach and width across it, metres; the tool centre point is in its middle.
+        Length of each pad along the approach and width across it, metres; the tool centre point is in its middle. On
+        a stated finger it is at most as wide as that, and half of it at most as long.
     finger : (3,) sequence of float, optional
         Length from the middle between the pads back to the palm (``finger_length``), thickness outwards from the pad
         (``finger_thickness``) and width across, metres. A finger ends with its pad; as wide as the pad if not stated.
@@ -105,13 +106,13 @@ class ParallelJaw(Hand):
     pad_friction : float
         Coulomb coefficient of the pads, for problems whose contacts are the gripper's pads; 0.5 is rubber on metal.
     stroke : float, optional
-        Another name of ``opening``.
+        Another name of ``opening``, given instead of it.
 
     Raises
     ------
     InputError
-        On lengths that no gripper has, on axes that are no unit directions or not at right angles to each other, and
-        on forces and factors out of range.
+        On lengths that no gripper has, on both ``opening`` and ``stroke``, on a pad that is not on its finger, on axes
+        that are no unit directions or not at right angles to each other, and on forces and factors out of range.
     """
 
     kind: ClassVar[str] = "parallel_jaw"
@@ -134,13 +135,15 @@ class ParallelJaw(Hand):
 
     def __post_init__(self, stroke: float | None) -> None:
         object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
-        if stroke is not None:
-            object.__setattr__(self, "opening", stroke)
-        self._set_solids()
-        opening = hand_length("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
+        label = "ParallelJaw.opening" if stroke is None else "ParallelJaw.stroke"
+        if stroke is not None and self.opening != 0.0:
+            allowed = "one of the two (dataclasses.replace changes opening)"
+            raise InputError(label, f"{stroke} beside opening={self.opening}", allowed)
+        opening = hand_length(label, number(label, self.opening if stroke is None else stroke, above=0.0))
         if opening <= self.closed:
-            raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
+            raise InputError(label, f"{opening:g} m", f"more than closed, {self.closed:g} m")
         object.__setattr__(self, "opening", opening)
+        self._set_solids()
         tilt = (TILT if self.pad is None else PAD_TILT) if self.tilt is None else self.tilt
         object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", tilt, MAX_TILT, "less than a right angle"))
         friction = number("ParallelJaw.pad_friction", self.pad_friction, above=0.0)
@@ -168,6 +171,14 @@ class ParallelJaw(Hand):
         if self.finger is not None:
             object.__setattr__(self, "finger_length", self.finger[0])
             object.__setattr__(self, "finger_thickness", self.finger[1])
+        if self.finger is not None and self.pad is not None:
+            (length, width), (reach, _, finger_width) = self.pad, self.finger
+            if width > finger_width:
+                allowed = f"at most the finger's width, {finger_width:g} m"
+                raise InputError("ParallelJaw.pad", f"{width:g} m wide", allowed)
+            if length > 2.0 * reach:
+                allowed = f"at most {2.0 * reach:g} m: the finger reaches {reach:g} m from the pad's middle to the palm"
+                raise InputError("ParallelJaw.pad", f"{length:g} m long", allowed)
 
     def _stated_tcp(self, default: FloatArray) -> tuple[float, ...] | None:
         """Return the validated tool centre point; None if it equals the default."""

@@ -192,6 +192,8 @@ JAWS = {
         max_force=80.0,
     ),
 }
+# other names of presets, in small letters and digits alone
+JAW_ALIASES = dict.fromkeys(("franka", "frankahand", "frankapanda", "pandahand", "fr3", "fr3hand"), "panda")
 
 
 class Options(TypedDict, total=False):
@@ -456,16 +458,24 @@ def jaws(name: str) -> ParallelJaw:
     Parameters
     ----------
     name : str
-        Of a parallel gripper.
+        Of a parallel gripper, with or without its maker; case, dashes, spaces and underscores do not matter:
+        ``"Robotiq 2F-85"``, ``"2f85"``, ``"Hand-E"``, ``"Franka Hand"``.
 
     Raises
     ------
     InputError
-        On any other name.
+        On any other name, listing the presets.
     """
-    if name not in JAWS:
+    names = {_bare(spelling): preset for preset in JAWS for spelling in (preset, preset.partition("_")[2] or preset)}
+    preset = (names | JAW_ALIASES).get(_bare(str(name)))
+    if preset is None:
         raise InputError("hands.jaws.name", name, "a parallel gripper: " + ", ".join(JAWS))
-    return JAWS[name]
+    return JAWS[preset]
+
+
+def _bare(name: str) -> str:
+    """Return the letters and digits of a name, in lower case."""
+    return "".join(character for character in name.lower() if character.isalnum())
 
 
 def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:

@@ -1,6 +1,7 @@
 """Pose and approach of a parallel-jaw gripper: pads on the contacts, clear of body, tables and obstacles."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -327,6 +328,51 @@ def test_presets_of_parallel_grippers_state_axes_and_tool_centre_point():
         ng.InputError, match=r"hands\.jaws\.name: got leap, expected a parallel gripper: panda, robotiq"
     ):
         ng.hands.jaws("leap")
+
+
+@pytest.mark.parametrize(
+    ("name", "preset"),
+    [
+        ("2f85", "robotiq_2f85"),
+        ("robotiq 2f-85", "robotiq_2f85"),
+        ("Robotiq 2F-140", "robotiq_2f140"),
+        ("hand-e", "robotiq_hande"),
+        ("robotiq_hand_e", "robotiq_hande"),
+        ("WSG 50", "schunk_wsg50"),
+        ("Franka Hand", "panda"),
+        ("fr3_hand", "panda"),
+    ],
+)
+def test_names_of_presets_are_found_as_people_write_them(name, preset):
+    assert ng.hands.jaws(name) is JAWS[preset]
+
+
+@pytest.mark.parametrize("name", ["robotiq", "2f", "", None])
+def test_an_unknown_preset_lists_what_there_is(name):
+    with pytest.raises(ng.InputError, match=f"expected a parallel gripper: {', '.join(JAWS)}$"):
+        ng.hands.jaws(name)
+
+
+BAD_SIZES = {
+    "both names": ({"opening": 0.08, "stroke": 0.1}, "ParallelJaw.stroke: got 0.1 beside opening=0.08, expected one"),
+    "stroke": ({"stroke": -0.1}, "ParallelJaw.stroke: got -0.1, expected"),
+    "millimetres": ({"stroke": 85}, "ParallelJaw.stroke: got 85 m, expected metres"),
+    "closed": ({"stroke": 0.05, "closed": 0.06}, "ParallelJaw.stroke: got 0.05 m, expected more than closed, 0.06 m"),
+    "wide pad": (
+        {"stroke": 0.08, "pad": (0.02, 0.02), "finger": (0.06, 0.01, 0.016)},
+        "ParallelJaw.pad: got 0.02 m wide, expected at most the finger's width, 0.016 m",
+    ),
+    "long pad": (
+        {"stroke": 0.08, "pad": (0.14, 0.01), "finger": (0.06, 0.01, 0.016)},
+        "ParallelJaw.pad: got 0.14 m long, expected at most 0.12 m",
+    ),
+}
+
+
+@pytest.mark.parametrize(("fields", "message"), BAD_SIZES.values(), ids=BAD_SIZES)
+def test_sizes_that_contradict_each_other_are_refused(fields, message):
+    with pytest.raises(ng.InputError, match=re.escape(message)):
+        ng.ParallelJaw(**fields)
 
 
 @pytest.mark.parametrize("name", JAWS)
