@@ -113,13 +113,15 @@ class ExportFormat:
         Warns
         -----
         UserWarning
-            On a link inside something, and on contacts that are off their fingertips' links.
+            On a link inside something, on contacts that are off their fingertips' links, and on a grip force above its
+            limit.
         """
         if self.needs is Need.GRASP:
             solution.require_grasp()
         if self.needs is Need.DRAWING:
             solution.require_drawing()
-        obstructions = link_obstructions(solution.hand)
+        excesses = [solution.grip_warning] if solution.is_too_weak and solution.grip is not None else []
+        obstructions = [*link_obstructions(solution.hand), *excesses]
         if obstructions:
             warn(f"{solution.name}: exported though {'; and '.join(obstructions)}")
         content = self.write(solution, options or ExportOptions())

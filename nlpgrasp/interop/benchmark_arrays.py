@@ -9,6 +9,7 @@ import numpy as np
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
 from nlpgrasp.interop.hand_states import (
+    LIMIT,
     object_file,
     object_scale,
     states_of_grasps,
@@ -47,6 +48,10 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
     warn_of_missing_squeezes(hands_by_name, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
     joint_names, grasps = list(hands[0].joints), [grasp_solution.require_grasp() for grasp_solution in solutions]
     arrays = {f"{state}_qpos": np.stack([hand.row(state) for hand in hands]) for state in STATES}
+    if solution.grip is not None:
+        limit = solution.max_force
+        arrays[LIMIT] = np.full(len(hands), np.nan if limit is None else limit)
+        arrays["force_in_limit"] = np.array([not grasp_solution.is_too_weak for grasp_solution in solutions])
     arrays |= {
         "squeeze_effort": np.stack([hand.effort_row() for hand in hands]),
         "has_squeeze": np.array([not hand.no_squeeze for hand in hands]),

@@ -16,7 +16,7 @@ from nlpgrasp.common.validation import FloatArray, in_metres
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat, ReadGrasp, ReadOptions
-from nlpgrasp.interop.hand_states import GRIP, SAFE_GRIP, grip_fields
+from nlpgrasp.interop.hand_states import FORCE_WARNING, GRIP, LIMIT, SAFE_GRIP, grip_fields
 from nlpgrasp.problem.checks import warn_of_friction
 from nlpgrasp.quality.grasp import Grasp, do_all_point_away
 from nlpgrasp.solution.solution import GraspSolution
@@ -42,8 +42,9 @@ def contacts_csv(solution: GraspSolution) -> str:
 
     Of several kept grasps all are written: the column ``grasp`` numbers them, best first, and ``mu`` is the certified
     lower bound of each. Of parallel jaws, ``grip_force`` and ``grip_force_with_margin`` are normal forces of each jaw,
-    newtons. Line, plane, elliptic and bilateral contacts are named in the column ``model``, and refused on
-    import, as the columns do not describe them completely.
+    newtons, ``max_force`` is their limit, and ``force_warning`` says where it is exceeded. Line, plane, elliptic and
+    bilateral contacts are named in the column ``model``, and refused on import, as the columns do not describe them
+    completely.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def contacts_csv(solution: GraspSolution) -> str:
         grips = [grip_fields(solution.with_answer(grasp)) for grasp in solution.grasps]
         pairs = zip(solution.grasps, grips, strict=True)
         grasps = [(kept.grasp, kept.faces, kept.mu, grip) for kept, grip in pairs]
-    forces = (GRIP, SAFE_GRIP) if any(grip for *_, grip in grasps) else ()
+    forces = (GRIP, SAFE_GRIP, LIMIT, FORCE_WARNING) if any(grip for *_, grip in grasps) else ()
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     first_heads = [GRASP, "mu"] if has_several else []

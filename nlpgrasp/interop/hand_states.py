@@ -23,6 +23,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
 GRIP, SAFE_GRIP = "grip_force", "grip_force_with_margin"  # normal forces of each jaw, newtons
+LIMIT, FORCE_WARNING = "max_force", "force_warning"  # limit of this force, newtons, and what it does not allow
 UNKNOWN_APPROACH = "the file states no way in"
 NOT_ADDED = "the solve left it out"
 # part of a gripper's name in public models to its preset, or to jaws in the frame of that model
@@ -222,11 +223,15 @@ def _closing_force(solution: GraspSolution) -> tuple[float, str]:
         return 0.0, str(error)
 
 
-def grip_fields(solution: GraspSolution) -> dict[str, float]:
-    """Return the known grip forces of parallel jaws, newtons, by name: without and with margin."""
-    grip = solution.grip
-    values = {} if grip is None else {GRIP: grip.force.upper, SAFE_GRIP: grip.with_margin.upper}
-    return {name: value for name, value in values.items() if np.isfinite(value)}
+def grip_fields(solution: GraspSolution) -> dict[str, float | str]:
+    """Return the known grip forces of parallel jaws, newtons, their limit and the warning on them, by name."""
+    grip, limit = solution.grip, solution.max_force
+    if grip is None:
+        return {}
+    forces = {GRIP: grip.force.upper, SAFE_GRIP: grip.with_margin.upper, LIMIT: np.inf if limit is None else limit}
+    warning = grip.warning(limit)
+    known = {name: value for name, value in forces.items() if np.isfinite(value)}
+    return {**known, **({FORCE_WARNING: warning} if warning else {})}
 
 
 def _pose_vector(data: Json) -> FloatArray:

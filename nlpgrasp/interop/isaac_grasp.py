@@ -62,8 +62,8 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
     names in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Additional fields
     beyond the format: ``closing_axis``, ``approach_axis`` and ``tcp`` of parallel jaws, in the frame of the pose;
-    ``grip_force`` and ``grip_force_with_margin``, normal forces of each jaw in newtons; and ``way_in``, the reason for
-    a straight approach that is not free.
+    ``grip_force`` and ``grip_force_with_margin``, normal forces of each jaw in newtons, ``max_force``, their limit, and
+    ``force_warning`` where it is exceeded; and ``way_in``, the reason for a straight approach that is not free.
 
     Parameters
     ----------

@@ -37,8 +37,8 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
 
     ``grasp_quality`` is the certified lower bound of mu, ``effort`` the joint torques of the squeeze, of parallel jaws
     the grip force with its margin, within the limit; ``max_contact_force`` is the limit or 0 (none). Comments before
-    the list state a gripper's axes and tool centre point, the force to set it to for each grasp, and which grasps have
-    no free approach, as the messages have no field for them.
+    the list state a gripper's axes and tool centre point, the force to set it to for each grasp with its limit, and
+    which grasps have no free approach, as the messages have no field for them.
 
     Parameters
     ----------
@@ -68,8 +68,10 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     blocked = {name: reason for name, hand in hands.items() if (reason := approach_warning(hand))}
     comments = "".join(f"# {name}: way in not free: {' '.join(reason.split())}\n" for name, reason in blocked.items())
     text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
-    grips = {name: line for name, (grasp_solution, _) in states.items() if (line := grasp_solution.grip_line())}
-    forces = "".join(f"# {name}: {line}\n" for name, line in grips.items())
+    grips = {
+        name: [grasp_solution.grip_line(), grasp_solution.grip_warning] for name, (grasp_solution, _) in states.items()
+    }
+    forces = "".join(f"# {name}: {line}\n" for name, lines in grips.items() for line in lines if line)
     return f"{axes_comment(best_hand)}{forces}{comments}{text}"
 
 

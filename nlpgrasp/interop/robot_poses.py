@@ -91,6 +91,10 @@ class RobotPoses:
         Between the pads on the approach and in the grasp, metres.
     force : float or None
         Normal force of each jaw to set, newtons, with its margin as far as the limit allows; None where none holds.
+    max_force : float or None
+        Limit of this force, newtons; None without one.
+    force_warning : str
+        What the limit does not allow, or that no force holds the task; empty where the force has its margin.
     clearance : float or None
         Least clearance of the gripper on its way in, metres; None for a gripper without stated sizes.
     way_in : str
@@ -105,6 +109,8 @@ class RobotPoses:
     opened: float
     opening: float
     force: float | None
+    max_force: float | None
+    force_warning: str
     clearance: float | None
     way_in: str
     mu: float
@@ -115,9 +121,9 @@ class RobotPoses:
         return self.way_in == FREE
 
     def to_dict(self) -> Json:
-        """Return poses, opening, force and clearance as JSON data."""
+        """Return poses, opening, force with its limit, and clearance as JSON data."""
         poses = {name: pose.to_dict() for name, pose in self._poses.items()}
-        names = ("opened", "opening", "force", "clearance", "way_in", "mu")
+        names = ("opened", "opening", "force", "max_force", "force_warning", "clearance", "way_in", "mu")
         return {**poses, **{name: getattr(self, name) for name in names}}
 
     @property
@@ -170,6 +176,8 @@ def robot_poses(
             opened=float(hand["approach"].get("opened", gripper.opening)),
             opening=float(hand["opening"]),
             force=grip.setting(answer.max_force) if grip is not None and grip.holds else None,
+            max_force=answer.max_force,
+            force_warning=answer.grip_warning,
             clearance=hand["approach"].get("clearance"),
             way_in="; ".join(approach_obstructions(hand)) or FREE,
             mu=answer.mu.lower,
@@ -187,7 +195,7 @@ def _poses_table(solution: GraspSolution, options: ExportOptions) -> str:
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     heads = [f"{name}_{coordinate}" for name in (APPROACH, GRASP, RETREAT) for coordinate in COORDINATES]
-    settings = ("opened", "opening", "force", "clearance")
+    settings = ("opened", "opening", "force", "max_force", "force_warning", "clearance")
     writer.writerow([GRASP, "frame", "way_in", *settings, "mu", *heads, *axes])
     frame = PART_FRAME if options.frame is None else CELL_FRAME
     for i, poses in enumerate(robot_poses(solution, options.frame)):

@@ -64,6 +64,8 @@ class GripForce(Record):
             Of each jaw's normal force, newtons.
         """
         end = "" if limit is None else f"; the limit is {format_number(limit)} {FORCE_UNIT}"
+        if self.holds and self.is_within(limit) is False:
+            end = f"; ABOVE{end.removeprefix(';').replace(' is ', ' of ')}"
         if not self.holds:
             return f"no force of the jaws holds the whole task{end}"
         force, least = (format_upper(value, DIGITS) for value in (self.setting(limit), self.force.upper))

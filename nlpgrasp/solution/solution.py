@@ -441,7 +441,7 @@ class GraspSolution(InNotebook):
             format_unshaped_links(self.hand),
             fragility_warning(self.robust, self.mu, self.label),
             excess_force_warning(self.needed, self.finger_limit),
-            "" if self.grip is None else self.grip.warning(self.max_force),
+            self.grip_warning,
             "the hand cannot squeeze the body" if no_squeeze else "",
             self.beyond_effort,
         )
@@ -465,6 +465,11 @@ class GraspSolution(InNotebook):
     def grip_line(self) -> str:
         """Return a text on the grip force to set, its margin and its limit; empty if unknown."""
         return "" if self.grip is None else self.grip.words(self.max_force)
+
+    @property
+    def grip_warning(self) -> str:
+        """Warning on the grip force: above its limit, without margin, or none that holds; empty if there is none."""
+        return "" if self.grip is None else self.grip.warning(self.max_force)
 
     def starts_lines(self) -> list[str]:
         """Return text lines about how the starts ended, better starts passed over, and failed IPOPT calls."""

@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +81,39 @@ def test_the_poses_as_json_state_their_frame_and_the_grippers_axes(block):
     first = ng.robot_poses(block)[0]
     assert data["grasps"][0]["grasp"]["matrix"] == first.grasp.matrix.tolist()
     assert data["grasps"][0]["approach"]["text"] == str(first.approach)
+
+
+def exported(solution, name):
+    """The text of an export, and the warnings that it raised."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        content = format_named(name).export(solution)
+    return content, [str(warning.message) for warning in caught]
+
+
+def test_a_force_in_an_export_has_its_limit(block):
+    for name in ("poses", "csv"):
+        rows = list(csv.DictReader(io.StringIO(exported(block, name)[0].decode())))
+        assert {(row["max_force"], row["force_warning"]) for row in rows} == {("120.0", "")}
+    (fields,) = {(f["max_force"], f["force_warning"]) for f in json.loads(exported(block, "poses_json")[0])["grasps"]}
+    assert fields == (120.0, "")
+    assert not any("exported though" in warning for warning in exported(block, "moveit")[1])
+    with np.load(io.BytesIO(exported(block, "npz")[0])) as arrays:
+        assert arrays["max_force"].tolist() == [120.0] * 3
+        assert arrays["force_in_limit"].all()
+
+
+@pytest.mark.parametrize("name", ["poses", "poses_json", "csv", "moveit", "isaac_grasp"])
+def test_a_force_above_its_limit_is_said_by_every_export_for_every_grasp(block, name):
+    limit = 0.5 * block.grip_force
+    weak = replace(block, problem={**block.problem, "hand": {**block.problem["hand"], "max_force": limit}})
+    content, notes = exported(weak, name)
+    assert content.decode().count("above max_force") >= len(weak.grasps)
+    assert any(note.startswith("block: exported though each jaw needs") for note in notes)
+    assert "; ABOVE the limit of " in weak.grip_line()
+    assert ng.robot_poses(weak)[0].force > weak.max_force
+    with np.load(io.BytesIO(exported(weak, "npz")[0])) as arrays:
+        assert not arrays["force_in_limit"].any()
 
 
 def test_the_jaws_trajectory_opens_closes_and_lifts(block):
