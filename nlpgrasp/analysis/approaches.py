@@ -17,8 +17,8 @@ from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import SLIDES, JawClearance, JawPose, flip_pose, rank
 from nlpgrasp.optimize.constraint_values import HandFunctions
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses
-from nlpgrasp.solution.obstructions import approach_obstructions, obstruction_rank
+from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses, rank_by
+from nlpgrasp.solution.obstructions import approach_obstructions
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 
@@ -133,12 +133,12 @@ class _PosedGrasp:
     index: int
 
 
-def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int) -> GraspSolution:
+def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int, options: Json) -> GraspSolution:
     """Return a solution whose kept grasps by parallel jaws have free approaches, where possible.
 
     A grasp whose approach is blocked takes the approach of another turn that is free. Where fewer than ``count`` grasps
-    have a free approach, further turns of their contacts are added, at least 30 degrees apart, then flips. Free grasps
-    come first, then those whose pads overhang, the least overhang first, then blocked ones; the first is the answer.
+    have a free approach, further turns of their contacts are added, at least 30 degrees apart, then flips. Where the
+    answer is blocked, or its pads overhang, the best ranked grasp becomes the answer; the others are ranked anew.
 
     Parameters
     ----------
@@ -146,8 +146,10 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
     problem : GraspProblem
     count : int
         Number of kept grasps, at most.
+    options : mapping
+        Of the solve, as ``rank_by`` reads them.
     """
-    hand = problem.hand
+    hand, key = problem.hand, rank_by(options)
     if not isinstance(hand, ParallelJaw) or solution.grasp is None or solution.grasp.space != 3:
         return solution
     arranger = _PoseArranger(problem, hand)
@@ -155,9 +157,10 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
     if count > 1:
         posed += arranger.further_poses(posed, count)
     free = sorted((p for p in posed if p.is_free), key=lambda p: p.kind)[:count]  # stable: best first in each kind
-    others = sorted((p for p in posed if not p.is_free), key=lambda p: obstruction_rank(p.grasp.hand))
-    kept = [*sorted(free, key=lambda p: (p.index, p.kind)), *others[: count - len(free)]]
-    return _with_kept(solution, [p.grasp for p in kept])
+    others = sorted((p for p in posed if not p.is_free), key=lambda p: key(p.grasp))
+    kept = sorted([*free, *others[: count - len(free)]], key=lambda p: (p.index, p.kind))
+    answer = posed[0] if posed[0].is_free else min(kept, key=lambda p: key(p.grasp))
+    return _with_kept(solution, [answer.grasp, *sorted((p.grasp for p in kept if p is not answer), key=key)])
 
 
 class _PoseArranger:

@@ -26,8 +26,7 @@ from nlpgrasp.optimize.warm_starts import WarmStart, certify_as_is
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
-from nlpgrasp.solution.kept_grasps import FoundGrasp
-from nlpgrasp.solution.obstructions import obstruction_rank
+from nlpgrasp.solution.kept_grasps import FoundGrasp, rank_by
 
 MOST_KNOWN = 12  # grasps whose neighbours are computed, at most
 POSITIONS = 48  # positions tried per contact
@@ -108,15 +107,7 @@ class GraspCollection:
                     self._additions.append(finished)
             self._batch = self._begin_batch()
         grasps = [*self._finished_results(), *self._additions]
-        weighs = self._runner.options.weighs_fragility
-        by_robustness = self._runner.options.maximise_robust
-
-        def order(grasp: FoundGrasp) -> tuple[bool, bool, float, bool, float]:
-            bounds = grasp.robust.mu if by_robustness and grasp.robust is not None else grasp.mu
-            fragile = weighs and not by_robustness and grasp.is_fragile
-            return *obstruction_rank(grasp.hand), fragile, -bounds.lower
-
-        return tuple(sorted(grasps, key=order))
+        return tuple(sorted(grasps, key=rank_by(self._runner.options.to_dict())))
 
     def _begin_batch(self) -> Callable[[], list[_CertifiedGrasp | None]] | None:
         """Begin to certify as many candidates as grasps are missing, and return a callable for the results.

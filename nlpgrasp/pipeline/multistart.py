@@ -463,7 +463,9 @@ class Multistart:
             hand = problem.hand
             solution = add_grips(add_squeezes(replace(solution, others=self._others.grasps()), hand), hand)
             self._clock.mark("other grasps")
-        solution = with_unusable_reason(arrange_jaw_poses(solution, problem, self._keeping.count), problem)
+        options = self.runner.options.to_dict()
+        solution = arrange_jaw_poses(solution, problem, self._keeping.count, options)
+        solution = with_unusable_reason(solution, problem)
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
         record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)
         if self._keeping.count > 1:

@@ -29,7 +29,6 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.report.html_parts import Html, embedded_picture, html_table
 from nlpgrasp.report.page_builder import page, style
 from nlpgrasp.report.pictures import draw_grasp
-from nlpgrasp.solution.obstructions import jaws_depth
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
@@ -352,7 +351,7 @@ def _row(part: PartResult, folder: Path) -> list[str]:
     picture, caveats = folder / f"{part.name}{PICTURE}", [capitalise(text) for text in solution.caveats]
     failure = [capitalise(part.failure)] if part.failure else []
     clearance = ((solution.hand or {}).get("approach") or {}).get("clearance")
-    free_count = sum(not jaws_depth(grasp.hand) for grasp in solution.grasps)
+    free_count = sum(grasp.has_free_way for grasp in solution.grasps)
     endings = [ending for ending in (".json", POSES.ending) if (folder / f"{part.name}{ending}").is_file()]
     links = [f'<a href="{escape(part.name + ending)}">{escape(part.name + ending)}</a>' for ending in endings]
     return [

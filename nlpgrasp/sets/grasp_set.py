@@ -38,6 +38,7 @@ from nlpgrasp.sets.grasp_rows import (
 from nlpgrasp.sets.set_folder import FinishedUnits, SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
+from nlpgrasp.solution.kept_grasps import rank_by
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.verify import verify
 
@@ -246,11 +247,12 @@ class GraspSet:
         return self._join(sorted(solutions, key=lambda solution: -solution.mu.lower))
 
     def _join(self, solutions: Sequence[GraspSolution]) -> GraspSolution:
-        """Return one solution that holds several grasps of a problem, with the first as the answer."""
+        """Return one solution that holds several grasps of a problem, the first as the answer, the others ranked."""
         answer = solutions[0]
         solver = {**answer.solver, "keep": len(solutions), "distinct": self.settings["distinct"]}
         starts = tuple(sorted((start for s in solutions for start in s.starts), key=lambda start: start.index))
-        return replace(answer, others=tuple(s.grasps[0] for s in solutions[1:]), starts=starts, solver=solver)
+        others = sorted((s.grasps[0] for s in solutions[1:]), key=rank_by(solver.get("options", {})))
+        return replace(answer, others=tuple(others), starts=starts, solver=solver)
 
     def export(self, folder: str | Path, to: str = NPZ, options: ExportOptions | None = None) -> tuple[Path, ...]:
         """Write the grasps in the format of another tool.

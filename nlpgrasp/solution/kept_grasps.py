@@ -16,7 +16,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
 from nlpgrasp.solution.grip_record import DIGITS, read_grip
-from nlpgrasp.solution.obstructions import jaws_depth
+from nlpgrasp.solution.obstructions import approach_obstructions, obstruction_rank, way_obstructions
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.record_fields import to_json
@@ -78,6 +78,11 @@ class FoundGrasp:
         """Least grip force of parallel jaws that holds the task, newtons; None for other hands."""
         grip = read_grip(self.hand)
         return None if grip is None else grip.force.upper
+
+    @property
+    def has_free_way(self) -> bool:
+        """Whether no obstruction of the straight approach is known, and no pad hangs over its face."""
+        return not approach_obstructions(self.hand)
 
     @property
     def is_fragile(self) -> bool:
@@ -142,6 +147,28 @@ def read_kept_grasps(data: Json, name: str) -> list[FoundGrasp]:
     return grasps
 
 
+def rank_by(options: Json) -> Callable[[FoundGrasp], tuple[bool, bool, float, bool, float]]:
+    """Return the sort key by which the alternatives of a solve are ranked, best first.
+
+    Grasps without links inside anything come first, then those with a free approach, then those with more of a
+    gripper's pads on their faces (from 90 % on alike), then those that are not fragile (with ``rank="robust"``), then by
+    certified quality (with ``maximise_robust`` by the remaining one).
+
+    Parameters
+    ----------
+    options : mapping
+        Of the solve, as ``SolveOptions.to_dict`` writes them.
+    """
+    by_robustness = bool(options.get("maximise_robust"))
+    weighs_fragility = options.get("rank") == "robust" and options.get("gap") is None and not by_robustness
+
+    def key(grasp: FoundGrasp) -> tuple[bool, bool, float, bool, float]:
+        bounds = grasp.robust.mu if by_robustness and grasp.robust is not None else grasp.mu
+        return *obstruction_rank(grasp.hand), weighs_fragility and grasp.is_fragile, -bounds.lower
+
+    return key
+
+
 def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:
     """Return the first grasp for which a function returns True.
 
@@ -169,7 +196,7 @@ def _format_approach(grasp: FoundGrasp) -> str:
     """Return a text of fixed width on the approach of parallel jaws: direction, state and pads on the face."""
     data = (grasp.hand or {}).get("approach") or {}
     direction = ", ".join(f"{x + 0.0:.2f}" for x in np.round(data.get("direction") or (), 2))
-    state = "blocked" if jaws_depth(grasp.hand) else "free, flipped" if data.get("flip") else "free"
+    state = "blocked" if way_obstructions(grasp.hand) else "free, flipped" if data.get("flip") else "free"
     pad_fractions = (grasp.hand or {}).get("pads")
     pads = f", {format_percent(min(pad_fractions))} on the face" if pad_fractions else ""
     return f"{f'[{direction}] {state}{pads}':{56 if pad_fractions else 37}}  "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from nlpgrasp.common.formatting import format_headroom
 from nlpgrasp.solution.analysis_records import mu_before_margins
 from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses
+from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, link_obstructions, pad_share, way_obstructions
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, guard
@@ -23,6 +24,14 @@ WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
 MU_TOLERANCE = 1e-9  # relative tolerance of mu
 LEAST_ROBUST_SHARE = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
 DISTANCE_TOLERANCE = 1e-9  # relative tolerance of the least distance of kept grasps
+# reasons for which an alternative ranks before another, the weightiest first
+RANKS = (
+    "without a link inside anything",
+    "with a free way in",
+    "with more of a pad on its face",
+    "not fragile",
+    "of higher quality",
+)
 
 AnswerChecks = Callable[[GraspSolution], Sequence[Check]]
 
@@ -154,11 +163,34 @@ def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
     solver = solution.solver
     if len(solution.grasps) > solver.get("keep", len(solution.grasps)):
         yield f"{len(solution.grasps)} grasps where {solver.get('keep')} were to be kept"
+    yield from _order_errors(solution)
     least = float(solver.get("distinct", 0.0)) * size * (1.0 - DISTANCE_TOLERANCE)
     for (i, a), (j, b) in combinations(enumerate(solution.grasps), 2):
         has_own_pose = "joint_positions" in (a.hand or {}) or angle_between_poses(a.hand, b.hand) >= DISTINCT_ANGLE
         if not has_own_pose and _matched_distance(a, b) < least:
             yield f"grasps[{i}] and grasps[{j}] are one: contacts less than {least:.3g} m apart"
+
+
+def _order_errors(solution: GraspSolution) -> Iterator[str]:
+    """Yield errors in the order of the alternatives; the answer is chosen by other rules.
+
+    Grasps without obstructions come first, then those with more of a gripper's pads on their faces, then those that are
+    not fragile if the solve weighs it, then higher quality.
+    """
+    options = solution.solver.get("options", {})
+    by_remaining = bool(options.get("maximise_robust"))
+    weighs_fragility = options.get("rank") == "robust" and options.get("gap") is None and not by_remaining
+
+    def shortcomings(grasp: FoundGrasp) -> tuple[float, ...]:
+        quality = grasp.robust.mu if by_remaining and grasp.robust is not None else grasp.mu
+        touches, is_blocked = bool(link_obstructions(grasp.hand)), bool(way_obstructions(grasp.hand))
+        overhang = 1.0 - pad_share(grasp.hand) if pad_share(grasp.hand) < LEAST_PAD_SHARE else 0.0
+        return touches, is_blocked, overhang, weighs_fragility and grasp.is_fragile, -quality.lower
+
+    for i, (first, second) in enumerate(pairwise(map(shortcomings, solution.others)), 1):
+        if first > second:
+            reason = next(name for name, a, b in zip(RANKS, first, second, strict=True) if a != b)
+            yield f"grasps[{i}] ranks before grasps[{i + 1}], which is {reason}"
 
 
 def _matched_distance(a: FoundGrasp, b: FoundGrasp) -> float:

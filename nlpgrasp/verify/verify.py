@@ -65,7 +65,8 @@ def verify(
         one with another fingerprint, an expression in a script) counts as a check that was not made: the verdict is
         then "partly verified", ``complete`` is false, and ``missing`` names the files.
         A bound file, or the bound in a solution file, fails when it does not follow from its certificate
-        (docs/how_close.md). Alternative grasps are checked like the answer, and for being distinct.
+        (docs/how_close.md). Alternative grasps are checked like the answer, for their order, and for being
+        distinct.
 
     Raises
     ------

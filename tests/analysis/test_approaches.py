@@ -92,6 +92,25 @@ def test_files_with_turns_and_flips_are_verified():
     np.testing.assert_allclose(turn.apply([1.0, 0.0, 0.0]), (p - q) / np.linalg.norm(p - q), atol=1e-9)
 
 
+def test_alternatives_in_another_order_fail(standing):
+    assert len({grasp.mu.lower for grasp in standing.others}) > 1
+
+    def swap(data):
+        data["grasps"][1], data["grasps"][-1] = data["grasps"][-1], data["grasps"][1]
+
+    check = {c.name: c for c in verified(edited(standing.to_dict(), swap)).checks}["grasps kept"]
+    assert check.failed
+    assert "which is of higher quality" in check.detail
+
+
+def test_a_blocked_alternative_before_a_free_one_fails(standing):
+    def block_first(data):
+        data["grasps"][1]["hand"]["approach"] |= {"depth": 0.005}
+
+    check = {c.name: c for c in verified(edited(standing.to_dict(), block_first)).checks}["grasps kept"]
+    assert "grasps[1] ranks before grasps[2], which is with a free way in" in check.detail
+
+
 def test_the_same_pose_twice_is_found(standing):
     data = edited(standing.to_dict(), lambda d: d["grasps"].__setitem__(1, {**d["grasps"][0], "start": None}))
     assert "grasps kept" in failed(verified(data))

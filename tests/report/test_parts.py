@@ -4,15 +4,17 @@ import html
 import json
 import os
 import re
+from dataclasses import replace
 
 import pytest
 import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
+from nlpgrasp.report.parts import PartResult, write_parts_page
 from nlpgrasp.report.pictures import draw_grasp
 from tests.cli.test_cli import run_here
-from tests.held_block import GRIPPER
+from tests.held_block import GRIPPER, held_block
 
 QUICK = ng.SolveOptions(workers=1, rounds=2, global_bound=False)
 
@@ -79,6 +81,18 @@ def test_a_part_that_fails_is_a_row_with_its_reason(batch):
     assert str(batch).startswith("2 of 3 parts have a grasp, 2 solved now")
     with pytest.raises(InputError, match=r"broken\.stl"):
         broken.load()
+
+
+def test_the_page_counts_the_free_grasps_of_the_table(tmp_path):
+    """A pad over an edge counts as not free on the page, in the table and in print."""
+    solution = held_block()
+    others = [replace(grasp, hand={**grasp.hand, "pads": [0.7, 0.95]}) for grasp in solution.others[:1]]
+    file = replace(solution, others=(*others, *solution.others[1:])).save(tmp_path / "block.json")
+    page = write_parts_page([PartResult("block", file)], tmp_path / "index.html", "Parts").read_text(encoding="utf-8")
+    free = [poses.is_free for poses in ng.robot_poses(ng.GraspSolution.load(file))]
+    assert sum(free) == len(free) - 1
+    assert f"{len(free)}, {sum(free)} with a free way in" in page
+    assert str(ng.GraspSolution.load(file)).count("] blocked") == 1
 
 
 def test_a_part_without_a_grasp_has_a_picture_of_its_body_and_a_row_with_the_reason(tmp_path, monkeypatch):
