@@ -112,14 +112,17 @@ def _track_segment(kind: str, start: float, end: float) -> str:
 
 
 def solution_figures(solution: GraspSolution) -> list[KeyFigure]:
-    """Return the key figures of a solution, the most important first."""
+    """Return the key figures of a solution, the most important first: of parallel jaws the force to set."""
     figures = []
     if solution.grasp is not None:
-        figures += [_quality_figure(solution), *_robustness_figures(solution), _effort_figure(solution)]
+        figures += [_quality_figure(solution), *_robustness_figures(solution)]
+        figures += [] if solution.grip is not None else [_effort_figure(solution)]
     figures += [*_squeeze_figures(solution), *_approach_figures(solution)]
     figures += [*_gripper_figures(solution), *_global_bound_figures(solution)]
     status = _status_figure(solution)
     figures = [status, *figures] if verdict(solution)[1] in ("bad", "weak") else [*figures, status]
+    if solution.grip is not None:
+        figures = [_grip_figure(solution, solution.grip), *figures]
     if sum(not figure.broad for figure in figures) % 2:  # two per row
         figures[-1] = replace(figures[-1], broad=True)
     return figures
@@ -165,8 +168,6 @@ def _quality_figure(solution: GraspSolution) -> KeyFigure:
 def _effort_figure(solution: GraspSolution) -> KeyFigure:
     """Return the key figure of the finger forces that the unscaled task requires."""
     title, budget = "What the task takes", solution.budget
-    if solution.grip is not None:
-        return _grip_figure(solution, solution.grip)
     if solution.mu.lower <= 0.0:
         return KeyFigure(title, "more than any force", ("some wrench of the task is not held at all",), "bad")
     effort = 1.0 / solution.mu.lower
@@ -185,7 +186,7 @@ def _grip_figure(solution: GraspSolution, grip: GripForce) -> KeyFigure:
     warning = grip.warning(solution.max_force)
     tone = "bad" if solution.is_too_weak or not grip.holds else "weak" if warning else ""
     lines = (capitalise(line) for line in (solution.grip_line(), warning) if line)
-    return KeyFigure("Set the gripper to", force, tuple(lines), tone)
+    return KeyFigure("Set the gripper to", force, tuple(lines), tone, broad=True)
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:

@@ -1,5 +1,6 @@
 """Grip force of parallel jaws in print, report, kept grasps and files, and its verification."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -79,8 +80,14 @@ def test_grips_without_a_margin_are_warned_of_with_any_limit():
 
 
 def test_the_report_shows_the_force_first(solution, tmp_path):
+    """Also before the caveats of a grasp whose force is above the limit."""
+    weak = limited(solution, max_force=0.9 * solution.grip_force)
+    text = write_report({"grip": weak}, tmp_path / "weak.html").read_text(encoding="utf-8")
+    assert re.search(r'<aside class="panel"><div class="fact bad broad"><h3>Set the gripper to</h3>', text)
     page = write_report({"grip": solution}, tmp_path / "grip.html").read_text(encoding="utf-8")
-    assert "Set the gripper to" in page
+    first = re.search(r'<aside class="panel"><div class="fact[^"]*"><h3>(.*?)</h3><p class="value">(.*?)</p>', page)
+    force = format_upper(solution.grip.with_margin.upper, 3)
+    assert first.groups() == ("Set the gripper to", f"{force}\N{NO-BREAK SPACE}N")
     assert "root of the sum of squares" not in page
 
 
