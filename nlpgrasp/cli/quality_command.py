@@ -239,25 +239,30 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
         typer.echo(f"  cannot exert the task's wrenches: no contact force works along {mu.worst_direction.tolist()}")
 
 
-def complete_file(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:
-    """Add missing analyses to a solution file, and return the solution.
+def complete_file(
+    file: Path, problem: Callable[[], GraspProblem] | None = None, save: bool = True
+) -> tuple[GraspSolution, str]:
+    """Compute the analyses that a solution file lacks, and return the solution and the names of these analyses.
 
-    A file that cannot be written stays as it is. Messages go to standard error.
+    They are added to the file if ``save``; one that cannot be written stays as it is. Messages go to standard error.
 
     Parameters
     ----------
     file : Path
     problem : callable, optional
         Returns the problem that was solved.
+    save : bool
     """
     from nlpgrasp.analysis.analyse import format_added
 
     solution = ng.GraspSolution.load(file)
     if solution.grasp is None:
-        return solution
+        return solution, ""
     analysed = ng.analyse(solution, problem=None if problem is None else problem())
     added = format_added(solution, analysed)
-    if added:
+    if added and not save:
+        typer.echo(f"computed, and not added to {file}: {added} (--save adds them)", err=True)
+    if added and save:
         try:
             analysed.save(file)
             typer.echo(f"added to {file}: {added}", err=True)
@@ -266,4 +271,4 @@ def complete_file(file: Path, problem: Callable[[], GraspProblem] | None = None)
     if analysed.drawing is None:
         allowed = "the script of its problem, as the file holds no mesh, hand or function: nlpgrasp quality --problem"
         typer.echo(f"robustness, shadow prices and drawing of {file} need {allowed}", err=True)
-    return analysed
+    return analysed, added

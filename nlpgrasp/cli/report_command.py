@@ -13,6 +13,7 @@ from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.cli.quality_command import complete_file
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.errors import InputError
+from nlpgrasp.solution.solution import GraspSolution
 
 FILES = "Solution files; several are compared. Or a script SCRIPT.py: what it asks, before anything is solved."
 Files = Annotated[list[Path], typer.Argument(metavar="F.json...", help=FILES)]
@@ -27,12 +28,16 @@ def report_command(
     png: Annotated[
         bool, typer.Option("--png", help="Write pictures beside the page instead: no browser needed.")
     ] = False,
+    save: Annotated[
+        bool, typer.Option("--save", help="Add the analyses that are computed for the page to the files.")
+    ] = False,
 ) -> None:
     """Show solutions on one page that opens from disk, or as pictures.
 
-    Analyses that solutions lack are added first, in the same files.
+    Analyses that solutions lack are computed for the page. The files stay as they are, but for --save.
     """
-    from nlpgrasp.report import write_pictures, write_report
+    from nlpgrasp.report import write_pictures
+    from nlpgrasp.report.solution_page import write_completed
 
     if any(file_kind(file) == "a Python script" for file in files):
         _report_problem(files, out, png)
@@ -45,10 +50,11 @@ def report_command(
         from nlpgrasp.common.optional_packages import pyplot
 
         pyplot("a picture")  # before the work
-    solutions = {name: complete_file(file) for name, file in zip(names, files, strict=True)}
     if not png:
-        typer.echo(f"written to {write_report(solutions, target)}")
+        completed = {name: complete_file(file, save=save) for name, file in zip(names, files, strict=True)}
+        typer.echo(f"written to {write_completed(completed, target)}")
         return
+    solutions = {name: GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
     stems = [Path(name).stem for name in solutions]
     for i, solution in enumerate(solutions.values()):
         name_part = stems[i] if stems.count(stems[i]) == 1 else f"{stems[i]}-{i + 1}"

@@ -28,7 +28,9 @@ def embedded_picture(picture: Path, text: str) -> str:
     return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'
 
 
-def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True) -> str:
+def html_table(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True, cards: bool = False
+) -> str:
     """Return a table as HTML that scrolls sideways if it is too wide.
 
     Parameters
@@ -40,12 +42,17 @@ def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]
         Cells: plain text, or ``Html``.
     focusable : bool
         Whether the keyboard reaches it, to scroll.
+    cards : bool
+        Whether its rows are cards on a narrow screen, where each cell states its head.
     """
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
-    body = "\n".join("<tr>" + "".join(f"<td>{_table_cell(c)}</td>" for c in row) + "</tr>" for row in rows)
+    names = [f' data-head="{escape(h)}"' if cards and h else "" for h in heads]
+    cells = ["".join(f"<td{n}>{_table_cell(c)}</td>" for n, c in zip(names, row, strict=True)) for row in rows]
+    body = "\n".join(f"<tr>{row}</tr>" for row in cells)
     caption_html = f"<caption>{escape(caption)}</caption>" if caption else ""
     focus_attribute = ' tabindex="0"' if focusable else ""
-    return f'<div class="wide"{focus_attribute}><table>{caption_html}<tr>{head}</tr>\n{body}</table></div>'
+    kind = "wide cards" if cards else "wide"
+    return f'<div class="{kind}"{focus_attribute}><table>{caption_html}<tr>{head}</tr>\n{body}</table></div>'
 
 
 def _table_cell(text: str) -> str:

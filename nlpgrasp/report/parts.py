@@ -40,6 +40,7 @@ PAGE, MANIFEST = "index.html", ".parts.json"
 PICTURE = ".png"  # ending of a part's picture
 PICTURE_DPI = 80  # dots per inch of a part's picture
 NOT_SOLVED = "not solved yet"
+EARLIER = "of an earlier run: whether the part, the task or the gripper changed since was not looked at"
 CAPTION = "In the order of their names. What a grasp is worth for one part says nothing of another: nothing is ranked."
 
 PartTask = Callable[[Mesh, ParallelJaw], GraspProblem | Task]
@@ -143,8 +144,8 @@ def solve_parts(
     """Solve all parts of a folder for one gripper, and write a page with one row per part.
 
     Each part gets ``NAME.json`` (the solution), ``NAME.poses.csv`` (every kept grasp for a robot) and ``NAME.png``, and
-    ``index.html`` shows all of them. A part that is finished is not solved again unless its file, its problem or the
-    settings changed; one that fails is a row with the reason.
+    ``index.html``, written anew after each part, shows all of them. A part that is finished is not solved again unless
+    its file, its problem or the settings changed; one that fails is a row with the reason.
 
     Parameters
     ----------
@@ -189,15 +190,19 @@ def solve_parts(
     settings: Json = {"unit": unit, "starts": starts, "seed": seed, "keep": keep, "options": repr(options)}
     batch = _Batch(target, gripper, task, unit, {**settings, "version": __version__})
     solve_one = partial(solve, starts=starts, seed=seed, keep=keep, options=options)
-    results, stopped = [], False
+    results = {name: batch.earlier_result(name) for name in files}
+    path, title = target / PAGE, f"Parts in {Path(folder).absolute().name}"
+    write_parts_page(tuple(results.values()), path, title)
     for name, file in files.items():
-        result = PartResult(name, failure=NOT_SOLVED) if stopped else batch.result(name, file, solve_one)
-        stopped = stopped or result.failure == NOT_SOLVED
-        results.append(result)
-        if progress is not None and not stopped:
+        result = batch.result(name, file, solve_one)
+        is_stopped = result.failure == NOT_SOLVED
+        results[name] = batch.earlier_result(name) if is_stopped else result
+        write_parts_page(tuple(results.values()), path, title)
+        if is_stopped:
+            break
+        if progress is not None:
             progress(result)
-    path = write_parts_page(results, target / PAGE, f"Parts in {Path(folder).absolute().name}")
-    return PartsSolved(target, path, tuple(results), time.monotonic() - start_time)
+    return PartsSolved(target, path, tuple(results.values()), time.monotonic() - start_time)
 
 
 def part_files(folder: str | Path) -> dict[str, Path]:
@@ -242,6 +247,17 @@ class _Batch:
                 raise ValueError
         except (OSError, ValueError):
             self._finished = {}
+
+    def earlier_result(self, name: str) -> PartResult:
+        """Return the result of a part by an earlier run, whose inputs are not compared yet; not solved without one."""
+        entry, file = self._finished.get(name), self._out / f"{name}.json"
+        try:
+            if entry is not None and file.is_file():
+                notes = *entry.get("notes", ()), EARLIER
+                return PartResult(name, file, _failure(GraspSolution.load(file)), notes)
+        except (NlpgraspError, AttributeError):  # damaged files
+            pass
+        return PartResult(name, failure=NOT_SOLVED)
 
     def result(self, name: str, file: Path, solve_one: Callable[[GraspProblem], GraspSolution]) -> PartResult:
         """Return the result of a part: an earlier one if no input has changed, else that of a new solve."""
@@ -336,9 +352,11 @@ def write_parts_page(parts: Sequence[PartResult], path: str | Path, title: str) 
     """
     target = Path(path)
     heads = ["Part", "", "Force to set", "Clearance of the way in", "What to know", "Grasps", "Files"]
-    table = html_table(CAPTION, heads, [_row(part, target.parent) for part in parts], focusable=False)
+    table = html_table(CAPTION, heads, [_row(part, target.parent) for part in parts], focusable=False, cards=True)
     solved_count = sum(not part.failure for part in parts)
-    body = [f"<h1>{escape(title)}</h1>", f"<p>{solved_count} of {len(parts)} parts have a grasp.</p>", table]
+    waiting_count = sum(part.failure == NOT_SOLVED for part in parts)
+    waiting = f" {waiting_count} not solved yet." if waiting_count else ""
+    body = [f"<h1>{escape(title)}</h1>", f"<p>{solved_count} of {len(parts)} parts have a grasp.{waiting}</p>", table]
     return write_text(target, page(title, style("parts.css"), body))
 
 
@@ -360,7 +378,9 @@ def _row(part: PartResult, folder: Path) -> list[str]:
         capitalise(solution.grip_line()),
         "" if clearance is None else f"{format_number(1e3 * float(clearance), 2)} mm",
         _lines([*failure, *caveats, *notes], "warning"),
-        f"{len(solution.grasps)}, {free_count} with a free way in" if solution.grasp is not None else "",
+        f"{len(solution.grasps)}, {free_count} with a free way in and pads on their faces"
+        if solution.grasp is not None
+        else "",
         Html("<br>".join(links)),
     ]
 

@@ -24,12 +24,11 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def complete_analyses(solution: GraspSolution) -> tuple[GraspSolution, str]:
-    """Return a solution with all analyses that its problem allows, and a note that names the added ones."""
+    """Return a solution with all analyses that its problem allows, and the names of the added ones as text."""
     if solution.grasp is None:
         return solution, ""
     analysed = analyse(solution)
-    added = format_added(solution, analysed)
-    return analysed, f"Computed for this page: {added}." if added else ""
+    return analysed, format_added(solution, analysed)
 
 
 def force_section(solution: GraspSolution) -> str:
@@ -153,15 +152,32 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
         Without solutions, or on a path that cannot be written.
     """
     compare(solutions)  # refuses other objects than solutions
-    completed = [complete_analyses(solution) for solution in solutions.values()]
-    solutions = dict(zip(solutions, (solution for solution, _ in completed), strict=True))
+    return write_completed({name: complete_analyses(solution) for name, solution in solutions.items()}, path)
+
+
+def write_completed(completed: Mapping[str, tuple[GraspSolution, str]], path: str | Path) -> Path:
+    """Write the page of solutions with their analyses.
+
+    Parameters
+    ----------
+    completed : mapping of str to (GraspSolution, str)
+        By name, with the names of the analyses that were computed for the page, as text.
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        Without solutions, or on a path that cannot be written.
+    """
+    solutions = {name: solution for name, (solution, _) in completed.items()}
     title = ", ".join(solution.name for solution in solutions.values())
     parts = []
     if len(solutions) > 1:
         table = sections.comparison(compare(solutions), solutions)
         parts += [f"<h1>{len(solutions)} grasps compared</h1>", table]
     level = "h1" if len(solutions) == 1 else "h2"
-    for i, ((name, solution), (_, note)) in enumerate(zip(solutions.items(), completed, strict=True)):
+    for i, (name, (solution, added)) in enumerate(completed.items()):
+        note = f"Computed for this page: {added}." if added else ""
         parts.append(_solution_section(name, solution, i, level, note))
     return write_text(path, scene_page(title, parts))
 

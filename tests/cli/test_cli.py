@@ -222,8 +222,14 @@ def test_a_quick_solve_is_without_analyses(script, tmp_path):
     assert completed.nu is not None
     assert completed.drawing is not None
     assert run_here("quality", "quick.json", cwd=tmp_path).stderr == ""
+    before = copy.read_bytes()
     result = run_here("report", "copy.json", cwd=tmp_path)
     assert result.stdout == "written to copy.html\n"
+    assert result.stderr.startswith("computed, and not added to copy.json: ")
+    assert copy.read_bytes() == before
+    assert "Computed for this page: " in (tmp_path / "copy.html").read_text(encoding="utf-8")
+    result = run_here("report", "copy.json", "--save", cwd=tmp_path)
+    assert result.stderr.startswith("added to copy.json: ")
     assert ng.GraspSolution.load(copy).drawing.body.faces.tolist() == completed.drawing.body.faces.tolist()
 
 

@@ -4,6 +4,7 @@ import html
 import json
 import os
 import re
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -15,6 +16,8 @@ from nlpgrasp.report.parts import PartResult, write_parts_page
 from nlpgrasp.report.pictures import draw_grasp
 from tests.cli.test_cli import run_here
 from tests.held_block import GRIPPER, held_block
+
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 
 QUICK = ng.SolveOptions(workers=1, rounds=2, global_bound=False)
 
@@ -59,8 +62,12 @@ def test_each_part_has_its_files_and_a_row(folder, batch):
         *(f"{name}{end}" for name in ("long & thin", "plate") for end in (".json", ".poses.csv", ".png")),
     }
     page = batch.page.read_text(encoding="utf-8")
-    rows = re.findall("<tr><td>.*?</tr>", page, re.DOTALL)
-    assert [row.split("</td>")[0][8:] for row in rows] == ["broken", "long &amp; thin", "plate"]
+    rows = re.findall("<tr><td data-head.*?</tr>", page, re.DOTALL)
+    assert [row.split("</td>")[0].removeprefix('<tr><td data-head="Part">') for row in rows] == [
+        "broken",
+        "long &amp; thin",
+        "plate",
+    ]
     assert "src=" not in rows[0]
     for part, row in zip(batch.parts[1:], rows[1:], strict=True):
         solution = part.load()
@@ -91,7 +98,7 @@ def test_the_page_counts_the_free_grasps_of_the_table(tmp_path):
     page = write_parts_page([PartResult("block", file)], tmp_path / "index.html", "Parts").read_text(encoding="utf-8")
     free = [poses.is_free for poses in ng.robot_poses(ng.GraspSolution.load(file))]
     assert sum(free) == len(free) - 1
-    assert f"{len(free)}, {sum(free)} with a free way in" in page
+    assert f"{len(free)}, {sum(free)} with a free way in and pads on their faces" in page
     assert str(ng.GraspSolution.load(file)).count("] blocked") == 1
 
 
@@ -143,6 +150,60 @@ def test_an_error_of_a_function_leaves_the_other_parts(folder, batch, tmp_path):
         f"ZeroDivisionError: no mass of {name}.stl" for name in ("long & thin", "plate")
     ]
     assert json.loads((folder / "out" / ".parts.json").read_text())["plate"]["digest"]
+
+
+def test_a_batch_that_is_killed_leaves_the_page_of_what_is_done(tmp_path, monkeypatch):
+    """A kill leaves no time for a last word: what ``solve`` sees on disk when it begins with a part is all there is."""
+    (tmp_path / "parts").mkdir()
+    block(tmp_path, "a", 90, 30, 40)
+    block(tmp_path, "b", 60, 40, 30)
+    pages = []
+
+    def killed(problem, **_):
+        pages.append((tmp_path / "out" / "index.html").read_text(encoding="utf-8"))
+        if len(pages) == 2:
+            raise SystemExit
+        return held_block()
+
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", killed)
+    with pytest.raises(SystemExit):
+        solved(tmp_path)
+    assert "0 of 2 parts have a grasp. 2 not solved yet." in pages[0]
+    assert "1 of 2 parts have a grasp. 1 not solved yet." in pages[1]
+    assert 'href="a.poses.csv"' in pages[1]
+    (tmp_path / "out" / ".parts.json").write_text('{"b": {"notes": []}, "a": {"notes": []}}')
+    pages.clear()
+
+    def stopped(problem, **_):
+        pages.append((tmp_path / "out" / "index.html").read_text(encoding="utf-8"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", stopped)
+    batch = solved(tmp_path)
+    assert "Of an earlier run: whether the part" in pages[0]
+    assert [part.failure for part in batch.parts] == ["not solved yet"] * 2  # a was begun anew
+    assert batch.page.read_text(encoding="utf-8").count("Not solved yet") == 2
+
+
+@pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Debian's chromium and chromium-driver: make browser")
+def test_rows_are_cards_on_a_phone(tmp_path):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    file = held_block().save(tmp_path / "block.json")
+    page = write_parts_page([PartResult("block", file)], tmp_path / "index.html", "Parts")
+    options = webdriver.ChromeOptions()
+    for flag in ("--headless=new", "--no-sandbox", "--disable-gpu"):
+        options.add_argument(flag)
+    with webdriver.Chrome(options=options, service=Service(DRIVER)) as browser:
+        for width, is_card in ((390, True), (1300, False)):
+            size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            browser.get(page.as_uri())
+            assert browser.execute_script("return document.documentElement.scrollWidth") == width
+            assert browser.execute_script("const w = document.querySelector('.cards'); return w.scrollWidth") <= width
+            display = browser.execute_script("return getComputedStyle(document.querySelector('td')).display")
+            assert (display == "block") is is_card
 
 
 def test_a_task_alone_stands_the_part_on_a_table_between_the_grippers_pads(folder, tmp_path, monkeypatch):
