@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.console import writable
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.cli.quality_command import complete_file
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution.solution import GraspSolution
 
 FILES = "Solution files; several are compared. Or a script SCRIPT.py: what it asks, before anything is solved."
 Files = Annotated[list[Path], typer.Argument(metavar="F.json...", help=FILES)]
@@ -26,7 +26,8 @@ def report_command(
         typer.Option("--out", metavar="F.html", help="The page; by default F.html, of a script SCRIPT-problem.html."),
     ] = None,
     png: Annotated[
-        bool, typer.Option("--png", help="Write pictures beside the page instead: no browser needed.")
+        bool,
+        typer.Option("--png", help="Write pictures instead: the page's scene where a browser is, else a drawing."),
     ] = False,
     save: Annotated[
         bool, typer.Option("--save", help="Add the analyses that are computed for the page to the files.")
@@ -36,7 +37,7 @@ def report_command(
 
     Analyses that solutions lack are computed for the page. The files stay as they are, but for --save.
     """
-    from nlpgrasp.report import write_pictures
+    from nlpgrasp.report.pictures import write_noted_pictures
     from nlpgrasp.report.solution_page import write_completed
 
     if any(file_kind(file) == "a Python script" for file in files):
@@ -54,13 +55,13 @@ def report_command(
         completed = {name: complete_file(file, save=save) for name, file in zip(names, files, strict=True)}
         typer.echo(f"written to {write_completed(completed, target)}")
         return
-    solutions = {name: GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
+    solutions = {name: ng.GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
     stems = [Path(name).stem for name in solutions]
     for i, solution in enumerate(solutions.values()):
         name_part = stems[i] if stems.count(stems[i]) == 1 else f"{stems[i]}-{i + 1}"
         stem = target.with_suffix("") if len(stems) == 1 else target.with_name(f"{target.stem}-{name_part}")
-        for path in write_pictures(solution, stem):
-            typer.echo(f"written to {path}")
+        for path, note in write_noted_pictures(solution, stem).items():
+            typer.echo(f"written to {path}{f' ({note})' if note else ''}")
 
 
 def _report_problem(files: list[Path], out: Path | None, png: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.drawing import FORCE, NORMAL, Triangles, drawing_size
+from nlpgrasp.common.files import write_bytes
 from nlpgrasp.common.formatting import axis_labels
 from nlpgrasp.common.optional_packages import draw_solids, pyplot, show_at_one_scale, write_figure
 from nlpgrasp.common.palette import COLOURS
@@ -29,6 +30,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu as certify_mu
 from nlpgrasp.report.grasp_scene import body_surface, scene_shapes
 from nlpgrasp.report.scene_parts import drawn_surroundings, first_view, subdivide, triangle_normals, view_directions
+from nlpgrasp.report.scene_picture import find_browser, photograph_scene
 from nlpgrasp.report.start_charts import certified_bounds
 from nlpgrasp.report.task_wrenches import WrenchProjection, choose_wrenches, solution_projections, wrench_projections
 from nlpgrasp.solution.solution import GraspSolution
@@ -57,6 +59,7 @@ Moment = tuple[float, float, float]  # seconds, bound, certified quality of the 
 def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
     """Write the pictures of a solution: ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``.
 
+    The grasp is the scene of the solution's page where a browser (Chromium, Chrome, Edge) is installed, else a drawing.
     Pictures without data are left out; the paths of the others are returned.
 
     Raises
@@ -66,16 +69,25 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
     InputError
         When a picture cannot be written.
     """
+    return list(write_noted_pictures(solution, stem))
+
+
+def write_noted_pictures(solution: GraspSolution, stem: str | Path) -> dict[Path, str]:
+    """Write the pictures of a solution, and return their paths, each with a text on what drew it; empty for charts."""
     pyplot(PURPOSE)  # before the work
-    drawings: dict[str, Callable[[GraspSolution], Figure]] = {}
+    written: dict[Path, str] = {}
     if solution.grasp is not None:
-        drawings |= {"grasp": draw_grasp, "wrenches": _draw_solution_wrenches}
+        target, browser = Path(f"{stem}-grasp.png"), find_browser()
+        picture = None if browser is None else photograph_scene(solution, browser)
+        if browser is not None and picture is not None:
+            written[write_bytes(target, picture)] = f"the page's scene, drawn by {Path(browser).name}"
+        else:
+            reason = f"{Path(browser).name} drew nothing" if browser else "no Chromium, Chrome or Edge was found"
+            written[write_figure(draw_grasp(solution), target)] = f"a drawing, as {reason}"
+        written[write_figure(_draw_solution_wrenches(solution), f"{stem}-wrenches.png")] = ""
     if any(len(s.history) > 1 for s in solution.starts):
-        drawings["convergence"] = draw_convergence
-    paths = []
-    for name, draw in drawings.items():
-        paths.append(write_figure(draw(solution), f"{stem}-{name}.png"))
-    return paths
+        written[write_figure(draw_convergence(solution), f"{stem}-convergence.png")] = ""
+    return written
 
 
 def draw_grasp(solution: GraspSolution) -> Figure:

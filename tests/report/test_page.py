@@ -15,8 +15,8 @@ from nlpgrasp.common.formatting import format_interval
 from nlpgrasp.common.optional_packages import write_figure
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.errors import InputError
-from nlpgrasp.report import write_pictures, write_report
-from nlpgrasp.report.pictures import draw_grasp
+from nlpgrasp.report import scene_picture, write_pictures, write_report
+from nlpgrasp.report.pictures import draw_grasp, write_noted_pictures
 from tests.held_block import held_block
 from tests.images import colours
 from tests.once import WITHOUT_VOLUME, solve_once
@@ -353,9 +353,28 @@ def test_a_picture_shows_the_gripper_and_no_edges_of_triangles(tmp_path):
     assert np.mean(distance < 5.0) > 0.97
 
 
-def test_pictures_need_no_browser(spatial, tmp_path):
+@needs_browser
+def test_the_picture_is_the_pages_scene_where_there_is_a_browser(tmp_path, monkeypatch):
+    """Contacts have their numbers, links are glass, and nothing of the page around the scene is seen."""
+    ((path, note), *_) = write_noted_pictures(held_block(), tmp_path / "block").items()
+    assert note == "the page's scene, drawn by chromium"
+    picture = colours(path)
+    assert picture.shape[:2] == (900, 1200)
+    contact = np.array([int(COLOURS["finger"][i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    assert np.sum(np.all(np.abs(picture - contact) < 0.02, axis=-1)) > 100
+    assert picture[[0, 0, -1, -1], [0, -1, 0, -1]].min() > 0.9  # light, as pages are read on white paper
+    monkeypatch.setattr(scene_picture, "FLAGS", (*scene_picture.FLAGS, "--disable-3d-apis"))
+    assert scene_picture.photograph_scene(held_block(), BROWSER) is None
+    monkeypatch.setattr("shutil.which", lambda name: "/bin/false" if name == "chromium" else None)
+    ((path, note), *_) = write_noted_pictures(held_block(), tmp_path / "other").items()
+    assert note == "a drawing, as false drew nothing"
+
+
+def test_pictures_need_no_browser(spatial, tmp_path, monkeypatch):
     import matplotlib.image
 
+    monkeypatch.setattr("nlpgrasp.report.pictures.find_browser", lambda: None)
+    assert "a drawing, as no Chromium" in next(iter(write_noted_pictures(spatial, tmp_path / "box").values()))
     paths = write_pictures(spatial, tmp_path / "box")
     assert [p.name for p in paths] == ["box-grasp.png", "box-wrenches.png", "box-convergence.png"]
     grasp = matplotlib.image.imread(paths[0])[..., :3]
