@@ -138,25 +138,22 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
     An empty tuple if they fit at one, or if no reason is found.
     """
     clearance = JawClearance(hand, problem.body, problem.constraints, problem.models)
-    best_fraction, best = 0.0, None
-    for fraction, pose in _poses(clearance, pairs):
-        best_fraction = max(best_fraction, fraction)
-        if fraction < LEAST_PAD_SHARE:
-            continue
-        if pose.is_free:
-            return ()
-        if best is None or _rank(pose) < _rank(best):
-            best = pose
-    if best is None and hand.pad is not None:
-        length, width = (_millimetres(side) for side in hand.pad)
-        most = format_percent(best_fraction)
-        return (f"No face has room for a pad of {length} x {width} mm: at most {most} of it is on one.",)
-    if best is None:
+    poses = list(_poses(clearance, pairs))
+    on_faces = [pose for fraction, pose in poses if fraction >= LEAST_PAD_SHARE]
+    if not poses or any(pose.is_free for pose in on_faces):
         return ()
+    if not on_faces:
+        length, width = (_millimetres(side) for side in hand.pad or ())
+        most = format_percent(max(fraction for fraction, _ in poses))
+        return (f"No face has room for a pad of {length} x {width} mm: at most {most} of it is on one.",)
+    best = min(on_faces, key=_rank)
     depth = f"{_millimetres(_largest_depth(best))} mm"
     if _is_blocked_by_table_alone(best):
         return (f"The gripper fits only with the table {depth} lower, or with the part raised by as much.",)
-    return (f"In every sampled pose the gripper runs into {' and '.join(best.blocked_by)}, by {depth} at least.",)
+    where = " with the pads on faces" if len(on_faces) < len(poses) else ""
+    return (
+        f"In every sampled pose{where} the gripper runs into {' and '.join(best.blocked_by)}, by {depth} at least.",
+    )
 
 
 def _poses(clearance: JawClearance, pairs: FloatArray) -> Iterator[tuple[float, JawPose]]:

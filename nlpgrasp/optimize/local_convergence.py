@@ -22,6 +22,7 @@ from nlpgrasp.quality import mu
 DEPTH_ROUNDING = 1e-5  # metres
 DEEPER = "at the local optimum next to this grasp a link is deeper in something"  # reason against it
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
+ALIKE = 1.0 - 1e-6  # least cosine between two directions that count as one
 FRAGILE_OPTIMUM = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
 MISSED = "the last steps missed directions in which the grasp is weaker"  # likewise
 STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start at an optimum
@@ -84,8 +85,10 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
             break
         result = _result_at_optimum(added.finer, best, on_faces, optimum, deadline)
         if 0.0 < result.record.mu.upper < (1.0 - EXCESS) * optimum.value:
-            missed, reason = np.concatenate([missed, [result.record.mu.worst_direction]]), MISSED
-            if deadline.should_stop():
+            worst = np.asarray(result.record.mu.worst_direction, dtype=float)
+            is_known = bool(len(missed)) and float(np.max(missed @ worst)) >= ALIKE
+            missed, reason = np.concatenate([missed, [worst]]), MISSED
+            if is_known or deadline.should_stop():
                 break
             continue
         is_deeper = added.depth(result.on_body.candidate) > best_depth + DEPTH_ROUNDING

@@ -151,8 +151,8 @@ def rank_by(options: Json) -> Callable[[FoundGrasp], tuple[bool, bool, float, bo
     """Return the sort key by which the alternatives of a solve are ranked, best first.
 
     Grasps without links inside anything come first, then those with a free approach, then those with more of a
-    gripper's pads on their faces (from 90 % on alike), then those that are not fragile (with ``rank="robust"``), then by
-    certified quality (with ``maximise_robust`` by the remaining one).
+    gripper's pads on their faces (from 90 % on alike), then those that are not fragile (with ``rank="robust"``), then
+    those of higher certified quality (with ``maximise_robust`` the remaining one).
 
     Parameters
     ----------
