@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -138,33 +137,23 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
     An empty tuple if they fit at one, or if no reason is found.
     """
     clearance = JawClearance(hand, problem.body, problem.constraints, problem.models)
-    poses = list(_poses(clearance, pairs))
-    on_faces = [pose for fraction, pose in poses if fraction >= LEAST_PAD_SHARE]
-    if not poses or any(pose.is_free for pose in on_faces):
-        return ()
+    most, on_faces = 0.0, list[JawPose]()
+    for points in _some(pairs):
+        directions = hand.approaches(points, clearance.cones, TURNS)
+        fractions = clearance.pad_shares(points, directions).min(axis=1, initial=1.0)
+        most = max(most, float(fractions.max()))
+        on_faces += [clearance.pose(points, direction) for direction in directions[fractions >= LEAST_PAD_SHARE]]
+        if any(pose.is_free for pose in on_faces):
+            return ()
     if not on_faces:
-        length, width = (_millimetres(side) for side in hand.pad or ())
-        most = format_percent(max(fraction for fraction, _ in poses))
-        return (f"No face has room for a pad of {length} x {width} mm: at most {most} of it is on one.",)
+        size, share = " x ".join(_millimetres(side) for side in hand.pad or ()), format_percent(most)
+        return (f"No face has room for a pad of {size} mm: at most {share} of it is on one.",)
     best = min(on_faces, key=_rank)
     depth = f"{_millimetres(_largest_depth(best))} mm"
     if _is_blocked_by_table_alone(best):
         return (f"The gripper fits only with the table {depth} lower, or with the part raised by as much.",)
-    where = " with the pads on faces" if len(on_faces) < len(poses) else ""
-    return (
-        f"In every sampled pose{where} the gripper runs into {' and '.join(best.blocked_by)}, by {depth} at least.",
-    )
-
-
-def _poses(clearance: JawClearance, pairs: FloatArray) -> Iterator[tuple[float, JawPose]]:
-    """Yield gripper poses at some antipodal pairs, with the fraction of the pads that is on their faces.
-
-    The fraction is 1 without pads.
-    """
-    for points in _some(pairs):
-        directions = clearance.gripper.approaches(points, clearance.cones, TURNS)
-        fractions = clearance.pad_shares(points, directions).min(axis=1, initial=1.0).tolist()
-        yield from ((f, clearance.pose(points, d)) for f, d in zip(fractions, directions, strict=True))
+    where, obstacles = " with the pads on faces" if hand.pad is not None else "", " and ".join(best.blocked_by)
+    return (f"In every sampled pose{where} the gripper runs into {obstacles}, by {depth} at least.",)
 
 
 def _rank(pose: JawPose) -> tuple[bool, float]:

@@ -96,7 +96,7 @@ class ParallelJaw(Hand):
         Of the stated grip force with its margin: a factor on the force at 10 % less friction, at least 1.
     pad : (2,) sequence of float, optional
         Length of each pad along the approach and width across it, metres; the tool centre point is in its middle. On
-        a stated finger it is at most as wide as that, and half of it at most as long.
+        a stated finger half of it is at most as long as that.
     finger : (3,) sequence of float, optional
         Length from the middle between the pads back to the palm (``finger_length``), thickness outwards from the pad
         (``finger_thickness``) and width across, metres. A finger ends with its pad; as wide as the pad if not stated.
@@ -172,10 +172,7 @@ class ParallelJaw(Hand):
             object.__setattr__(self, "finger_length", self.finger[0])
             object.__setattr__(self, "finger_thickness", self.finger[1])
         if self.finger is not None and self.pad is not None:
-            (length, width), (reach, _, finger_width) = self.pad, self.finger
-            if width > finger_width:
-                allowed = f"at most the finger's width, {finger_width:g} m"
-                raise InputError("ParallelJaw.pad", f"{width:g} m wide", allowed)
+            length, reach = self.pad[0], self.finger[0]
             if length > 2.0 * reach:
                 allowed = f"at most {2.0 * reach:g} m: the finger reaches {reach:g} m from the pad's middle to the palm"
                 raise InputError("ParallelJaw.pad", f"{length:g} m long", allowed)
@@ -213,11 +210,10 @@ class ParallelJaw(Hand):
     def finger_width(self) -> float:
         """Width of a finger transverse to closing line and approach, metres.
 
-        By default the pad's width, or a millimetre without pads.
+        At least the pad's width; a millimetre without either.
         """
-        if self.finger is not None:
-            return float(self.finger[2])
-        return THIN if self.pad is None else float(self.pad[1])
+        widths = [sizes[-1] for sizes in (self.finger, self.pad) if sizes is not None]
+        return float(max(widths, default=THIN))
 
     def solids(self, opening: float, opened: float, path: float) -> GripperSolids:
         """Return the boxes swept by fingers and palm on a straight approach and by the fingers while they close.

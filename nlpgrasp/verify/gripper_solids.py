@@ -119,7 +119,7 @@ def _swept_boxes(problem_hand: Json, hand: Json, path: float) -> SweptBoxes:
     pad, finger, palm = (problem_hand.get(key) for key in ("pad", "finger", "palm_size"))
     width, front = (THIN, 0.0) if pad is None else (pad[1], pad[0] / 2.0)
     if finger is not None:
-        length, thickness, width = finger
+        length, thickness, width = finger[0], finger[1], max(finger[2], width if pad is not None else 0.0)
     thickness, half_width = max(thickness, THIN), width / 2.0
     half_opening, half_opened = hand["opening"] / 2.0, hand["approach"]["opened"] / 2.0
     palm_sides = (2.0 * (half_opened + thickness), width, 0.0) if palm is None else palm

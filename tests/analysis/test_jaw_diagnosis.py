@@ -87,8 +87,10 @@ def test_what_lowering_the_table_takes_is_said_where_other_poses_are_less_deep_i
 @pytest.mark.slow
 def test_a_disc_that_fingers_are_too_short_for():
     disc = ng.Cylinder(0.05, 0.03)
-    (reason,) = jaw_reasons(problem(disc, stroke=0.04, finger=(0.0005, 0.012, 0.014), palm_size=(0.1, 0.1, 0.1)))
-    assert reason.startswith("In every sampled pose the gripper runs into the body")
+    (reason,) = jaw_reasons(
+        problem(disc, stroke=0.04, pad=(0.001, 0.012), finger=(0.0005, 0.012, 0.014), palm_size=(0.1, 0.1, 0.1))
+    )
+    assert reason.startswith("In every sampled pose with the pads on faces the gripper runs into the body")
 
 
 @pytest.mark.slow
