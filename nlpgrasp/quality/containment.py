@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
+from nlpgrasp.quality.wrench_set import WrenchSet, central_differences, numerical_rank
 from nlpgrasp.tasks import Task
 
 FLAT_CONDITION = 1e-10  # relative eigenvalue of the task's shape below which it is regularised
@@ -56,6 +56,20 @@ class Containment:
         value = np.where(positive, phi / divisor, np.inf)
         gradient = (wrench - np.where(positive, value, 0.0)[:, None] * demand) / divisor[:, None]
         return value, gradient
+
+    def hessian(self, u: FloatArray) -> FloatArray:
+        """Return the Hessian (m, r, r) of the support ratio at unit directions (m, r).
+
+        With the ratio's gradient g and the task's maximiser a it is ``(D2 phi_W - ratio D2 phi_A - g a^T - a g^T) /
+        phi_A``.
+        """
+        value, gradient = self.ratio(u)
+        reach, demand = self.task.support(u)
+        is_bounded = np.isfinite(value)
+        cross = gradient[:, :, None] * demand[:, None, :]
+        curvature = self.wrenches.hessian(u) - cross - cross.transpose(0, 2, 1)
+        curvature -= np.where(is_bounded, value, 0.0)[:, None, None] * central_differences(self.task.support, u)
+        return curvature / np.where(is_bounded, reach, np.inf)[:, None, None]
 
     def to_wrench_direction(self, u: FloatArray) -> FloatArray:
         """Map a direction (r,) to a unit direction (d,) in the original wrench coordinates."""

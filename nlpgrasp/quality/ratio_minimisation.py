@@ -10,7 +10,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.quality.containment import Containment
 
 REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
-DIFFERENCE, STATIONARY = 1e-6, 1e-11  # step of finite differences of gradients; gradient tolerance of Newton's method
+STATIONARY = 1e-11  # gradient tolerance of Newton's method
 LEAST_CURVATURE, LONGEST = 1e-6, 0.3  # relative lower bound of curvatures; rad, longest Newton step
 
 
@@ -130,20 +130,20 @@ def refine_by_newton(problem: Containment, u: FloatArray, steps: int) -> tuple[F
     """
     u = u / np.linalg.norm(u, axis=1, keepdims=True)
     value, gradient = problem.ratio(u)
-    damping = np.ones(len(u))
+    step, damping = _newton_step(problem, u, gradient), np.ones(len(u))
     for _ in range(steps):
         moving = np.flatnonzero(_slope(gradient, u) > STATIONARY)
         if not len(moving):
             break
         old, old_value, old_gradient = u[moving], value[moving], gradient[moving]
-        trial = old + damping[moving, None] * _newton_step(problem, old, old_gradient)
+        trial = old + damping[moving, None] * step[moving]
         trial /= np.linalg.norm(trial, axis=1, keepdims=True)
         trial_value, trial_gradient = problem.ratio(trial)
         is_flatter = _slope(trial_gradient, trial) < _slope(old_gradient, old)
         is_better = (trial_value < old_value) | (is_flatter & (trial_value <= old_value * (1.0 + 1e-12)))
         better = moving[is_better]
-        u[better], value[better] = trial[is_better], trial_value[is_better]
-        gradient[better] = trial_gradient[is_better]
+        u[better], value[better], gradient[better] = trial[is_better], trial_value[is_better], trial_gradient[is_better]
+        step[better] = _newton_step(problem, trial, trial_gradient)[is_better]
         damping[moving] = np.where(is_better, np.minimum(1.0, 4.0 * damping[moving]), 0.25 * damping[moving])
     return u, value
 
@@ -174,13 +174,9 @@ def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArr
     values : (m, r - 1) array
         Curvatures along these.
     """
-    m, r = u.shape
+    r = u.shape[1]
     basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)
-    nearby = np.concatenate([(u[:, None, :] + h * basis).reshape(-1, r) for h in (DIFFERENCE, -DIFFERENCE)])
-    forward, backward = problem.ratio(nearby)[1].reshape(2, m, r - 1, r)
-    change = (forward - backward) / (2.0 * DIFFERENCE)
-    curvature = np.einsum("mar,mbr->mab", change, basis)
-    curvature = 0.5 * (curvature + curvature.transpose(0, 2, 1))
+    curvature = basis @ problem.hessian(u) @ basis.transpose(0, 2, 1)
     # of the sphere itself: along a great circle of unit speed u'' = -u, which adds -<gradient, u>
     curvature -= np.sum(gradient * u, axis=1)[:, None, None] * np.eye(r - 1)
     values, vectors = np.linalg.eigh(np.where(np.isfinite(curvature), curvature, 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import derivative, project
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 
+DIFFERENCE = 1e-6  # step of central differences of maximisers
 RANK_TOLERANCE = 1e-10  # of the largest singular value
 
 
@@ -91,9 +93,30 @@ class WrenchSet:
         blocks = zip(derivative(z, self.contacts, self.space), self.ranges, strict=True)
         return np.concatenate([self.G[:, r] @ block for block, r in blocks], axis=2) @ self.G.T
 
+    def hessian(self, y: FloatArray) -> FloatArray:
+        """Return the Hessian (m, d, d) of the support function at unit directions y (m, d).
+
+        Under the L2 budget it is ``(H - g g^T) / phi`` with H of ``curvature`` and the gradient g; a direction without
+        support has a zero one. Other budgets take central differences of the maximising wrenches.
+        """
+        if isinstance(self.force_set, L2Set):
+            phi, wrench = self.support(y)
+            outer = wrench[:, :, None] * wrench[:, None, :]
+            return (self.curvature(y) - outer) / np.where(phi > 0.0, phi, np.inf)[:, None, None]
+        return central_differences(self.support, y)
+
     def transformed(self, matrix: FloatArray) -> WrenchSet:
         """Return the linear image of the set under ``matrix`` (d', d)."""
         return WrenchSet(matrix @ self.G, self.force_set)
+
+
+def central_differences(support: Callable[[FloatArray], tuple[FloatArray, FloatArray]], y: FloatArray) -> FloatArray:
+    """Return the Hessians (m, d, d) of a support function at unit directions y (m, d), from its maximisers."""
+    m, d = y.shape
+    nearby = np.concatenate([(y[:, None] + h * np.eye(d)).reshape(-1, d) for h in (DIFFERENCE, -DIFFERENCE)])
+    forward, backward = support(nearby)[1].reshape(2, m, d, d)
+    hessian = (forward - backward) / (2.0 * DIFFERENCE)
+    return np.asarray(0.5 * (hessian + hessian.transpose(0, 2, 1)))
 
 
 def numerical_rank(values: FloatArray) -> int:

@@ -7,8 +7,10 @@ import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.cutting_planes import missed_directions, weakest_directions_of
+from nlpgrasp.quality.containment import make_containment
+from nlpgrasp.quality.ratio_minimisation import random_directions
 from nlpgrasp.quality.weakest_directions import QUICK, THOROUGH, weakest_directions
-from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.quality.wrench_set import WrenchSet, central_differences
 from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, compiled_square
 from tests.quick import first
 
@@ -96,3 +98,17 @@ def test_the_curvature_is_the_change_of_the_support_squared(rng):
     expected = np.stack([(gradient(y + e) - gradient(y - e)) / (2.0 * h) for e in h * np.eye(6)], axis=2)
     error = np.max(np.abs(wrenches.curvature(y) - expected), axis=(1, 2))
     assert np.sum(error > 1e-6) <= 1  # one of thirty may be at a kink
+
+
+@pytest.mark.parametrize("budget", ["l2", "per_finger"])
+def test_the_hessian_of_the_ratio_is_the_change_of_its_gradient(budget, rng):
+    """Against central differences of the ratio's gradient, also along the direction itself."""
+    u = rng.standard_normal((4, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    grasp = ng.Grasp(u, -u, [ng.FrictionContact(0.6), ng.SoftContact(0.5, 0.1)] * 2)
+    containment = make_containment(WrenchSet.of(grasp, budget), ng.gravity([0, 0, 0], 0.3) + ng.disturbance(1.0, 0.2))[
+        0
+    ]
+    y = random_directions(30, 6, rng)
+    error = np.max(np.abs(containment.hessian(y) - central_differences(containment.ratio, y)), axis=(1, 2))
+    assert np.sum(error > 1e-5 * np.max(np.abs(containment.hessian(y)))) <= 1  # one of thirty may be at a kink
