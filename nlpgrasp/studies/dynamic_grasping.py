@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from nlpgrasp.common.formatting import format_headroom
+from nlpgrasp.common.formatting import error_line, format_headroom
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.registry import constraint_from_dict
@@ -204,7 +204,8 @@ def follow_task(
     Raises
     ------
     InputError
-        When more than task and constraints change, a task is empty, or no grasp is found for any.
+        When more than task and constraints change, a task is empty, no grasp is found for any, or ``problem_at`` raises
+        an error, which is the cause.
     """
     starts, seed, options = check_solve_arguments(starts, seed, options)
     problems, values = _check_steps(problem_at, parameters)
@@ -234,11 +235,20 @@ def _check_steps(
         raise InputError("parameters", f"{len(values)} values", "at least 2")
     if listed is not None and len(listed) != len(values):
         raise InputError("parameters", f"{len(values)} values", f"{len(listed)}, one for each problem")
-    results = [problem_at(value) for value in values] if callable(problem_at) else listed or []
+    results = [_call(problem_at, i, v) for i, v in enumerate(values)] if callable(problem_at) else listed or []
     problems = [_check_problem(problem, value) for problem, value in zip(results, values, strict=True)]
     for problem, value in zip(problems[1:], values[1:], strict=True):
         _check_same_grasp(problems[0], problem, value)
     return problems, values
+
+
+def _call(problem_at: Callable[[float], GraspProblem], step: int, value: float) -> GraspProblem:
+    """Return the problem of a step from the user's function."""
+    try:
+        return problem_at(value)
+    except Exception as error:  # whatever the user's function raises
+        field = f"problem_at({value:g}), step {step}"
+        raise InputError(field, error_line(error), "a function that returns a GraspProblem") from error
 
 
 def _check_problem(problem: object, value: float) -> GraspProblem:

@@ -135,8 +135,13 @@ class FineManipulation:
 
     @property
     def success(self) -> bool:
-        """Whether both grasps exist, and every move is feasible and certified to hold the body on its whole path."""
-        return self._has_grasps and self.feasible and all(m.certified for m in self.moves)
+        """Whether the fingers get to a better grasp, or the pick-up's is the best known, and hold the body meanwhile.
+
+        Every move is feasible and certified to hold the body on its whole path. Without moves, false where a better
+        grasp is known and not reached; after moves, still better grasps may be in ``unreached``.
+        """
+        stays_worse = bool(self.unreached) and not self.moves
+        return self._has_grasps and not stays_worse and self.feasible and all(m.certified for m in self.moves)
 
     @property
     def _has_grasps(self) -> bool:
@@ -157,7 +162,8 @@ class FineManipulation:
         if not self.feasible:
             return "the hand cannot make all of these moves"
         if self.success:
-            return "the body is held during every move, certified along the whole path"
+            held = "the body is held during every move, certified along the whole path"
+            return f"{held}; better grasps are not reached" if self.unreached else held
         dropped = [m.finger for m in self.moves if m.held.upper <= 0.0]
         uncertain = dropped or [m.finger for m in self.moves if not m.certified]
         moving = f"{_format_fingers(uncertain)} move{'' if len(uncertain) > 1 else 's'}"

@@ -402,3 +402,12 @@ def test_bad_input_is_one_sentence(call, message):
     with pytest.raises(ng.InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_an_error_of_the_users_function_is_one_sentence_with_its_step():
+    def broken(size):
+        return filled(size) if size < 1.0 else {}["rack"]
+
+    with pytest.raises(ng.InputError, match=r"problem_at\(2\), step 1: got KeyError: 'rack'") as raised:
+        ng.follow_task(broken, [0.5, 2.0])
+    assert isinstance(raised.value.__cause__, KeyError)

@@ -99,10 +99,12 @@ def test_fingers_below_a_body_carry_it(space):
 def test_a_pick_up_that_no_reachable_grasp_improves_says_so(tmp_path):
     solution, _ = grasped(tmp_path)
     plan = FineManipulation(solution, solution, (0, 1), (), ("mu 1.2 by finger 0: finger 0, out of reach",))
-    assert plan.success
+    assert not plan.success
     assert plan.outcome == "no better grasp is reached: the fingers stay"
     assert "not reached: mu 1.2 by finger 0: finger 0, out of reach" in str(plan)
-    assert replace(plan, unreached=()).outcome == "no finger has to move"
+    best = replace(plan, unreached=())
+    assert best.success
+    assert best.outcome == "no finger has to move"
     missing = replace(plan, goal=replace(solution, grasp=None))
     assert not missing.success
     assert missing.outcome == "no moves: one of the two grasps was not found"

@@ -1,5 +1,6 @@
 """Order of finger moves, against all orders."""
 
+from dataclasses import replace
 from itertools import permutations, product
 from types import SimpleNamespace
 
@@ -170,6 +171,9 @@ def test_a_slide_that_holds_everywhere_is_a_success():
     assert plan.success
     assert "held with [0.25, 0.25] everywhere on its path\n" in str(plan)
     assert str(plan).endswith("the body is held during every move, certified along the whole path")
+    partly = replace(plan, unreached=("mu 1.2 by finger 0: finger 0, out of reach",))
+    assert partly.success
+    assert str(partly).endswith("certified along the whole path; better grasps are not reached")
 
 
 def test_a_body_that_is_dropped_somewhere_is_no_success():
