@@ -5,12 +5,17 @@ The derivative along a change d is the least over the weakest directions y of ``
 an optimal grasp several directions are equally weak, and mu falls both ways along a change. Elsewhere a direction that
 is nearly the weakest matters only once the change has made up for its excess. Rates are therefore means over a small
 step along each change, to first order, at which directions are searched for as well.
+
+Rates alone are estimates. What is certain is the mean rate over a step h that is large against the widths of the
+certificates: with certified intervals [L_0, U_0] of mu at the grasp and [L_h, U_h] after the step,
+
+    (L_h - U_0) / h <= (mu(h) - mu(0)) / h <= (U_h - L_0) / h.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +26,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
+from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -31,21 +37,31 @@ STEP = 1e-6  # step of finite differences, relative to the change's size
 MERGE_DISTANCE = 1e-4  # relative distance below which directions are merged
 ALMOST = 1e-5  # relative excess of the ratio up to which directions count as weakest: a solver's tolerance
 NEARLY = 1e-2  # relative excess of the ratio up to which directions may become the weakest over the step
+CERTIFIED_STEP = 0.02  # default step of certified mean rates, relative to the change's size
+CERTIFIED_RTOL = 5e-4  # relative width of their certificates
 
 
 def sensitivity(
-    solution: GraspSolution, body: Body | None = None, hand: HandWithJacobians | None = None, almost: float = ALMOST
+    solution: GraspSolution,
+    body: Body | None = None,
+    hand: HandWithJacobians | None = None,
+    almost: float = ALMOST,
+    *,
+    step: float | None = CERTIFIED_STEP,
 ) -> Sensitivity:
     """Return the derivatives of mu with respect to contact positions, friction coefficients and joint positions.
 
     The rates are one-sided derivatives over the directions found, at the grasp and at a small step along each change
     (2e-4 of the mean arm for contacts, of their values for coefficients). Directions with a ratio within ``almost`` of
     the least count as equally weak, as at a solver's grasp they are only to its tolerance; others count if they
-    become the weakest within that step. Missed directions can only make mu fall faster. Rates hold for small changes
-    alone; ``solution.robust`` certifies the remaining quality after larger ones.
+    become the weakest within that step. Missed directions can only make mu fall faster. Each rate comes with certified
+    intervals of the mean rates over a larger step both ways (``Rate.mean_more``, ``mean_less``). Further directions may
+    become the weakest over that step, so these need not contain the rate itself. ``solution.robust`` certifies the
+    quality after displacements of all contacts.
 
-    Contacts move on their faces, and normals follow the surface; on a mesh they move in the tangent plane. A joint
-    carries its contacts along; their motion off or into the body is ignored, as is rolling.
+    Contacts move on their faces, also past an edge within the step, and normals follow the surface; on a mesh they move
+    in the tangent plane. A joint carries its contacts along; their motion off or into the body is ignored, as is
+    rolling.
 
     Parameters
     ----------
@@ -57,6 +73,9 @@ def sensitivity(
         The solution's hand, for the rates of joints.
     almost : float
         Relative; above 0.
+    step : float, optional
+        Step of the certified mean rates: relative to the mean arm for contacts, to their values for coefficients, to a
+        motion of the contacts by the mean arm for joints. None for no intervals, which take two certificates a rate.
 
     Raises
     ------
@@ -67,6 +86,9 @@ def sensitivity(
     if not isinstance(solution, GraspSolution):
         raise InputError("solution", solution, "a GraspSolution")
     grasp, tolerance = solution.require_grasp(), number("almost", almost, above=0.0)
+    relative_step = None if step is None else number("step", step, above=0.0)
+    if relative_step is not None and relative_step >= 1.0:
+        raise InputError("step", step, "a relative step below 1, so that coefficients stay positive")
     if solution.budget.depends_on_frames:
         raise InputError(
             "solution", f"force budget {solution.budget.kind!r}", "one that does not depend on the posture"
@@ -88,7 +110,16 @@ def sensitivity(
     value = float(np.min(ratios))
     are_weakest = ratios <= (1.0 + tolerance) * value
     excess = np.where(are_weakest, 0.0, ratios - value)
-    contacts, coefficients, joints = (tuple(_rate(solution, c, y, ratios, excess) for c in group) for group in groups)
+    base = None if relative_step is None else mu(grasp, solution.task, CERTIFIED_RTOL, force_budget=solution.budget)
+
+    def rate_of(change: Perturbation) -> Rate:
+        rate = _rate(solution, change, y, ratios, excess)
+        if base is None or relative_step is None:
+            return rate
+        more, less = (_certified_mean(solution, change, base, sign * relative_step) for sign in (1.0, -1.0))
+        return replace(rate, step=relative_step * change.size, mean_more=more, mean_less=less)
+
+    contacts, coefficients, joints = (tuple(rate_of(change) for change in group) for group in groups)
     return Sensitivity(value, contacts, coefficients, joints, y[are_weakest])
 
 
@@ -153,12 +184,19 @@ class Rate:
         Unit of the parameter: rates are per unit.
     more, less : float
         Change of mu per unit of increase, and per unit of decrease.
+    step : float, optional
+        Change of the parameter over which the mean rates are certified.
+    mean_more, mean_less : Bounds, optional
+        Certified intervals of the mean change of mu per unit, over an increase and over a decrease by ``step``.
     """
 
     name: str
     unit: str
     more: float
     less: float
+    step: float | None = None
+    mean_more: Bounds | None = None
+    mean_less: Bounds | None = None
 
     @property
     def worst(self) -> float:
@@ -170,13 +208,21 @@ class Rate:
         """Whether both one-sided derivatives agree to 1 %."""
         return abs(self.more + self.less) <= 0.01 * max(abs(self.more), abs(self.less))
 
-    def to_dict(self) -> dict[str, str | float]:
-        """Return the derivatives as JSON data."""
-        return {"name": self.name, "unit": self.unit, "more": self.more, "less": self.less}
+    def to_dict(self) -> Json:
+        """Return the derivatives as JSON data, with the certified mean rates where there are any."""
+        data: Json = {"name": self.name, "unit": self.unit, "more": self.more, "less": self.less}
+        if self.mean_more is None or self.mean_less is None:
+            return data
+        means = {"mean_more": self.mean_more.to_dict(), "mean_less": self.mean_less.to_dict()}
+        return {**data, "step": self.step, **means}
 
     def __str__(self) -> str:
         per = f" per {self.unit}" if self.unit else ""
-        return f"{self.name}: {self.more:+.3g} up, {self.less:+.3g} down{per}"
+        text = f"{self.name}: {self.more:+.3g} up, {self.less:+.3g} down{per}"
+        if self.mean_more is None or self.mean_less is None:
+            return text
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{text}; certified over {self.step:.3g}{unit}: {self.mean_more} up, {self.mean_less} down"
 
 
 class Perturbations:
@@ -321,6 +367,16 @@ def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: 
     differences = (_ratios_along(solution, change.grasp(sign * step), y) - ratios for sign in (1.0, -1.0))
     more, less = (float(np.min(difference / step + spread)) for difference in differences)
     return Rate(change.name, change.unit, more, less)
+
+
+def _certified_mean(solution: GraspSolution, change: Perturbation, base: Bounds, relative_step: float) -> Bounds:
+    """Return the certified interval of the mean change of mu per unit over a step, which has a sign.
+
+    ``base`` are the bounds of mu at the grasp itself.
+    """
+    step = relative_step * change.size
+    moved = mu(change.grasp(step), solution.task, CERTIFIED_RTOL, force_budget=solution.budget)
+    return Bounds((moved.lower - base.upper) / abs(step), (moved.upper - base.lower) / abs(step))
 
 
 def _ratios_along(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:

@@ -297,7 +297,7 @@ def _measure(name: str, solution: GraspSolution, problem: GraspProblem, cost: fl
     if name == "mu":
         return solution.mu.lower
     if name == "sensitivity":
-        rates = sensitivity(solution, problem.body)
+        rates = sensitivity(solution, problem.body, step=None)
         return rates.worst_contact.worst / rates.mu
     if name == "manipulability" and isinstance(problem.hand, PosedHand):
         body = manipulability(solution, problem.hand, torque_scale).body

@@ -98,6 +98,40 @@ def test_two_fingers_that_lift_lose_nothing_by_friction_but_its_share():
         assert not rate.smooth
 
 
+def test_certified_mean_rates_contain_those_of_the_closed_form():
+    """Fingers of a square: -1 per metre off each other's line both ways, -2 per unit of lost friction, 0 of more."""
+    rates = ng.sensitivity(square(0.0), step=0.04)
+    for rate, more, less, step in [(rates.contacts[0], -1.0, -1.0, 0.04), (rates.coefficients[1], 0.0, -2.0, 0.02)]:
+        assert rate.step == pytest.approx(step)
+        for mean, expected in ((rate.mean_more, more), (rate.mean_less, less)):
+            assert expected in mean
+            assert mean.upper - mean.lower < 1.1e-3 * 2.0 / step  # two widths of mu near 1, over the step
+        assert rate.to_dict()["mean_less"] == {"lower": rate.mean_less.lower, "upper": rate.mean_less.upper}
+        assert f"certified over {step:.3g}" in str(rate)
+
+
+def test_certified_mean_rates_agree_with_sharper_certificates():
+    """The mean rate itself is in both intervals."""
+    solution = on_ellipsoid(0)
+    rates, grasp = ng.sensitivity(solution), solution.grasp
+    for index in (0, 3):
+        rate, (contact, axis) = rates.contacts[index], divmod(index, 2)
+        for sign, mean in ((1.0, rate.mean_more), (-1.0, rate.mean_less)):
+            points = np.array(grasp.points)
+            points[contact] += sign * rate.step * grasp.tangents[contact, axis]
+            low, high = certified_change(solution, "l2", points)
+            assert mean.lower <= high / rate.step
+            assert mean.upper >= low / rate.step
+            assert mean.upper - mean.lower < 0.3  # of rates of 11 and 7 per metre
+
+
+def test_without_a_step_there_are_no_certified_mean_rates():
+    rates = ng.sensitivity(square(0.0), step=None)
+    assert all(rate.mean_more is None and rate.mean_less is None for rate in rates.rates)
+    assert "certified" not in str(rates)
+    assert set(rates.contacts[0].to_dict()) == {"name", "unit", "more", "less"}
+
+
 def test_mu_at_a_kink_falls_both_ways():
     """Opposite fingers on a disc: whichever way one of them goes, the pair no longer faces each other."""
     body = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1.0, [[-1.1, -1.1], [1.1, 1.1]])
@@ -161,6 +195,8 @@ def test_bad_input_is_one_sentence():
         ng.sensitivity(3)
     with pytest.raises(ng.InputError, match="almost: got 0"):
         ng.sensitivity(solution, almost=0)
+    with pytest.raises(ng.InputError, match=r"step: got 1\.0, expected a relative step below 1"):
+        ng.sensitivity(solution, step=1.0)
     with pytest.raises(ng.InputError, match=r"hand: got .* expected the hand with joints"):
         ng.sensitivity(solution, hand=3)
     with pytest.raises(ng.InputError, match=r"body: got .* the body of the solution"):
