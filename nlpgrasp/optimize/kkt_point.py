@@ -30,8 +30,8 @@ from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
 NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
 PROGRAM_ROUNDS, FORCE_ROUNDS = 4, 2  # solves by IPOPT, at most; with finger forces among its variables (seconds each)
-RADIUS, LEAST_RADIUS = 10.0, 1e-5  # trust-region radius over the last step's length; at least, solver units
-WIDE = 0.01  # solver units, trust-region radius after the first solve
+RADIUS, LEAST_RADIUS = 10.0, 1e-5  # first trust-region radius over the last step's length; at least, solver units
+WIDE = 0.01  # solver units, largest trust-region radius, and that after the first solve
 BINDING = 1e-9  # least weight of a binding direction
 SLACK = 1e-5  # largest relative slack of binding inequalities: the program smooths the apex of cones
 EXCESS = 1e-3  # largest relative excess of beta over the least ratio in all directions
@@ -86,7 +86,7 @@ def find_local_optimum(
     refined = advance(compiled, candidate, deadline, 0 if budget.depends_on_frames else rounds, 0.0, known)
     if refined.point.value <= 0.0:
         return None
-    radius = LEAST_RADIUS if budget.depends_on_frames else max(LEAST_RADIUS, RADIUS * refined.length)
+    radius = LEAST_RADIUS if budget.depends_on_frames else min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     return _solve_program(compiled, refined.point, radius, np.random.default_rng(0), deadline)
 
 
