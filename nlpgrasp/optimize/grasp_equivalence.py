@@ -184,7 +184,7 @@ class Symmetries:
     def __init__(self, compiled: CompiledProblem) -> None:
         problem = compiled.problem
         space = problem.body.space
-        self._compiled, zero = compiled, np.zeros(space)
+        zero = np.zeros(space)
         self.motions: list[Motion] = [(np.eye(space), zero)]
         self.axis: FloatArray | None = None
         self.is_round = False
@@ -196,6 +196,7 @@ class Symmetries:
             or isinstance(problem.body, Mesh)
         ):
             return
+        self._compiled = compiled
         drawn = draw_contacts(compiled, TESTED, np.random.default_rng(0))
         self._drawn = drawn.points, drawn.normals, self._violations(drawn.points, drawn.normals)
         axes = [axis for axis in np.eye(3) if space == 3 and self._is_symmetry(rotation_by_one_radian(axis), zero)]
@@ -204,6 +205,7 @@ class Symmetries:
             is_known = any(self._kind(rotation, translation) == self._kind(*motion) for motion in self.motions)
             if not is_known and self._is_symmetry(rotation, translation):
                 self.motions.append((rotation, translation))
+        del self._compiled, self._drawn  # only the symmetries are kept: compiled programs take megabytes
 
     def _kind(self, rotation: FloatArray, translation: FloatArray) -> tuple[float, ...]:
         """Return a key shared by motions that differ only by a continuous symmetry rotation."""

@@ -96,7 +96,7 @@ class _Measure:
     evaluate: Evaluation
     needs_task: bool = False
     needs_scale: bool = False  # a torque scale
-    is_certified: bool = True  # whether it has a lower and an upper bound, in two columns
+    numbers: tuple[str, ...] = ("lower", "upper")  # numbers of the result, a column each; one column without any
     zero: str = ""  # flag of grasps whose upper bound is 0
 
 
@@ -118,14 +118,19 @@ MEASURES = {
     "epsilon": _Measure(
         lambda g, _, s: delta(g, s.torque_scale, s.rtol, force_budget="shared"), needs_scale=True, zero=NOT_CLOSED
     ),
-    "nu": _Measure(lambda g, _, s: nu(g, s.torque_scale, s.rtol, force_budget=s.force_budget), needs_scale=True),
-    "ferrari_canny": _Measure(
-        lambda g, _, s: ferrari_canny(g, torque_scale=s.torque_scale), needs_scale=True, is_certified=False
+    "nu": _Measure(
+        lambda g, _, s: nu(g, s.torque_scale, s.rtol, force_budget=s.force_budget),
+        needs_scale=True,
+        numbers=("lower", "upper", "value", "error"),
+        zero="its wrenches have no volume",
     ),
-    "min_weight": _Measure(lambda g, _, s: min_weight(g), is_certified=False),
-    "isotropy": _Measure(lambda g, _, s: isotropy(g, s.torque_scale), needs_scale=True, is_certified=False),
+    "ferrari_canny": _Measure(
+        lambda g, _, s: ferrari_canny(g, torque_scale=s.torque_scale), needs_scale=True, numbers=()
+    ),
+    "min_weight": _Measure(lambda g, _, s: min_weight(g), numbers=()),
+    "isotropy": _Measure(lambda g, _, s: isotropy(g, s.torque_scale), needs_scale=True, numbers=()),
     "smallest_singular_value": _Measure(
-        lambda g, _, s: smallest_singular_value(g, s.torque_scale), needs_scale=True, is_certified=False
+        lambda g, _, s: smallest_singular_value(g, s.torque_scale), needs_scale=True, numbers=()
     ),
 }
 
@@ -144,9 +149,10 @@ def measure(
 
     Columns: ``id``, ``contacts`` (their number), ``friction`` (NaN where the contacts of a grasp differ), ``task``,
     ``torque_scale`` (metres). For a certified measure ``NAME_lower``, ``NAME_upper``, ``NAME_flag`` and
-    ``NAME_seconds``, for others ``NAME``, ``NAME_flag`` and ``NAME_seconds``. The flag is empty, or says that a grasp
-    is certainly not closed, why an interval is wider than ``rtol``, or why there is no number (NaN). Seconds are the
-    mean over the grasps that were measured together. Measures without a task are repeated for every task.
+    ``NAME_seconds``, for others ``NAME``, ``NAME_flag`` and ``NAME_seconds``. ``nu_value`` and ``nu_error`` are the
+    estimate of nu and its error bar. The flag is empty, or says that a grasp is certainly not closed, why an interval
+    is wider than ``rtol``, or why there is no number (NaN). Seconds are the mean over the grasps that were measured
+    together. Measures without a task are repeated for every task.
 
     Parameters
     ----------
@@ -308,34 +314,29 @@ def _columns(name: str, stack: GraspStack, task: Task | None, settings: _Setting
     """Return the table's columns of one measure for the grasps of a stack."""
     kind, begin = MEASURES[name], time.perf_counter()
     try:
-        parts = [_values(kind.evaluate(stack, task, settings), kind.zero)]
+        parts = [_values(kind.evaluate(stack, task, settings), kind)]
     except InputError:
         raise
     except NlpgraspError:  # of some grasp: each by itself
         parts = [_values_of_grasp(kind, grasp, task, settings) for grasp in stack]
-    lower, upper, flags = (np.concatenate(column) for column in zip(*parts, strict=True))
-    values = {f"{name}_lower": lower, f"{name}_upper": upper} if kind.is_certified else {name: lower}
+    numbers, flags = (np.concatenate(column) for column in zip(*parts, strict=True))
+    names = [f"{name}_{number}" for number in kind.numbers] or [name]
     seconds = np.full(len(stack), (time.perf_counter() - begin) / len(stack))
-    return {**values, f"{name}_flag": flags, f"{name}_seconds": seconds}
+    return {**dict(zip(names, numbers.T, strict=True)), f"{name}_flag": flags, f"{name}_seconds": seconds}
 
 
-def _values_of_grasp(
-    kind: _Measure, grasp: Grasp, task: Task | None, settings: _Settings
-) -> tuple[FloatArray, FloatArray, Column]:
-    """Return the bounds and flag of one grasp; NaN, with the reason as flag, where it cannot be measured."""
+def _values_of_grasp(kind: _Measure, grasp: Grasp, task: Task | None, settings: _Settings) -> tuple[FloatArray, Column]:
+    """Return the numbers and flag of one grasp; NaN, with the reason as flag, where it cannot be measured."""
     try:
-        return _values(kind.evaluate(grasp, task, settings), kind.zero)
+        return _values(kind.evaluate(grasp, task, settings), kind)
     except InputError:
         raise
     except NlpgraspError as error:
-        return np.array([np.nan]), np.array([np.nan]), np.array([str(error)], dtype=object)
+        return np.full((1, len(kind.numbers) or 1), np.nan), np.array([str(error)], dtype=object)
 
 
-def _values(result: Result, zero: str) -> tuple[FloatArray, FloatArray, Column]:
-    """Return lower bounds, upper bounds and flags, (b,) each, from the result of a measure.
-
-    Both bounds are equal for a measure that is not certified.
-    """
+def _values(result: Result, kind: _Measure) -> tuple[FloatArray, Column]:
+    """Return the numbers, (b, m), and the flags, (b,), from the result of a measure."""
     if isinstance(result, StackBounds):
         bounds: Sequence[Bounds] = list(result)
     elif isinstance(result, Bounds):
@@ -344,6 +345,7 @@ def _values(result: Result, zero: str) -> tuple[FloatArray, FloatArray, Column]:
         bounds = result
     else:
         values = np.atleast_1d(np.asarray(result, dtype=float))
-        return values, values, np.full(len(values), "", dtype=object)
-    flags = [b.limit or (zero if b.upper == 0.0 else "") for b in bounds]
-    return np.array([b.lower for b in bounds]), np.array([b.upper for b in bounds]), np.array(flags, dtype=object)
+        return values[:, None], np.full(len(values), "", dtype=object)
+    flags = [b.limit or (kind.zero if b.upper == 0.0 else "") for b in bounds]
+    numbers = [[float(getattr(b, number)) for number in kind.numbers] for b in bounds]
+    return np.array(numbers), np.array(flags, dtype=object)

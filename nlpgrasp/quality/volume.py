@@ -50,6 +50,7 @@ GAUGE_CLOSE = 1e-3  # tolerance of the gauge on the boundary
 BRACKET = 5e-3  # width of a bracket whose midpoint is accepted (its errors average out)
 GAUGE_TOLERANCE = 1e-8  # residual of the least forces
 MOST_FORCE = 200.0  # least force of a unit ray in whitened coordinates above which the ray counts as outside
+POINT_LIMIT = "the inner polytope has its most vertices"  # reason of a wide certified interval
 FORCE_LIMIT = 4.0  # least force above which a wrench is certainly outside the set
 
 Gauge = Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # wrenches (m, d) to least forces (m,), gradients (m, d)
@@ -162,7 +163,14 @@ def nu(
     whitened = wrench_set.transformed((vectors / values).T)
     lower, upper, value, error = _certify_volume(whitened, rtol, np.random.default_rng(seed))
     factor = float(np.prod(values))
-    return Volume(lower * factor, upper * factor, torque_scale=scale, value=value * factor, error=error * factor)
+    return Volume(
+        lower * factor,
+        upper * factor,
+        torque_scale=scale,
+        value=value * factor,
+        error=error * factor,
+        limit="" if upper <= lower * (1.0 + rtol) else POINT_LIMIT,
+    )
 
 
 def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:

@@ -12,6 +12,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.interop import read_grasp_stacks
 from nlpgrasp.quality.measure_table import measure_columns
+from nlpgrasp.quality.volume import POINT_LIMIT
 from tests.cli.test_cli import refused, run_here
 from tests.samples import closed_ellipsoid_grasp
 
@@ -176,6 +177,18 @@ def test_a_table_has_the_numbers_of_single_calls(arrays):
         assert row["mu_flag"] == ("cannot exert the task" if row["mu_upper"] == 0.0 else "")
 
 
+def test_nu_has_its_estimate_and_a_flag_where_its_bounds_are_wide(arrays):
+    stack = ng.read_grasps(arrays, friction=0.5)
+    closed = ng.GraspStack(stack.points[:2], stack.normals[:2], stack.contacts)
+    flat = ng.GraspStack(stack.points[:1, :1], stack.normals[:1, :1], stack.contacts[:1])
+    table = ng.measure([closed, flat], measures="nu", torque_scale=0.03)
+    for row, grasp in zip(table.to_dict("records"), [*closed, *flat], strict=True):
+        volume = ng.nu(grasp, 0.03, 0.05)
+        numbers = (volume.lower, volume.upper, volume.value, volume.error)
+        assert tuple(row[f"nu_{name}"] for name in ("lower", "upper", "value", "error")) == numbers
+    assert table["nu_flag"].tolist() == [POINT_LIMIT] * 2 + ["its wrenches have no volume"]
+
+
 def test_one_torque_scale_is_stated_for_the_whole_table(arrays):
     stack = ng.read_grasps(arrays, friction=0.5)
     table = ng.measure(stack, measures="delta")
@@ -218,7 +231,7 @@ def test_a_grasp_that_cannot_be_measured_is_nan_with_its_reason(arrays, monkeypa
             raise ng.NlpgraspError("the hull cannot be built")
         return 1.0
 
-    broken = measure_table._Measure(failing, is_certified=False)
+    broken = measure_table._Measure(failing, numbers=())
     monkeypatch.setitem(measure_table.MEASURES, "broken", broken)
     table = measure_columns(ng.read_grasps(arrays, friction=0.5), None, "broken", None, None, "l2", 0.05)
     assert table["broken_flag"].tolist() == ["", "", "the hull cannot be built", "", "", ""]

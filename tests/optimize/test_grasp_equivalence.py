@@ -1,5 +1,7 @@
 """Equivalence of grasps under orders of the contacts and symmetries of the problem."""
 
+import gc
+import weakref
 from itertools import permutations, product
 
 import numpy as np
@@ -65,6 +67,15 @@ def turned(axis, angle):
 def test_the_symmetries_are_those_of_body_task_and_constraints(body, task, fields, motions, has_axis, is_round):
     symmetries = Symmetries(compiled(body, task=task, **fields))
     assert (len(symmetries.motions), symmetries.axis is not None, symmetries.is_round) == (motions, has_axis, is_round)
+
+
+def test_compiled_programs_are_not_kept():
+    problem = compiled(ng.Box([0.08, 0.05, 0.03]))
+    programs, equivalence = weakref.ref(problem), GraspEquivalence(problem, 0.1)
+    del problem
+    gc.collect()
+    assert programs() is None
+    assert equivalence.distance > 0.0
 
 
 def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
