@@ -56,6 +56,9 @@ def make_command(
         str | None,
         typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that runs the starts instead."),
     ] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Run failed starts of an existing folder again.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Make a set of distinct, certified grasps of all problems of a script. Ctrl-C keeps what is finished."""
@@ -84,6 +87,7 @@ def make_command(
             workers=workers,
             scheduler=scheduler,
             progress=show,
+            retry_failed=retry_failed,
         )
     if as_json:
         counts = {"grasps": len(result), "rows": result.counts(), "cpu_seconds": result.cpu_seconds}

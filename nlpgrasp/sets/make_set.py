@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
+from nlpgrasp.common.files import hold_lock
 from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.types import Json
@@ -35,6 +36,7 @@ from nlpgrasp.sets.grasp_rows import (
     FAILED,
     GRASP,
     LABELS,
+    Row,
     data_digest,
     import_pyarrow,
     parquet_bytes,
@@ -50,7 +52,7 @@ from nlpgrasp.sets.grasp_unit import (
     UnitJob,
     UnitProblem,
 )
-from nlpgrasp.sets.set_folder import SetFolder
+from nlpgrasp.sets.set_folder import LOCK, SetFolder
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
 
@@ -68,7 +70,8 @@ class SetProgress:
     Parameters
     ----------
     grasps, wanted : int
-        Number of grasps so far, and of those requested. Some may still turn out equivalent to others.
+        Number of distinct grasps so far, and of those requested. Grasps of a unit count once those of all earlier
+        starts are known; the number never decreases.
     missing : int
         Number of grasps requested of unfinished problems.
     problems, finished : int
@@ -132,6 +135,7 @@ def make_set(
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
+    retry_failed: bool = False,
 ) -> GraspSet:
     """Make a data set of distinct, certified grasps of many problems, by many starts in parallel.
 
@@ -166,6 +170,9 @@ def make_set(
         Address of a Dask scheduler, whose workers run the units instead (extra ``cluster``).
     progress : callable, optional
         Called with a ``SetProgress`` after each unit.
+    retry_failed : bool
+        Run the starts of an existing folder again that failed, such as those of a unit whose process died twice. Later
+        starts whose rows depend on them run again too: the rows are those of a run without failures.
 
     Returns
     -------
@@ -181,6 +188,8 @@ def make_set(
         Without the extras ``tables``, for simulation ``sim``, for a scheduler ``cluster``.
     """
     import_pyarrow()
+    if not isinstance(retry_failed, bool):
+        raise InputError("retry_failed", retry_failed, "True or False")
     run = _Run.of(problems, grasps_per_problem, out, simulate, starts, seed, distinct, options, folders, progress)
     if workers is not None:
         if scheduler is not None:
@@ -188,6 +197,8 @@ def make_set(
         workers = integer("workers", workers, at_least=1, at_most=1024)
     client = None if scheduler is None else connect(scheduler)
     try:
+        if retry_failed:
+            run.discard_failures()
         if client is None:
             run.run(partial(run_local, workers=workers or cores()))
         else:
@@ -236,13 +247,10 @@ class _ProblemState:
         return data_digest(self.data)
 
     @property
-    def count(self) -> int:
-        """Number of grasps so far, including those of units not yet compared."""
-        return self.grasps if self.is_finished else self.distinct_count + sum(self.pending.values())
-
-    @property
     def distinct_count(self) -> int:
         """Number of grasps that have been compared and are distinct."""
+        if self.is_finished:
+            return self.grasps
         return 0 if self.distinct is None else len(self.distinct.known)
 
 
@@ -278,6 +286,7 @@ class _Run:
     failures: int = 0
     cpu_seconds: float = 0.0
     earlier_grasps: int = 0  # number of grasps of earlier runs
+    grasps: int = 0  # largest number of distinct grasps reported
     payload: tuple[str, WorkerPayload[LazyCompiledProblem[UnitProblem]]] | None = None  # of the latest job's problem
 
     @classmethod
@@ -326,7 +335,7 @@ class _Run:
     def run(self, run_units: Callable[..., Any]) -> None:
         """Run units, and wait for those that other processes run, until all problems are finished."""
         self._read_folder()
-        self.earlier_grasps = sum(state.count for state in self.states.values())
+        self.earlier_grasps = self.grasps = sum(state.distinct_count for state in self.states.values())
         while units := self._missing_units():
             is_idle = True
             with closing(run_units(units, self._job)) as outcomes:
@@ -336,6 +345,34 @@ class _Run:
             self._read_folder()
             if is_idle:
                 time.sleep(WAIT_SECONDS)
+
+    def discard_failures(self) -> None:
+        """Discard units with failed starts, and later ones whose rows depend on them, so that they run again."""
+        for state in self.states.values():
+            with hold_lock(self.folder.path / LOCK):
+                self._discard_failures(state)
+
+    def _discard_failures(self, state: _ProblemState) -> None:
+        """Discard a problem's units with failed starts; a finished problem is taken apart into the other units.
+
+        Later units depend on them where grasps were compared with earlier ones, or starts were left out.
+        """
+        units: dict[int, list[Row]] = {}
+        for file in self.folder.row_files(state.name, self.folder.finished()):
+            with suppress(InputError):  # a damaged file is set aside when it is read again
+                for row in read_rows(file, (*LABELS, *RECORD), state.digest, file.name).to_pylist():
+                    units.setdefault(row["start"] // UNIT, []).append(row)
+        statuses = {index: [row["status"] for row in rows] for index, rows in units.items()}
+        failed = [index for index in statuses if FAILED in statuses[index]]
+        if not failed:
+            return
+        for index, rows in units.items():
+            is_whole = len(rows) == len(self._starts_of(index))
+            if index < min(failed) or (is_whole and not {FAILED, DUPLICATE} & {*statuses[index]}):
+                self.folder.write_unit(UnitId(state.name, index), parquet_bytes(rows, state.digest, str(index)))
+            else:
+                self.folder.unit_file(UnitId(state.name, index)).unlink(missing_ok=True)
+        self.folder.merged_file(state.name).unlink(missing_ok=True)
 
     def _missing_units(self) -> list[UnitId]:
         """Return the units to run next.
@@ -347,7 +384,8 @@ class _Run:
             if state.is_finished:
                 continue
             missing = (i for i in range(state.next_unit, self.most_units) if i not in state.pending)
-            needed = max(ceil((self.wanted - state.count) / UNIT), 1)
+            found = state.distinct_count + sum(state.pending.values())
+            needed = max(ceil((self.wanted - found) / UNIT), 1)
             units += [UnitId(state.name, index) for index in islice(missing, needed)]
         return units
 
@@ -481,17 +519,17 @@ class _Run:
         if self.progress is None:
             return
         states = self.states.values()
-        grasps = sum(state.count for state in states)
+        self.grasps = max(self.grasps, sum(state.distinct_count for state in states))
         self.progress(
             SetProgress(
-                grasps,
+                self.grasps,
                 self.wanted * len(states),
-                sum(max(self.wanted - state.count, 0) for state in states if not state.is_finished),
+                sum(self.wanted - state.distinct_count for state in states if not state.is_finished),
                 len(states),
                 sum(state.is_finished for state in states),
                 self.starts,
                 self.failures,
-                max(grasps - self.earlier_grasps, 0),
+                self.grasps - self.earlier_grasps,
                 time.monotonic() - self.start_time,
                 self.cpu_seconds,
             )

@@ -40,12 +40,12 @@ def run_backwards(units, factory, workers):
     yield from run_here(units[::-1], factory, workers)
 
 
-def crash_in(problem):
-    """Return a runner in which the workers of one problem die twice."""
+def crash_in(problem, unit_index=None):
+    """Return a runner in which the workers of one problem, or of one of its units, die twice."""
 
     def run(units, factory, workers):
         for unit, outcome in run_here(units, factory, workers):
-            is_lost = unit.problem == problem
+            is_lost = unit.problem == problem and unit_index in (None, unit.index)
             yield unit, Outcome(failure="its process ended, twice (SIGKILL(-9))") if is_lost else outcome
 
     return run

@@ -167,6 +167,26 @@ def test_a_unit_whose_worker_dies_twice_has_rows_with_the_reason(run, tmp_path):
     assert set(result.frame()["problem"]) == {"rough"}
 
 
+@pytest.mark.parametrize("unit", [0, 1])
+def test_failed_starts_run_again_on_request(run, tmp_path, unit):
+    settings = {"wanted": 9, "starts": 12}
+    expected = labels(run(tmp_path / "expected", **settings))
+    result = run(tmp_path / "out", runner=crash_in("smooth", unit), **settings)
+    assert result.counts()["failed"] == 4
+    assert labels(run(tmp_path / "out", runner=never, **settings)) == labels(result)
+    assert labels(run(tmp_path / "out", retry_failed=True, **settings)) == expected
+    assert labels(run(tmp_path / "out", runner=never, retry_failed=True, **settings)) == expected
+
+
+def test_the_count_of_grasps_never_decreases(run, tmp_path):
+    reports = []
+    result = run(tmp_path / "out", wanted=9, starts=12, runner=run_backwards, progress=reports.append)
+    counts = [report.grasps for report in reports]
+    assert counts == sorted(counts)
+    assert counts[-1] == reports[-1].new == len(result)
+    assert all(report.missing >= 0 for report in reports)
+
+
 def damage(file, column):
     """Flip bits of one byte of a column."""
     chunks = parquet.ParquetFile(file).metadata.row_group(0)
@@ -293,6 +313,7 @@ def failing():
         ({"options": ng.SolveOptions(time_limit=3.0)}, r"options\.time_limit: got 3\.0, expected its default"),
         ({"progress": 3}, "progress: got 3"),
         ({"workers": 0}, "workers: got 0"),
+        ({"retry_failed": 1}, "retry_failed: got 1, expected True or False"),
     ],
 )
 def test_invalid_arguments_are_refused_before_anything_runs(run, tmp_path, settings, message):
