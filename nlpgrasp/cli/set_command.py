@@ -1,4 +1,4 @@
-"""The commands ``nlpgrasp set SCRIPT``, ``set verify`` and ``set export``: data sets of grasps."""
+"""The commands ``nlpgrasp set SCRIPT``, ``set verify``, ``set simulate`` and ``set export``: data sets of grasps."""
 
 from __future__ import annotations
 
@@ -120,6 +120,20 @@ def verify_set_command(
         raise typer.Exit(1)
 
 
+def simulate_set_command(
+    path: SetPath,
+    folder: Annotated[
+        list[Path] | None, typer.Option("--folder", help="Where robot files and meshes are; repeatable.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option("--workers", help="Processes; one a core by default.")] = None,
+) -> None:
+    """Simulate the grasps of a set that was made with --no-simulate; after Ctrl-C the same command goes on."""
+    grasps = ng.open_set(path)
+    with report_steps("simulating") as report:
+        simulated = grasps.simulate(folder or (), workers, lambda done: report(f"{done} grasps simulated"))
+    typer.echo(str(simulated))
+
+
 def export_set_command(
     path: SetPath,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files; made if it is not there.")],
@@ -149,10 +163,11 @@ def set_app() -> typer.Typer:
     """Return the command ``nlpgrasp set`` with its subcommands."""
     app = typer.Typer(
         cls=SetGroup,
-        help="Data sets of grasps: make the set of a script (nlpgrasp set SCRIPT --out DIR), verify and export it.",
+        help="Data sets of grasps: make a set (nlpgrasp set SCRIPT --out DIR), verify, simulate and export it.",
         no_args_is_help=True,
     )
     app.command(MAKE)(make_command)
     app.command("verify")(verify_set_command)
+    app.command("simulate")(simulate_set_command)
     app.command("export")(export_set_command)
     return app

@@ -18,7 +18,7 @@ from nlpgrasp.hands.parallel_jaw import axis_name
 from nlpgrasp.hands.presets import jaws
 from nlpgrasp.interop.base import ExportOptions
 from nlpgrasp.solution.obstructions import approach_obstructions, link_obstructions
-from nlpgrasp.solution.phase_record import PREGRASP
+from nlpgrasp.solution.phase_record import LIFT, PREGRASP
 from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
@@ -42,7 +42,7 @@ MOST_NAMES = 3  # most grasps named in a warning
 
 @dataclass(frozen=True)
 class HandStates:
-    """Pose, joint positions and efforts of a hand in pregrasp, grasp and squeeze.
+    """Pose, joint positions and efforts of a hand in pregrasp, grasp, squeeze and lift.
 
     Parameters
     ----------
@@ -68,6 +68,10 @@ class HandStates:
         Why the straight approach is not free, or not known to be; empty where it is free.
     no_squeeze : str
         Why there is no squeeze; empty where there is one.
+    lift_pose : (7,) array or None
+        Pose after the lift; None where the solution states no lift.
+    lift_joints : mapping of str to float
+        Positions after the lift.
     """
 
     frame: str
@@ -82,6 +86,13 @@ class HandStates:
     has_pregrasp: bool = True
     blocked: str = ""
     no_squeeze: str = ""
+    lift_pose: FloatArray | None = None
+    lift_joints: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def has_lift(self) -> bool:
+        """Whether the solution states a lift."""
+        return self.lift_pose is not None
 
     @classmethod
     def of(cls, solution: GraspSolution, joints: Sequence[str] = (), name: str = "solution") -> HandStates:
@@ -114,8 +125,12 @@ class HandStates:
     def row(self, state: str) -> FloatArray:
         """Return palm pose and joint positions of a state, (7 + j,).
 
-        ``state`` is "pregrasp", "grasp" or "squeeze"; joints are NaN for a missing squeeze.
+        ``state`` is "pregrasp", "grasp", "squeeze" or "lift". Joints are NaN for a missing squeeze, and all entries
+        for a missing lift.
         """
+        if state == "lift":
+            lifted = [self.lift_joints.get(name, np.nan) for name in self.joints]
+            return np.concatenate([np.full(7, np.nan) if self.lift_pose is None else self.lift_pose, lifted])
         pose = self.open_pose if state == "pregrasp" else self.pose
         positions = self.open_joints if state == "pregrasp" else self.joints
         if state == "squeeze":
@@ -150,6 +165,7 @@ class HandStates:
             open_joints=select(self.open_joints),
             commands=select(self.commands),
             efforts=select(self.efforts),
+            lift_joints=select(self.lift_joints),
         )
 
 
@@ -164,6 +180,7 @@ def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
     direction = (solution.problem.get("hand") or {}).get("approach")
     approach = hand.get("approach") or {}
     blocked = str(approach.get("reason") or UNKNOWN_APPROACH) if approach.get("direction") is None else ""
+    lift = phases.get(LIFT)
     reasons = [*link_obstructions(hand)[:1], *([blocked] if blocked else approach_obstructions(hand))]
     return HandStates(
         solution.palm,
@@ -177,6 +194,8 @@ def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
         has_pregrasp=bool(hand.get("pregrasp")),
         blocked="; ".join(dict.fromkeys(reasons)),
         no_squeeze="" if commands else str((hand.get("no_squeeze") or {}).get("reason") or NOT_ADDED),
+        lift_pose=None if lift is None else _pose_vector(lift["palm_pose"]),
+        lift_joints={} if lift is None else {name: lift["joint_positions"][name] for name in hand["joint_positions"]},
     )
 
 

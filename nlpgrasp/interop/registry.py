@@ -9,7 +9,7 @@ from pathlib import Path
 from nlpgrasp.common.validation import format_known_names
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
-from nlpgrasp.interop.benchmark_arrays import DEXGRASPBENCH, NPZ
+from nlpgrasp.interop.benchmark_arrays import DEXGRASPBENCH, HDF5, NPZ
 from nlpgrasp.interop.contacts_csv import CONTACTS_TABLE, CSV
 from nlpgrasp.interop.glb import GLB
 from nlpgrasp.interop.grasp_arrays import ARRAYS
@@ -129,7 +129,7 @@ def reader_of(path: str | Path) -> ReadFormat:
 
 
 _robots = POSES, POSES_JSON, TRAJECTORY, TRAJECTORY_JSON
-for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH, *_robots):
+for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, HDF5, DEXGRASPBENCH, *_robots):
     register(_format)
 for _reader in (SOLUTION, CONTACTS_TABLE, ARRAYS, POSTURES):
     register_reader(_reader)

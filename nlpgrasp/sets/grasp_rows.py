@@ -21,13 +21,13 @@ from nlpgrasp.interop.hand_states import HandStates
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import pack_solution
 from nlpgrasp.simulation.hand_protocol import HoldTest
-from nlpgrasp.solution.phase_record import LIFT
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
 GRASP, DUPLICATE, TOUCHES, NO_GRASP, FAILED = "grasp", "duplicate", "touches", "no grasp", "failed"
 STATUSES = (GRASP, DUPLICATE, TOUCHES, NO_GRASP, FAILED)
 NOT_SIMULATED = "not simulated"
+NOT_REQUESTED = f"{NOT_SIMULATED}: not requested"  # verdict of grasps that may be simulated later
 TEXT = ("problem", "status", "reason", "object", "hand", "way_in", "verdict")
 WHOLE = ("start", "seed")
 REAL = ("mu_lower", "mu_upper", "mu_gap", "link_depth", "friction_needed", "slip", "turn")
@@ -99,10 +99,7 @@ class RowIdentity:
 
         ``verdict`` is the outcome of the simulation, or the reason why there is none.
         """
-        row = self.labels_of(start, solution) | {"simulated": hold is not None, "verdict": verdict}
-        if hold is not None:
-            row |= {"held": hold.held, "caged": hold.caged, "slip": hold.motion.slip, "turn": hold.motion.turn}
-        return row | pack_solution(solution) | entries
+        return self.labels_of(start, solution) | simulation_labels(hold, verdict) | pack_solution(solution) | entries
 
     def labels_of(self, start: int, solution: GraspSolution) -> Row:
         """Return the row entries of a start with a grasp that follow from its solution, beside times and simulation."""
@@ -124,6 +121,14 @@ def row_identity(name: str, seed: int, problem: Json) -> RowIdentity:
     """Return the entries shared by all rows of a problem, from the problem's JSON data."""
     body, hand = problem["body"], problem.get("hand")
     return RowIdentity(name, seed, body_digest(body) or data_digest(body), "" if hand is None else data_digest(hand))
+
+
+def simulation_labels(hold: HoldTest | None, verdict: str) -> Row:
+    """Return the row entries of a simulation; without one, the verdict is the reason."""
+    labels: Row = {"simulated": hold is not None, "verdict": verdict}
+    if hold is not None:
+        labels |= {"held": hold.held, "caged": hold.caged, "slip": hold.motion.slip, "turn": hold.motion.turn}
+    return labels
 
 
 def data_digest(data: Json) -> str:
@@ -167,10 +172,8 @@ def _posture_entries(solution: GraspSolution) -> Row:
     if not states.no_squeeze:
         row |= {"squeeze_qpos": states.row("squeeze").tolist(), "squeeze_effort": states.effort_row().tolist()}
         row["friction_needed"] = (solution.squeeze or squeeze_for_task(solution)).friction_needed
-    lift = next((phase for phase in solution.phases if phase.name == LIFT), None)
-    if lift is not None:
-        pose = [*lift.palm_position.tolist(), *lift.palm_quaternion.tolist()]
-        row |= {"has_lift": True, "lift_qpos": [*pose, *(float(lift.joints[name]) for name in states.joints)]}
+    if states.has_lift:
+        row |= {"has_lift": True, "lift_qpos": states.row("lift").tolist()}
     return row
 
 

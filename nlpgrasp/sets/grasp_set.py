@@ -2,44 +2,54 @@
 
 from __future__ import annotations
 
-import io
+import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.files import file_name, write_bytes
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions
+from nlpgrasp.interop.benchmark_arrays import Arrays, arrays_of_grasps, hdf5_bytes, npz_bytes
 from nlpgrasp.interop.registry import format_named
-from nlpgrasp.optimize.processes import cores, separate_processes
+from nlpgrasp.optimize.processes import cores, separate_processes, single_thread
 from nlpgrasp.quality.measure_table import Columns
 from nlpgrasp.sets.grasp_rows import (
     FLAGS,
     GRASP,
     GROUP,
     LABELS,
+    NOT_REQUESTED,
     STATUSES,
     TEXT,
     VECTORS,
     WHOLE,
+    Row,
     differing_label,
+    parquet_bytes,
     read_rows,
     row_identity,
+    simulation_labels,
 )
+from nlpgrasp.sets.grasp_unit import find_body, find_robot_file, simulate_grasp
 from nlpgrasp.sets.set_folder import FinishedUnits, SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
 from nlpgrasp.solution.kept_grasps import rank_by
+from nlpgrasp.simulation.robot_hand_scene import read_hand
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.stored_drawing import draw_body_and_hand
 from nlpgrasp.verify.verify import verify
 
 if TYPE_CHECKING:
@@ -48,6 +58,8 @@ if TYPE_CHECKING:
 IDLE_SECONDS = 30.0  # seconds after which idle workers end
 CHUNK = 16  # rows whose grasps are verified in one call of a worker; divides ``GROUP``
 NPZ = "npz"
+ARRAY_FILES = {NPZ: npz_bytes, "hdf5": hdf5_bytes}  # formats with the labels of the set beside a hand's arrays
+Result = TypeVar("Result")
 MOST_LISTED = 5  # failed grasps listed in a verdict
 
 
@@ -124,6 +136,13 @@ class RowFile:
     def records(self, group: int) -> Any:
         """Return the stored solutions of one row group of the file."""
         return read_rows(self.file, RECORD, self.digest, str(self.file), group)
+
+    def change_rows(self, entries: Mapping[int, Row]) -> None:
+        """Replace entries of some rows, by number of the row, and write the file anew."""
+        table = read_rows(self.file, (*LABELS, *RECORD), self.digest, str(self.file))
+        rows = [row | entries.get(i, {}) for i, row in enumerate(table.to_pylist())]
+        stem, _, index = self.file.stem.rpartition("--")
+        write_bytes(self.file, parquet_bytes(rows, self.digest, index if stem and index.isdigit() else "all"))
 
     def solution(self, records: Any, row: int, problem: Json) -> GraspSolution:
         """Build the solution of a row from the records of the row group and the problem's JSON data."""
@@ -264,8 +283,8 @@ class GraspSet:
         folder : str or Path
             Created if missing.
         to : str
-            A format of ``nlpgrasp export``. ``"npz"`` has the arrays of docs/interop.md, in the order of the rows, and
-            the labels of simulation; without a hand contacts and labels alone.
+            A format of ``nlpgrasp export``. ``"npz"`` and ``"hdf5"`` have the arrays of docs/interop.md, in the order
+            of the rows, and the labels of simulation; without a hand contacts and labels alone.
         options : ExportOptions, optional
             Settings of the format.
 
@@ -273,6 +292,8 @@ class GraspSet:
         ------
         InputError
             On an unknown format, a set without grasps, and what the format lacks.
+        MissingExtraError
+            For ``"hdf5"`` without the extra ``hdf5``.
 
         Warns
         -----
@@ -326,7 +347,8 @@ class GraspSet:
         verified = partly = 0
         failed: dict[int, str] = {}
         missing: dict[str, None] = {}
-        for chunk, outcomes in zip(chunks, self._verify_chunks(chunks, rtol, search, count), strict=True):
+        calls = [partial(_verify_rows, str(self.path), *self._rows_of(chunk), rtol, search) for chunk in chunks]
+        for chunk, outcomes in zip(chunks, _run_calls(calls, count), strict=True):
             for index, outcome in zip(chunk, outcomes, strict=True):
                 verified += outcome.passed and outcome.complete
                 partly += outcome.passed and not outcome.complete
@@ -337,6 +359,51 @@ class GraspSet:
             if progress is not None:
                 progress(checked)
         return SetVerification(verified, partly, failed, tuple(missing), (*self.notes, *self._missing_rows()))
+
+    def simulate(
+        self,
+        folders: Iterable[str | Path] = (),
+        workers: int | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> GraspSet:
+        """Simulate all grasps of a set that was made with ``simulate=False``, and return the set with the outcomes.
+
+        Outcomes are written while it runs; after an interruption a further call simulates the others. The set is then
+        one that was made with ``simulate=True``. No other process may write to it meanwhile.
+
+        Parameters
+        ----------
+        folders : iterable of str or Path
+            Where the robot files of hands, and their bodies' meshes, are, after the current folder.
+        workers : int, optional
+            Processes; one a core when left out.
+        progress : callable, optional
+            Called with the number of grasps that are done.
+
+        Raises
+        ------
+        InputError
+            On a file that is not found, a body given by an expression, and damaged rows.
+        MissingExtraError
+            Without MuJoCo, for a hand with joints (extra ``sim``).
+        """
+        count = integer("workers", workers, at_least=1, at_most=1024) if workers is not None else cores()
+        folder, search, done = SetFolder(self.path), [Path().absolute(), *(Path(f).absolute() for f in folders)], 0
+        problems = {source.problem: source.digest for source in self._files}
+        robots = {name: find_robot_file(folder.read_problem(name, digest), search) for name, digest in problems.items()}
+        waiting = [[i for i in chunk if self._label(i, "verdict") == NOT_REQUESTED] for chunk in self._chunks()]
+        chunks = [chunk for chunk in waiting if chunk]
+        calls = []
+        for source, rows in map(self._rows_of, chunks):
+            calls.append(partial(_simulate_rows, str(self.path), source, rows, robots[source.problem], search))
+        for chunk, outcomes in zip(chunks, _run_calls(calls, count), strict=True):
+            source, rows = self._rows_of(chunk)
+            source.change_rows(dict(zip(rows, outcomes, strict=True)))
+            done += len(chunk)
+            if progress is not None:
+                progress(done)
+        folder.state_simulated()
+        return open_set(self.path, warns=False)
 
     def _missing_rows(self) -> Iterator[str]:
         """Yield sentences on problems whose rows are not all there, and on rows whose status hides a grasp."""
@@ -384,20 +451,9 @@ class GraspSet:
         """Return the indices of a problem's grasps."""
         return [i for i, (file_index, _) in enumerate(self._grasp_rows) if self._files[file_index].problem == problem]
 
-    def _verify_chunks(
-        self, chunks: Sequence[Sequence[int]], rtol: float, folders: Sequence[str], workers: int
-    ) -> Iterator[list[_VerifiedGrasp]]:
-        """Yield the verification outcomes of each chunk of grasps, in order."""
-        calls = []
-        for chunk in chunks:
-            source, rows = self._files[self._grasp_rows[chunk[0]][0]], [self._grasp_rows[i][1] for i in chunk]
-            calls.append(partial(_verify_rows, str(self.path), source, rows, rtol, folders))
-        if workers == 1 or len(chunks) < 2:
-            yield from (call() for call in calls)
-            return
-        with separate_processes(min(workers, len(chunks)), IDLE_SECONDS) as processes:
-            for future in [processes.submit(call) for call in calls]:
-                yield future.result()
+    def _rows_of(self, chunk: Sequence[int]) -> tuple[RowFile, list[int]]:
+        """Return the file of a chunk of grasps, and the numbers of their rows in it."""
+        return self._files[self._grasp_rows[chunk[0]][0]], [self._grasp_rows[i][1] for i in chunk]
 
     def _chunks(self) -> list[list[int]]:
         """Return chunks of grasp indices, each verified in one call of a worker.
@@ -414,11 +470,10 @@ class GraspSet:
     ) -> list[Path]:
         """Write the grasps of a problem, and return the paths of the files."""
         indices = self._indices(problem)
-        if export_format.name == NPZ:
-            file = target / f"{file_name(problem)}.npz"
-            return [write_bytes(file, self._npz_content(indices, export_format, options))]
+        path = target / f"{file_name(problem)}{export_format.ending}"
+        if export_format.name in ARRAY_FILES:
+            return [write_bytes(path, ARRAY_FILES[export_format.name](self._arrays(indices, options)))]
         if export_format.has_all_grasps:
-            path = target / f"{file_name(problem)}{export_format.ending}"
             solution = self._join([self._without_constraints(i) for i in indices])
             return [write_bytes(path, export_format.export(solution, options))]
         starts = [self._label(i, "start") for i in indices]
@@ -427,8 +482,8 @@ class GraspSet:
             write_bytes(path, export_format.export(self._without_constraints(index), options))
         return paths
 
-    def _npz_content(self, indices: Sequence[int], export_format: ExportFormat, options: ExportOptions) -> bytes:
-        """Return arrays and labels of a problem's grasps as the bytes of an npz file."""
+    def _arrays(self, indices: Sequence[int], options: ExportOptions) -> Arrays:
+        """Return arrays and labels of a problem's grasps by name."""
         solutions = [self._without_constraints(i) for i in indices]
         arrays: dict[str, NDArray[np.generic]] = {
             "mu": np.array([[s.mu.lower, s.mu.upper] for s in solutions]),
@@ -436,15 +491,11 @@ class GraspSet:
             "contact_normals": np.stack([s.require_grasp().normals for s in solutions]),
         }
         if self._label(indices[0], "has_pose"):
-            exported = io.BytesIO(export_format.export(self._join(solutions), options))
-            with np.load(exported, allow_pickle=False) as loaded:
-                arrays = {name: loaded[name] for name in loaded.files}
-        names = ("start", "link_depth", "friction_needed", "slip", "turn", "verdict", *FLAGS)
+            arrays |= arrays_of_grasps(self._join(solutions), options)
+        names = ("start", "link_depth", "friction_needed", "way_in", "slip", "turn", "verdict", *FLAGS)
         labels = {name: _column(name, [self._label(i, name) for i in indices]) for name in names}
-        arrays |= {name: values.astype(str) if values.dtype == object else values for name, values in labels.items()}
-        content = io.BytesIO()
-        np.savez(content, allow_pickle=False, **arrays)
-        return content.getvalue()
+        text = {name: values.astype(str) for name, values in labels.items() if values.dtype == object}
+        return arrays | labels | text
 
     def _without_constraints(self, index: int) -> GraspSolution:
         """Return the solution of a grasp without constraint values, which take most memory."""
@@ -454,6 +505,16 @@ class GraspSet:
         """Return one label of a grasp."""
         file_index, row = self._grasp_rows[index]
         return self._tables[file_index][name][row].as_py()
+
+
+def _run_calls(calls: Sequence[Callable[[], Result]], workers: int) -> Iterator[Result]:
+    """Yield the results of calls in order, made by worker processes if there are several."""
+    if workers == 1 or len(calls) < 2:
+        yield from (call() for call in calls)
+        return
+    with separate_processes(min(workers, len(calls)), IDLE_SECONDS) as processes:
+        for future in [processes.submit(call) for call in calls]:
+            yield future.result()
 
 
 @dataclass(frozen=True)
@@ -489,6 +550,26 @@ def _verify_rows(
         except InputError as error:
             outcomes.append(_VerifiedGrasp(False, False, (), f"NOT verified: {error}"))
     return outcomes
+
+
+def _simulate_rows(
+    path: str, source: RowFile, rows: Sequence[int], robot_file: Path | None, folders: Sequence[Path]
+) -> list[Row]:
+    """Simulate the grasps in some rows of one row group, and return the entries to change in each row."""
+    problem = SetFolder(Path(path)).read_problem(source.problem, source.digest)
+    records, robot, drawing, entries = source.records(rows[0] // GROUP), None, None, list[Row]()
+    if robot_file is not None:
+        robot = read_hand(robot_file, problem["hand"]["palm"], UrdfUnits.from_dict(problem["hand"]))
+        drawing = draw_body_and_hand(find_body(problem, folders), None, {})
+    with single_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is stated of a grasp is in its row
+        for row in rows:
+            solution = replace(source.solution(records, row, problem), drawing=drawing)
+            start_time = time.process_time()
+            hold, verdict = simulate_grasp(solution, robot_file, robot)
+            seconds = time.process_time() - start_time if hold is not None else 0.0
+            entries.append({**simulation_labels(hold, verdict), "simulation_cpu_seconds": seconds})
+    return entries
 
 
 def _shortened(value: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 import warnings
 from collections.abc import Iterator, Sequence
@@ -11,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.bodies import Body, Mesh, body_from_dict
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.formatting import error_line
+from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.types import Json
-from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.experiments.solve_job import Outcome
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand
@@ -35,6 +38,7 @@ from nlpgrasp.sets.grasp_rows import (
     DUPLICATE,
     FAILED,
     NO_GRASP,
+    NOT_REQUESTED,
     NOT_SIMULATED,
     TOUCHES,
     Row,
@@ -274,7 +278,9 @@ def _start_row(
     if adds:
         distinct.add(entry)
     start_time = time.process_time()
-    hold, verdict = _simulate(unit, solution)
+    hold, verdict = None, NOT_REQUESTED
+    if unit.simulate:
+        hold, verdict = simulate_grasp(solution, unit.robot_file, unit.robot)
     seconds = time.process_time() - start_time if hold is not None else 0.0
     return identity.row_with_grasp(record.index, solution, hold, verdict), seconds
 
@@ -296,16 +302,58 @@ def _complete(compiled: CompiledProblem, unit: UnitProblem, result: StartGrasp) 
     return replace(make_answer(search, None), solver=record)
 
 
-def _simulate(unit: UnitProblem, solution: GraspSolution) -> tuple[HoldTest | None, str]:
+def simulate_grasp(
+    solution: GraspSolution, robot_file: Path | None, robot: Robot | None
+) -> tuple[HoldTest | None, str]:
     """Simulate a grasp, and return the outcome and the verdict.
 
     Without a simulation the outcome is ``None``, and the verdict is the reason.
     """
-    if not unit.simulate or unit.robot_file is None:
-        reason = "not requested" if not unit.simulate else "no hand with joints"
-        return None, f"{NOT_SIMULATED}: {reason}"
+    if robot_file is None:
+        return None, f"{NOT_SIMULATED}: no hand with joints"
     try:
-        hold = try_hold(solution, unit.robot_file, robot=unit.robot)
+        hold = try_hold(solution, robot_file, robot=robot)
     except NlpgraspError as error:
         return None, f"{NOT_SIMULATED}: {error_line(error)}"
     return hold, hold.verdict
+
+
+def find_robot_file(problem: Json, folders: Sequence[Path]) -> Path | None:
+    """Return the robot file of a problem's hand, found by its recorded name and fingerprint; None without joints.
+
+    Raises
+    ------
+    InputError
+        Where no folder has it.
+    MissingExtraError
+        Without MuJoCo (extra ``sim``).
+    """
+    hand = problem["hand"]
+    if hand is None or hand.get("type") != URDFHand.kind:
+        return None
+    import_mujoco("simulation of a set")
+    for folder in folders:
+        file = folder / str(hand["source"])
+        if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == hand["sha256"]:
+            return file.resolve()
+    allowed = "its folder in folders= (--folder), or simulate=False (--no-simulate)"
+    raise InputError("simulate", f"True, and {hand['source']} is not found", allowed)
+
+
+def find_body(problem: Json, folders: Sequence[Path]) -> Body:
+    """Return the body of a problem; that of a mesh from its file, found by its recorded name and fingerprint.
+
+    Raises
+    ------
+    InputError
+        Where no folder has the file, and for a body given by an expression.
+    """
+    data = problem["body"]
+    if data["type"] != Mesh.kind:
+        return body_from_dict(data)
+    for file in (folder / str(data["source"]) for folder in folders):
+        if file.is_file():
+            body = Mesh.load(file, data["unit"], data["smoothing"], data["resolution"], scale=data.get("scale", 1.0))
+            if body.to_dict()["sha256"] == data["sha256"]:
+                return body
+    raise InputError("folders", f"none with the mesh {data['source']}", "its folder in folders= (--folder)")

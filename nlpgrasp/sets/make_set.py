@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
@@ -16,14 +15,12 @@ from typing import Any
 from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.files import hold_lock
 from nlpgrasp.common.formatting import error_line
-from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, share
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment_run import ClusterLostError, connect, run_cluster, run_local
 from nlpgrasp.experiments.solve_job import Outcome
 from nlpgrasp.experiments.solve_many import ProblemFactory, check_named_problems
-from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem
@@ -51,6 +48,7 @@ from nlpgrasp.sets.grasp_unit import (
     UnitId,
     UnitJob,
     UnitProblem,
+    find_robot_file,
 )
 from nlpgrasp.sets.set_folder import LOCK, SetFolder
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
@@ -323,9 +321,7 @@ class _Run:
         states = {name: _initial_state(name, source) for name, source in check_named_problems(problems).items()}
         search = [Path(), *map(Path, folders)]
         for state in states.values() if simulate else ():
-            if state.data["hand"] is not None and state.data["hand"].get("type") == URDFHand.kind:
-                import_mujoco("simulation of a set")
-                state.robot_file = find_robot_file(state.data["hand"], search)
+            state.robot_file = find_robot_file(state.data, search)
         folder = SetFolder.of(out)
         folder.open(settings, {name: state.data for name, state in states.items()})
         folder.remove_partial_files()
@@ -551,22 +547,6 @@ def check_options(options: SolveOptions | None) -> SolveOptions:
     if changed:
         raise InputError(f"options.{changed[0]}", getattr(options, changed[0]), "its default for a set of grasps")
     return replace(options, global_bound=False)
-
-
-def find_robot_file(hand: Json, folders: Sequence[Path]) -> Path:
-    """Find the robot file of a hand by its recorded name and fingerprint.
-
-    Raises
-    ------
-    InputError
-        Where no folder has it.
-    """
-    for folder in folders:
-        file = folder / str(hand["source"])
-        if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == hand["sha256"]:
-            return file.resolve()
-    allowed = "its folder in folders= (--folder), or simulate=False (--no-simulate)"
-    raise InputError("simulate", f"True, and {hand['source']} is not found", allowed)
 
 
 def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _ProblemState:

@@ -143,6 +143,13 @@ class SetFolder:
         with hold_lock(self.path / LOCK):
             return self._update_plan(settings, problems)
 
+    def state_simulated(self) -> None:
+        """Change the plan to that of a set that was made with simulation."""
+        with hold_lock(self.path / LOCK):
+            plan = self.read_plan()
+            plan["settings"] = {**plan["settings"], "simulate": True}
+            write_text(self.path / PLAN, json.dumps(plan, indent=1, allow_nan=False) + "\n")
+
     def remove_partial_files(self) -> None:
         """Remove partly written files that an ended process left.
 

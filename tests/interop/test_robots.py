@@ -218,6 +218,11 @@ def test_a_row_for_each_grasp_kept_and_joints_in_another_order(held):
         assert np.isnan(data["squeeze_qpos"][1, 7:]).all()
         assert np.isnan(data["squeeze_effort"][1]).all()
         assert data["has_squeeze"].tolist() == [True, False]
+        lift = held.phases[-1]
+        assert data["lift_qpos"][0, 7:].tolist() == [lift.joints[name] for name in names]
+        assert data["lift_qpos"][0, :3].tolist() == lift.palm_position.tolist()
+        assert data["has_lift"].all()
+        assert (data["way_in_free"] == (data["way_in"] == "")).all()
     with pytest.raises(InputError, match=r"--joint: got thumb, expected joints of the hand"):
         benchmark_arrays(held, ExportOptions(joints=("thumb",)))
 
@@ -509,6 +514,12 @@ def axes_in_arrays(content):
     return {name: data[name].tolist() for name in UNUSUAL}
 
 
+def axes_in_datasets(content):
+    """The axes and tool centre point of an HDF5 file."""
+    with pytest.importorskip("h5py").File(io.BytesIO(content)) as file:
+        return {name: file[name][()].tolist() for name in UNUSUAL}
+
+
 def axes_in_mapping(data):
     """The axes and tool centre point under their names."""
     return {name: data[name] for name in UNUSUAL}
@@ -519,6 +530,7 @@ STATED_AXES = {
     "mjcf": lambda content: UNUSUAL if f"own frame: {AXES_IN_WORDS} -->" in content.decode() else {},
     "moveit": lambda content: axes_in_comments(content.decode()),
     "npz": axes_in_arrays,
+    "hdf5": axes_in_datasets,
     "dexgraspbench": axes_in_arrays,
     "poses": lambda content: axes_in_columns(content.decode()),
     "poses_json": lambda content: axes_in_mapping(json.loads(content)),
@@ -542,6 +554,8 @@ def test_every_format_with_a_pose_states_the_axes():
 
 @pytest.mark.parametrize("name", STATED_AXES)
 def test_axes_are_stated_in_the_file_and_on_the_command_line(unusual, name, tmp_path, capsys):
+    if name == "hdf5":
+        pytest.importorskip("h5py")
     file = unusual.save(tmp_path / "unusual.json")
     out = tmp_path / f"out{Path(f'F{format_named(name).ending}').suffix}"
     arguments = ["export", str(file), "--to", name, "--out", str(out)]

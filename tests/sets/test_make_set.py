@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 from pyarrow import parquet
 
 import nlpgrasp as ng
@@ -14,6 +15,7 @@ from nlpgrasp.sets import grasp_unit
 from nlpgrasp.sets import make_set as module
 from nlpgrasp.sets.grasp_rows import HAS, LABELS
 from nlpgrasp.sets.grasp_set import SetVerification
+from nlpgrasp.sets.grasp_unit import find_body
 from nlpgrasp.sets.set_folder import SetFolder
 from tests.sets.small import SETTINGS, crash_in, labels, run_backwards, run_here, run_starts_once, square, squares
 
@@ -185,6 +187,24 @@ def test_the_count_of_grasps_never_decreases(run, tmp_path):
     assert counts == sorted(counts)
     assert counts[-1] == reports[-1].new == len(result)
     assert all(report.missing >= 0 for report in reports)
+
+
+def test_a_set_is_simulated_later(run, copy, tmp_path):
+    simulated = ng.open_set(copy).simulate(workers=1)
+    assert labels(simulated) == labels(run(tmp_path / "out", simulate=True))
+    assert set(simulated.frame()["verdict"]) == {"not simulated: no hand with joints"}
+    assert labels(run(copy, runner=never, simulate=True)) == labels(simulated)
+    assert ng.verify(simulated.solution(0))
+
+
+def test_the_mesh_of_a_set_is_found_by_its_fingerprint(tmp_path):
+    for folder, size in {"other": 0.05, "same": 0.04}.items():
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box([size, 0.03, 0.03]).export(tmp_path / folder / "part.stl")
+    folders, mesh = [tmp_path / "other", tmp_path / "same"], ng.Mesh.load(tmp_path / "same" / "part.stl")
+    assert find_body({"body": mesh.to_dict()}, folders).to_dict() == mesh.to_dict()
+    with pytest.raises(InputError, match=r"folders: got none with the mesh part\.stl, expected its folder"):
+        find_body({"body": mesh.to_dict()}, folders[:1])
 
 
 def damage(file, column):
@@ -367,6 +387,24 @@ def test_a_damaged_problem_is_left_out_of_an_export(copy, tmp_path):
     with pytest.warns(UserWarning, match="left out: .*rough"):
         files = ng.open_set(copy).export(tmp_path / "arrays")
     assert [file.name for file in files] == ["smooth.npz"]
+
+
+def test_a_set_is_exported_to_hdf5(finished, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    files = finished.export(tmp_path / "arrays", "hdf5")
+    assert [file.name for file in files] == ["rough.h5", "smooth.h5"]
+    with h5py.File(files[0]) as written, np.load(finished.export(tmp_path / "npz")[0]) as expected:
+        assert set(written) == set(expected.files)
+        for name in expected.files:
+            is_text = expected[name].dtype.kind == "U"
+            values = written[name].asstr()[()] if is_text else written[name][()]
+            np.testing.assert_array_equal(values, expected[name])
+
+
+def test_an_export_to_hdf5_needs_its_extra(finished, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(MissingExtraError, match=r'an export to HDF5 needs the extra "hdf5": pip install'):
+        finished.export(tmp_path / "arrays", "hdf5")
 
 
 def test_fewer_grasps_than_wanted_are_said(run, tmp_path):

@@ -1,10 +1,12 @@
 """Sets made by processes: kill -9 at random times, several writers, dying workers, a cluster, a hand in simulation."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.sets import make_set as module
+from nlpgrasp.sets.grasp_rows import NOT_REQUESTED
 from tests.experiments import test_cluster
 from tests.experiments.small import QUICK
 from tests.hands.urdf import FOUR, four_finger_hand
@@ -144,10 +147,25 @@ def test_a_set_of_a_hand_is_verified(grasps):
     assert str(outcome).startswith("partly verified")
 
 
+def test_grasps_that_were_not_simulated_are_simulated_later(grasps, tmp_path):
+    folder = shutil.copytree(grasps.path, tmp_path / "out")
+    source, entries = (
+        grasps._files[0],
+        {"verdict": NOT_REQUESTED} | dict.fromkeys(("simulated", "held", "caged"), False),
+    )
+    copied = replace(source, file=folder / "rows" / source.file.name)
+    copied.change_rows({row: entries | dict.fromkeys(("slip", "turn")) for _, row in grasps._grasp_rows[:2]})
+    assert ng.open_set(folder).frame()["simulated"].tolist() == [False] * 2 + [True] * 10
+    assert labels(ng.open_set(folder).simulate([FOUR.parent], workers=1)) == labels(grasps)
+
+
 def test_a_set_of_a_hand_is_exported(grasps, tmp_path):
     with np.load(grasps.export(tmp_path / "npz")[0]) as arrays:
         assert arrays["grasp_qpos"].shape == (12, 23)
-        assert not np.isnan(arrays["squeeze_qpos"][arrays["has_squeeze"]]).any()
+        masks = {"squeeze_qpos": "has_squeeze", "lift_qpos": "has_lift", "slip": "simulated", "link_depth": "has_depth"}
+        for name, mask in (masks | {"friction_needed": "has_squeeze"}).items():
+            assert (np.isnan(arrays[name].reshape(12, -1)).any(axis=1) == ~arrays[mask]).all()
+        assert (arrays["way_in_free"] == (arrays["way_in"] == "")).all()
         assert arrays["held"].tolist() == grasps.frame()["held"].tolist()
     records = grasps.export(tmp_path / "records", "dexgraspbench")
     assert len(records) == 12
