@@ -124,7 +124,15 @@ def reader_of(path: str | Path) -> ReadFormat:
     """Return the import format of a file by its extension.
 
     The default is the format of solution files.
+
+    Raises
+    ------
+    InputError
+        On a folder.
     """
+    if Path(path).is_dir():
+        allowed = "a file; ng.open_set(folder).stack(problem) returns the grasps of a set"
+        raise InputError(str(path), "a folder", allowed)
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 

@@ -24,6 +24,7 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions
 from nlpgrasp.interop.benchmark_arrays import Arrays, arrays_of_grasps, hdf5_bytes, npz_bytes
 from nlpgrasp.interop.registry import format_named
 from nlpgrasp.optimize.processes import cores, separate_processes, single_thread
+from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.measure_table import Columns
 from nlpgrasp.sets.grasp_rows import (
     FLAGS,
@@ -260,10 +261,32 @@ class GraspSet:
         InputError
             On a problem without grasps.
         """
+        solutions = self._solutions_of(problem)
+        return self._join(sorted(solutions, key=lambda solution: -solution.mu.lower))
+
+    def stack(self, problem: str) -> GraspStack:
+        """Return the grasps of a problem as one stack, with ids ``"start 3"``, for ``ng.measure`` and others.
+
+        Raises
+        ------
+        InputError
+            On a problem without grasps.
+        """
+        grasps = [solution.require_grasp() for solution in self._solutions_of(problem)]
+        return GraspStack(
+            np.stack([grasp.points for grasp in grasps]),
+            np.stack([grasp.normals for grasp in grasps]),
+            grasps[0].contacts,
+            grasps[0].torque_origin,
+            [f"start {self._label(i, 'start')}" for i in self._indices(problem)],
+        )
+
+    def _solutions_of(self, problem: str) -> list[GraspSolution]:
+        """Return the solutions of a problem's grasps; raise an ``InputError`` if there are none."""
         solutions = [self.solution(i) for i in self._indices(problem)]
         if not solutions:
             raise InputError("problem", problem, "a problem of the set that has a grasp")
-        return self._join(sorted(solutions, key=lambda solution: -solution.mu.lower))
+        return solutions
 
     def _join(self, solutions: Sequence[GraspSolution]) -> GraspSolution:
         """Return one solution that holds several grasps of a problem, the first as the answer, the others ranked."""

@@ -389,6 +389,20 @@ def test_a_damaged_problem_is_left_out_of_an_export(copy, tmp_path):
     assert [file.name for file in files] == ["smooth.npz"]
 
 
+def test_the_grasps_of_a_problem_are_a_stack(finished):
+    stack, frame = finished.stack("smooth"), finished.frame()
+    frame = frame[frame["problem"] == "smooth"]
+    assert stack.ids == tuple(f"start {start}" for start in frame["start"])
+    assert stack.points.reshape(WANTED, -1).tolist() == [row.tolist() for row in frame["contact_points"]]
+    table = ng.measure(stack, square(0.5).task, "mu")
+    assert (table["mu_lower"].to_numpy() <= frame["mu_upper"].to_numpy()).all()
+    assert (table["mu_upper"].to_numpy() >= frame["mu_lower"].to_numpy()).all()
+    with pytest.raises(InputError, match=r"got a folder, expected a file; ng\.open_set\(folder\)\.stack\(problem\)"):
+        ng.read_grasps(finished.path)
+    with pytest.raises(InputError, match="problem: got none of these, expected a problem of the set"):
+        finished.stack("none of these")
+
+
 def test_a_set_is_exported_to_hdf5(finished, tmp_path):
     h5py = pytest.importorskip("h5py")
     files = finished.export(tmp_path / "arrays", "hdf5")
