@@ -21,7 +21,7 @@ from nlpgrasp.simulation.hand_outcome import (
     condition_name,
     format_outcome,
 )
-from nlpgrasp.simulation.hand_world import SETTLE, TRAVEL, HandSnapshot, HandWorld, Motion
+from nlpgrasp.simulation.hand_world import SETTLE, STRICT, TRAVEL, HandSnapshot, HandWorld, Motion
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_hand
 from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
 from nlpgrasp.simulation.simulation_input import EARTH
@@ -145,6 +145,8 @@ def try_hold(
 ) -> HoldTest:
     """Test a grasp by pushes and a lift, with the squeeze and then without, each until the first loss.
 
+    A push ends when the object has rested for a fifth of a second, or has moved by more than 1 cm or 10 degrees.
+
     Parameters
     ----------
     solution : GraspSolution
@@ -165,22 +167,28 @@ def try_hold(
     """
     settings = HandSceneOptions() if options is None else options
     mass = object_mass(solution, settings.mass, DEFAULT_MASS)
-    scene = mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms), robot=robot)
-
-    def trials(squeeze: bool) -> Iterator[HandTrial]:
-        condition, world = AS_SOLVED if squeeze else CONTROL, HandWorld(scene)
-        squeezed = close_hand(world, squeeze, None)
-        closed = world.state()
-        yield from _push_closed(condition, world, squeezed, push)
-        world.restore(closed)
-        yield _lift_closed(condition, world, squeezed, squeeze)
-
+    world = HandWorld(mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms), robot=robot))
     motions = list[Motion]()
-    for trial in trials(squeeze=True):
-        motions.append(trial.whole)
-        if not trial.strict:
+    for motion in _hold_motions(world, True, push):
+        motions.append(motion)
+        if not motion.within(STRICT):
             return HoldTest(False, False, Motion.largest(motions))
-    return HoldTest(True, all(trial.strict for trial in trials(squeeze=False)), Motion.largest(motions))
+    is_caged = all(motion.within(STRICT) for motion in _hold_motions(world, False, push))
+    return HoldTest(True, is_caged, Motion.largest(motions))
+
+
+def _hold_motions(world: HandWorld, squeeze: bool, push: float) -> Iterator[Motion]:
+    """Yield the largest motion of the object since the grasp, in each of six pushes and a lift.
+
+    Each ends early where its outcome is known.
+    """
+    squeezed = close_hand(world, squeeze, None)
+    closed = world.state()
+    for axis in AXES.values():
+        world.restore(closed)
+        yield squeezed + world.largest_motion(SECONDS, force=push * np.array(axis, float))
+    world.restore(closed)
+    yield squeezed + world.largest_motion(2.0 * TRAVEL, _lift_controls(world, squeeze), gravity=EARTH)
 
 
 def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) -> Iterator[list[HandTrial]]:
@@ -241,11 +249,14 @@ def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandT
 
 def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bool) -> HandTrial:
     """Return the trial of a lift, from the current state of a closed hand."""
-    target = world.controls("lift")
-    if not squeeze:
-        target = target - world.controls("squeeze") + world.controls("grasp")
-    motion, snapshots = world.run_recorded(2.0 * TRAVEL, target, EARTH)
+    motion, snapshots = world.run_recorded(2.0 * TRAVEL, _lift_controls(world, squeeze), EARTH)
     return HandTrial(condition, LIFTED, squeezed, motion, snapshots)
+
+
+def _lift_controls(world: HandWorld, squeeze: bool) -> FloatArray:
+    """Return the servo commands at the end of a lift, with the squeeze or without."""
+    target = world.controls("lift")
+    return target if squeeze else target - world.controls("squeeze") + world.controls("grasp")
 
 
 def close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -19,6 +19,8 @@ REPORTED_MOTION = 0.005  # millimetres and degrees: smaller motions are reported
 TRAVEL, SETTLE = 1.0, 0.5  # seconds between keyframes, and of rest after the squeeze
 LEAST_FRICTION = 1e-5  # least coefficient of friction, as MuJoCo requires
 SNAPSHOT_RATE = 25  # recorded states per second
+AT_REST = (1e-5, 1e-4)  # metres and radians: largest motion of an object at rest, over ``REST_STATES`` states
+REST_STATES = 5
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ class Pose:
         )
 
 
+END = object()  # returned by the callback of a run to end it
 PREFIX = "hand_"  # prefix of the names of the hand's bodies
 STILL = Motion()  # no motion
 
@@ -150,9 +153,12 @@ class HandWorld:
         return np.array(self.model.key_ctrl[self.keys.index(key)])
 
     def run(
-        self, seconds: float, target: FloatArray | None = None, callback: Callable[[float], None] | None = None
+        self, seconds: float, target: FloatArray | None = None, callback: Callable[[float], object] | None = None
     ) -> None:
-        """Run while the controls move linearly to a target; ``callback`` gets the elapsed fraction of the time."""
+        """Run while the controls move linearly to a target.
+
+        ``callback`` gets the elapsed fraction of the time; the run ends where it returns ``END``.
+        """
         steps = max(round(seconds / self.model.opt.timestep), 1)
         start = np.array(self.data.ctrl)
         interval = max(round(1.0 / (SNAPSHOT_RATE * self.model.opt.timestep)), 1)
@@ -160,8 +166,8 @@ class HandWorld:
             if target is not None:
                 self.data.ctrl[:] = start + (target - start) * (step / steps)
             self._mujoco.mj_step(self.model, self.data)
-            if callback is not None and step % interval == 0:
-                callback(step / steps)
+            if callback is not None and step % interval == 0 and callback(step / steps) is END:
+                break
         if any(warning.number for warning in self.data.warning):
             raise NlpgraspError("simulation: MuJoCo became unstable; try another --gain or --damping")
 
@@ -180,6 +186,48 @@ class HandWorld:
         self.data.xfrc_applied[:] = 0.0
         return outcome
 
+    def largest_motion(
+        self,
+        seconds: float,
+        target: FloatArray | None = None,
+        *,
+        force: FloatArray | None = None,
+        gravity: float = 0.0,
+    ) -> Motion:
+        """Return the object's largest motion in a run that ends early where its outcome is known.
+
+        It ends where the object is not strictly held any more and, under a constant force, where it rests.
+
+        Parameters
+        ----------
+        seconds, target, gravity
+            As for ``run_recorded``.
+        force : (3,) array, optional
+            On the object's centre of mass, newtons, constant.
+        """
+        before, motion, poses = self.pose(), STILL, list[Pose]()
+
+        def is_over(_: float) -> object:
+            nonlocal motion
+            poses.append(self.pose())
+            motion = Motion.largest([motion, poses[-1].motion_from(before)])
+            rests = force is not None and self._rests(poses)
+            return END if rests or not motion.within(STRICT) else None
+
+        if force is not None:
+            self.data.xfrc_applied[self._object, :3] = force
+        if gravity:
+            self.raise_gravity(gravity, is_over)
+        if motion.within(STRICT):
+            self.run(seconds, target, is_over)
+        self.data.xfrc_applied[:], self.model.opt.gravity[2] = 0.0, 0.0
+        return motion
+
+    def _rests(self, poses: Sequence[Pose]) -> bool:
+        """Return whether the last poses of the object are equal, up to ``AT_REST``."""
+        last = poses[-REST_STATES - 1 :]
+        return len(last) > REST_STATES and all(pose.motion_from(last[-1]).within(AT_REST) for pose in last)
+
     def run_recorded(
         self, seconds: float, target: FloatArray | None, gravity: float = 0.0
     ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
@@ -196,13 +244,12 @@ class HandWorld:
         self.model.opt.gravity[2] = 0.0
         return Motion.largest(motions), tuple(snapshots)
 
-    def raise_gravity(self, gravity: float, callback: Callable[[float], None] | None = None) -> None:
+    def raise_gravity(self, gravity: float, callback: Callable[[float], object] | None = None) -> None:
         """Raise gravity linearly to a value, m / s^2, along -z, and keep it; ``callback`` as in ``run``."""
 
-        def raise_to(fraction: float) -> None:
+        def raise_to(fraction: float) -> object:
             self.model.opt.gravity[2] = -fraction * gravity
-            if callback is not None:
-                callback(fraction)
+            return None if callback is None else callback(fraction)
 
         self.run(TRAVEL, None, raise_to)
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.simulation import hand_outcome, hand_protocol
+from nlpgrasp.simulation import hand_protocol, hand_world
 from nlpgrasp.simulation.hand_outcome import format_outcome, format_row
 from nlpgrasp.simulation.hand_world import HandWorld, Motion, Pose
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
@@ -73,11 +73,28 @@ def test_a_set_asks_the_same_of_a_grasp(simulated, held, monkeypatch):
     simulation, _ = simulated
     hold = hand_protocol.try_hold(held, HAND)
     assert (hold.held, hold.caged, hold.verdict) == (simulation.held, False, "held by the squeeze")
-    assert hold.motion == Motion.largest(trial.whole for trial in simulation.of("as solved"))
+    whole = Motion.largest(trial.whole for trial in simulation.of("as solved"))
+    assert (hold.motion.slip, hold.motion.turn) == pytest.approx((whole.slip, whole.turn), abs=1e-4)
     slippery = hand_protocol.try_hold(held, HAND, ng.HandSceneOptions(friction=0.01))
     assert (slippery.held, slippery.caged, slippery.verdict) == (False, False, "lost")
-    monkeypatch.setattr(hand_outcome, "STRICT", (1e3, 1e3))  # whatever the object does, it counts as held
+    for module in (hand_protocol, hand_world):
+        monkeypatch.setattr(module, "STRICT", (1e3, 1e3))  # whatever the object does, it counts as held
     assert hand_protocol.try_hold(held, HAND).verdict == "caged"
+
+
+@pytest.mark.slow
+def test_a_push_ends_where_the_object_rests_or_is_lost(held):
+    world = HandWorld(mjcf_with_hand(held, HAND))
+    for size, holds in {1.0: True, 100.0: False}.items():
+        hand_protocol.close_hand(world, True, None)
+        closed, force = world.state(), np.array([0.0, 0.0, size])
+        whole, _ = world.push(force, 2.0)
+        world.restore(closed)
+        motion, before = world.largest_motion(2.0, force=force), closed[0][0]
+        assert world.data.time - before < 1.0
+        assert motion.within(hand_world.STRICT) == whole.within(hand_world.STRICT) == holds
+        assert motion.slip <= whole.slip
+        assert not holds or motion.slip == pytest.approx(whole.slip, abs=1e-4)
 
 
 @pytest.mark.slow
