@@ -202,7 +202,7 @@ def parquet_bytes(rows: Iterable[Row] | Any, problem: str, unit: str) -> bytes:
     table = rows if isinstance(rows, pa.Table) else pa.Table.from_pylist(list(rows), schema=row_schema())
     settings = {
         "compression": "zstd",
-        "compression_level": 9,
+        "compression_level": 15,
         "use_dictionary": [*TEXT, "outline", "constraint_names", "faces.list.element"],
         "write_statistics": False,
         "store_schema": False,
