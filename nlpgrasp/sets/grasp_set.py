@@ -47,8 +47,8 @@ from nlpgrasp.sets.grasp_unit import find_body, find_robot_file, simulate_grasp
 from nlpgrasp.sets.set_folder import FinishedUnits, SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
-from nlpgrasp.solution.kept_grasps import rank_by
 from nlpgrasp.simulation.robot_hand_scene import read_hand
+from nlpgrasp.solution.kept_grasps import rank_by
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.stored_drawing import draw_body_and_hand
 from nlpgrasp.verify.verify import verify
