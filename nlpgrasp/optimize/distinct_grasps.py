@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, share
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.candidate import GraspCandidate
@@ -27,12 +28,14 @@ from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp, rank_by
+from nlpgrasp.solution.obstructions import way_obstructions
 
 MOST_KNOWN = 12  # grasps whose neighbours are computed, at most
 POSITIONS = 48  # positions tried per contact
 SCREENED = 4  # placements screened closely per requested grasp
 HALF = 0.5  # least share of the best mu of grasps that are not results of starts
 EXCHANGED = 4  # candidates of the coordinate exchange per missing grasp
+MOST_PER_WANTED = 2  # grasps by parallel jaws per requested one, blocked ones included
 OVERSHOOT = 1.1  # grasps certified at a time per missing one, as some are rejected
 _CertifiedGrasp = tuple[StartGrasp, FoundGrasp]
 
@@ -66,6 +69,7 @@ class GraspCollection:
     They are the results of the starts, distinct from each other and from the answer, the best first. Where these are
     too few, candidates of one more coordinate exchange are added, then the best neighbours of the kept grasps, which
     differ in one contact; for parallel jaws opposite pairs. Neither are refined; their mu is at least half the best.
+    Grasps by parallel jaws without a free way in are replaced by as many further ones, where there are any.
 
     Parameters
     ----------
@@ -76,11 +80,15 @@ class GraspCollection:
 
     def __init__(self, runner: StartRunner, keeping: KeepOptions, deadline: Deadline) -> None:
         self._runner, self._deadline = runner, deadline
-        self._distinct = DistinctGrasps(GraspEquivalence(runner.compiled, keeping.distinct), keeping.count)
+        problem = runner.problem
+        self._replaces_blocked = isinstance(problem.hand, ParallelJaw) and problem.body.space == 3
+        self._wanted, self._blocked = keeping.count, 0
+        capacity = MOST_PER_WANTED * keeping.count if self._replaces_blocked else keeping.count
+        self._distinct = DistinctGrasps(GraspEquivalence(runner.compiled, keeping.distinct), capacity)
         self._finished_results: Callable[[], list[FoundGrasp]] = list
         self._additions: list[FoundGrasp] = []
         self._least = 0.0
-        self._candidates: Iterator[GraspCandidate] = iter(())
+        self._candidates: Iterator[GraspCandidate] | None = None
         self._batch: Callable[[], list[_CertifiedGrasp | None]] | None = None
 
     def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
@@ -94,33 +102,50 @@ class GraspCollection:
             distinct.add(start)
         self._finished_results = runner.begin(partial(_complete_record, deadline=deadline), distinct.grasps[1:])
         self._least = HALF * max(r.record.mu.lower for r in (best, *others[:1]))
-        complete = distinct.missing <= 0 or not runner.compiled.follows_contacts or deadline.should_stop()
-        self._candidates = iter(()) if complete else _further_candidates(runner, distinct, deadline)
+        self._blocked = self._count_blocked([best.hand])
         self._batch = self._begin_batch()
 
     def grasps(self) -> tuple[FoundGrasp, ...]:
         """Wait for the kept grasps and return them, best first."""
+        results = self._finished_results()
+        self._blocked += self._count_blocked([grasp.hand for grasp in results])
+        self._batch = self._batch or self._begin_batch()
         while self._batch is not None:
             certified = [grasp for grasp in self._batch() if grasp is not None]
             for start, finished in sorted(certified, key=lambda grasp: -grasp[0].record.mu.lower):
                 if self._distinct.add(start):
                     self._additions.append(finished)
+                    self._blocked += self._count_blocked([finished.hand])
             self._batch = self._begin_batch()
-        grasps = [*self._finished_results(), *self._additions]
+        grasps = [*results, *self._additions]
         return tuple(sorted(grasps, key=rank_by(self._runner.options.to_dict())))
+
+    def _count_blocked(self, hands: Iterable[Json | None]) -> int:
+        """Return how many grasps by parallel jaws have no free way in; 0 for other hands."""
+        return sum(self._replaces_blocked and bool(way_obstructions(hand)) for hand in hands)
+
+    @property
+    def _missing(self) -> int:
+        """Number of grasps that are missing, beside those without a free way in."""
+        return min(self._distinct.missing, self._wanted + self._blocked - self._distinct.size)
 
     def _begin_batch(self) -> Callable[[], list[_CertifiedGrasp | None]] | None:
         """Begin to certify as many candidates as grasps are missing, and return a callable for the results.
 
         There are a few more candidates than missing grasps; None without candidates.
         """
-        if self._distinct.missing <= 0 or self._deadline.should_stop():
+        if self._missing <= 0 or not self._runner.compiled.follows_contacts or self._deadline.should_stop():
             return None
+        if self._candidates is None:
+            self._candidates = _further_candidates(self._runner, self._distinct, self._deadline)
         batch: list[GraspCandidate] = []
+        is_blocked, has_enough = self._runner.compiled.hand_functions.is_blocked, self._distinct.size >= self._wanted
         for candidate in self._candidates:
+            if has_enough and is_blocked(candidate.points):  # it would replace a blocked one
+                continue
             if not self._distinct.contains(candidate) and not self._distinct.has_equivalent(batch, candidate):
                 batch.append(candidate)
-            if len(batch) >= OVERSHOOT * self._distinct.missing:
+            if len(batch) >= OVERSHOOT * self._missing:
                 break
         return (
             self._runner.begin(partial(_certify_candidate, least=self._least, deadline=self._deadline), batch)
@@ -142,9 +167,14 @@ class DistinctGrasps:
         return self._equivalence.distance
 
     @property
+    def size(self) -> int:
+        """Number of grasps."""
+        return len(self.grasps)
+
+    @property
     def missing(self) -> int:
         """Number of grasps that can still be added."""
-        return self._capacity - len(self.grasps)
+        return self._capacity - self.size
 
     def contains(self, candidate: GraspCandidate) -> bool:
         """Return whether a candidate is equivalent to a grasp of the set."""

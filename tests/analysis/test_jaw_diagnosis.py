@@ -161,3 +161,20 @@ def test_an_answer_that_cannot_be_used_says_why_no_other_can(part, pad, words):
     assert ng.verify(solution).passed
     read = ng.GraspSolution.from_dict(solution.to_dict())
     assert read.told == solution.told
+
+
+@pytest.mark.slow
+def test_kept_grasps_of_a_bar_from_its_side_are_free_before_blocked_ones():
+    handle = t_handle()
+    gripper = ng.ParallelJaw(stroke=0.11, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.014), palm_size=(0.14, 0.06, 0.08))
+    problem = ng.GraspProblem(
+        handle,
+        task=ng.lift(handle.centroid, 0.5),
+        hand=gripper,
+        constraints=[ng.Table.under(handle, 0.001)],
+        force_budget="shared",
+    )
+    with pytest.warns(UserWarning, match="instead, as by ng.Approach"):
+        solution = ng.solve(problem, starts=2, keep=4, options=ng.SolveOptions(workers=1, global_bound=False))
+    assert [grasp.has_free_way for grasp in solution.grasps] == [True] * 4
+    assert ng.verify(solution).passed
