@@ -15,7 +15,7 @@ from trimesh.creation import annulus, box, cylinder
 import nlpgrasp as ng
 from nlpgrasp.analysis.jaw_diagnosis import sampled_antipodal_pairs
 from nlpgrasp.motion.jaw_clearance import JawClearance
-from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, jaws_depth
+from nlpgrasp.solution.obstructions import jaws_depth
 
 GRIPPER = ng.ParallelJaw(
     stroke=0.11,
@@ -105,8 +105,7 @@ def sampled(problem):
     free_count = 0
     for points in chosen:
         directions = problem.hand.approaches(points, clearance.cones, TURNS)
-        on_faces = clearance.pad_shares(points, directions).min(axis=1) >= LEAST_PAD_SHARE
-        free_count += sum(clearance.pose(points, direction).is_free for direction in directions[on_faces])
+        free_count += len(list(clearance.usable_approaches(points, directions)))
     return free_count, len(chosen) * TURNS
 
 

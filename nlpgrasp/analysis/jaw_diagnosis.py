@@ -32,12 +32,8 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
     contacts, problems with an ``Approach``, and parts for which no approach is found.
     """
     hand, pads = problem.hand, problem.default_pads()
-    if (
-        not isinstance(hand, ParallelJaw)
-        or not pads
-        or problem.models != pads
-        or any(isinstance(c, Approach) for c in problem.constraints)
-    ):
+    is_stated = problem.models != pads or any(isinstance(c, Approach) for c in problem.constraints)
+    if is_stated or not isinstance(hand, ParallelJaw):
         return problem
     clearance = JawClearance(hand, problem.body, problem.constraints, pads)
     pairs = sampled_antipodal_pairs(problem)
@@ -45,10 +41,10 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
     pairs = _some(pairs[(hand.closed <= openings) & (openings <= hand.opening)])
     for points in pairs:
         directions = clearance.directions(points, pads)
-        if directions is not None and len(_usable_approaches(clearance, points, directions)):
+        if directions is not None and next(clearance.usable_approaches(points, directions), None) is not None:
             return problem
-    approaches = [_usable_approaches(clearance, points, hand.approaches(points, (), TURNS)) for points in pairs]
-    usable = np.concatenate([np.zeros((0, 3)), *approaches])
+    turns = ((points, hand.approaches(points, (), TURNS)) for points in pairs)
+    usable = np.array([d for points, directions in turns for d in clearance.usable_approaches(points, directions)])
     if not len(usable):
         return problem
     counts = np.sum(usable @ usable.T >= ALIKE, axis=1)
@@ -59,12 +55,6 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
         f" pads are along the approach [{vector(best)}] instead, as by ng.Approach"
     )
     return replace(problem, contacts=[replace(pad, direction=(x, y, z)) for pad in pads])
-
-
-def _usable_approaches(clearance: JawClearance, points: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the approach directions (n, 3) by which the pads are on their faces and the way in is free."""
-    on_faces = clearance.pad_shares(points, directions).min(axis=1, initial=1.0) >= LEAST_PAD_SHARE
-    return np.array([d for d in directions[on_faces] if clearance.pose(points, d).is_free]).reshape(-1, 3)
 
 
 def _some(pairs: FloatArray) -> FloatArray:
@@ -81,11 +71,9 @@ def with_unusable_reason(solution: GraspSolution, problem: GraspProblem) -> Gras
     if solution.grasp is None or "opening" not in hand or not approach_obstructions(hand):
         return solution
     reasons = jaw_reasons(problem)
-    return (
-        replace(solution, hand={**hand, "approach": {**hand["approach"], "unusable": reasons[0]}})
-        if reasons
-        else solution
-    )
+    if not reasons:
+        return solution
+    return replace(solution, hand={**hand, "approach": {**hand["approach"], "unusable": reasons[0]}})
 
 
 def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:

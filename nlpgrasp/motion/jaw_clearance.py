@@ -9,7 +9,7 @@ from the surface is subtracted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -23,7 +23,7 @@ from nlpgrasp.constraints import Approach, Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel, PlaneContact
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import Cone
-from nlpgrasp.solution.obstructions import BODY, TABLE, TOLERANCE
+from nlpgrasp.solution.obstructions import BODY, LEAST_PAD_SHARE, TABLE, TOLERANCE
 
 FARTHEST = 0.02  # metres: largest clearance that is computed
 TOUCHING = 2e-4  # metres: allowed depth of a finger in the part, by compression of its pad
@@ -310,6 +310,11 @@ class JawClearance:
             )
             areas.append(_covered_areas(facing, frames, half, self.face_depth))
         return np.minimum(np.stack(areas, axis=1) / (width * length), 1.0)
+
+    def usable_approaches(self, points: FloatArray, directions: FloatArray) -> Iterator[FloatArray]:
+        """Yield the approaches (3,), of directions (m, 3), by which pads are on their faces and the way in is free."""
+        shares = self.pad_shares(points, directions).min(axis=1, initial=1.0)
+        yield from (d for d in directions[shares >= LEAST_PAD_SHARE] if self.pose(points, d).is_free)
 
     def directions(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray | None:
         """Return the approach directions (m, 3) that rectangular contacts allow; None if they allow all."""

@@ -25,7 +25,7 @@ from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_dista
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TOLERANCE, jaws_depth
+from nlpgrasp.solution.obstructions import TOLERANCE, jaws_depth
 
 SOLID_TURNS = 24  # approach directions tried for a gripper with stated sizes
 FEW_TURNS = 8  # approach directions tried to decide whether any is free
@@ -299,8 +299,7 @@ class HandFunctions:
         directions = clearance.directions(points, self._problem.models)
         if directions is None:
             directions = clearance.gripper.approaches(points, clearance.cones, FEW_TURNS)
-        shares = clearance.pad_shares(points, directions).min(axis=1, initial=1.0)
-        return not any(clearance.pose(points, d).is_free for d in directions[shares >= LEAST_PAD_SHARE])
+        return next(clearance.usable_approaches(points, directions), None) is None
 
     @cached_property
     def _fields(self) -> list[DistanceField]:
