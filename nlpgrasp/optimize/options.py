@@ -10,6 +10,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.ipopt import check_ipopt_options
+from nlpgrasp.solution.kept_grasps import weighs_fragility
 from nlpgrasp.solution.obstructions import MOST_TOLERANCE
 
 RANKS = ("robust", "mu")  # measures by which the answer is chosen
@@ -138,7 +139,7 @@ class SolveOptions:
     @property
     def weighs_fragility(self) -> bool:
         """Whether a robust grasp with less mu may be preferred to a fragile one."""
-        return self.rank == "robust" and self.gap is None and not self.maximise_robust
+        return weighs_fragility(self.to_dict())
 
     @property
     def seeks_room(self) -> bool:

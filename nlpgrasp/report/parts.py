@@ -280,14 +280,10 @@ class _Batch:
                 self._write(name, solution)
             except KeyboardInterrupt:
                 return PartResult(name, failure=NOT_SOLVED)
-            except NlpgraspError as error:
+            except Exception as error:  # also of the user's function or a broken mesh: the other parts go on
                 if is_begun:
                     self._remove(name)
-                return PartResult(name, failure=str(error))
-            except Exception as error:  # of the user's function or a broken mesh: the other parts go on
-                if is_begun:
-                    self._remove(name)
-                return PartResult(name, failure=error_line(error))
+                return PartResult(name, failure=str(error) if isinstance(error, NlpgraspError) else error_line(error))
         notes = tuple(dict.fromkeys(single_line(str(warning.message)) for warning in caught))
         self._finished[name] = {"digest": digest, "notes": list(notes)}
         write_text(self._out / MANIFEST, json.dumps(self._finished, indent=1) + "\n")

@@ -159,14 +159,18 @@ def rank_by(options: Json) -> Callable[[FoundGrasp], tuple[bool, bool, float, bo
     options : mapping
         Of the solve, as ``SolveOptions.to_dict`` writes them.
     """
-    by_robustness = bool(options.get("maximise_robust"))
-    weighs_fragility = options.get("rank") == "robust" and options.get("gap") is None and not by_robustness
+    by_robustness, by_fragility = bool(options.get("maximise_robust")), weighs_fragility(options)
 
     def key(grasp: FoundGrasp) -> tuple[bool, bool, float, bool, float]:
         bounds = grasp.robust.mu if by_robustness and grasp.robust is not None else grasp.mu
-        return *obstruction_rank(grasp.hand), weighs_fragility and grasp.is_fragile, -bounds.lower
+        return *obstruction_rank(grasp.hand), by_fragility and grasp.is_fragile, -bounds.lower
 
     return key
+
+
+def weighs_fragility(options: Json) -> bool:
+    """Return whether a solve with these options may prefer a robust grasp with less mu to a fragile one."""
+    return options.get("rank") == "robust" and options.get("gap") is None and not options.get("maximise_robust")
 
 
 def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:

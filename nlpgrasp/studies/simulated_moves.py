@@ -226,6 +226,7 @@ class _PressingHand:
         squeeze = picked.require_squeeze()
         self.hand, self._grasp = hand, picked.require_grasp()
         self._values: Values = {name: value.copy() for name, value in hand.values_of(picked.hand or {}).items()}
+        self._joint_names = [joint.name for joint in hand.robot.free_joints]
         self._gains = position_gains(hand.robot, squeeze, settings.gain)
         self._normal_force = settings.normal_force or squeeze.normal_force
         upwards = weight * np.eye(3)[-1]
@@ -237,7 +238,7 @@ class _PressingHand:
         path = move.motion
         if path is None or path.joints is None or path.normals is None:
             raise InputError("motion", path, "waypoints of the hand's joints")
-        names = [joint.name for joint in self.hand.robot.free_joints]
+        names = self._joint_names
         moving = [names.index(name) for name in path.joint_names]
         contacts = list(self._grasp.contacts)
         if move.slides:
@@ -275,8 +276,7 @@ class _PressingHand:
         forces = grasp.contact_wrenches(balanced_forces(grasp, self._wrench, self._normal_force).x)
         jacobians = self.hand.contact_jacobians(self._values, self._grasp.points)[fingers]
         torques = np.einsum("kdm,kd->m", jacobians, forces)
-        names = [joint.name for joint in self.hand.robot.free_joints]
-        result = dict(zip(names, self._values["joints"].tolist(), strict=True))
+        result = dict(zip(self._joint_names, self._values["joints"].tolist(), strict=True))
         for name, torque in zip(self.hand.loaded_joints, torques.tolist(), strict=True):
             result[name] += torque / self._gains[name]
         return result
