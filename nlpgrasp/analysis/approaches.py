@@ -17,6 +17,7 @@ from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import SLIDES, JawClearance, JawPose, flip_pose, rank
 from nlpgrasp.optimize.constraint_values import HandFunctions
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, FoundGrasp, angle_between_poses, rank_by
 from nlpgrasp.solution.obstructions import approach_obstructions
 from nlpgrasp.solution.records import Status
@@ -138,7 +139,8 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
 
     A grasp whose approach is blocked takes the approach of another turn that is free. Where fewer than ``count`` grasps
     have a free approach, further turns of their contacts are added, at least 30 degrees apart, then flips. Where the
-    answer is blocked, or its pads overhang, the best ranked grasp becomes the answer; the others are ranked anew.
+    answer is blocked, or its pads overhang, the best ranked grasp with pads as the problem states them becomes the
+    answer; the others are ranked anew.
 
     Parameters
     ----------
@@ -159,8 +161,16 @@ def arrange_jaw_poses(solution: GraspSolution, problem: GraspProblem, count: int
     free = sorted((p for p in posed if p.is_free), key=lambda p: p.kind)[:count]  # stable: best first in each kind
     others = sorted((p for p in posed if not p.is_free), key=lambda p: key(p.grasp))
     kept = sorted([*free, *others[: count - len(free)]], key=lambda p: (p.index, p.kind))
-    answer = posed[0] if posed[0].is_free else min(kept, key=lambda p: key(p.grasp))
-    return _with_kept(solution, [answer.grasp, *sorted((p.grasp for p in kept if p is not answer), key=key)])
+    stated = _pad_directions(solution.grasp)
+    with_stated_pads = [p for p in (posed[0], *kept) if _pad_directions(p.grasp.grasp) == stated]
+    answer = posed[0] if posed[0].is_free else min(with_stated_pads, key=lambda p: key(p.grasp))
+    alternatives = [p.grasp for p in kept if p is not answer][: count - 1]
+    return _with_kept(solution, [answer.grasp, *sorted(alternatives, key=key)])
+
+
+def _pad_directions(grasp: Grasp) -> list[object]:
+    """Return the directions of a grasp's line and plane contacts."""
+    return [model.direction for model in grasp.contacts if isinstance(model, PadContact)]
 
 
 class _PoseArranger:

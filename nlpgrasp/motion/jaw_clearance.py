@@ -18,11 +18,12 @@ import numpy as np
 from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.mesh.display_triangles import triangles as display_triangles
 from nlpgrasp.common.meshes.box_distance import least_box_distance
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.constraints import Approach, Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel, PlaneContact
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import Cone
+from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE
 from nlpgrasp.solution.obstructions import BODY, LEAST_PAD_SHARE, TABLE, TOLERANCE
 
 FARTHEST = 0.02  # metres: largest clearance that is computed
@@ -326,11 +327,30 @@ class JawClearance:
         if np.linalg.norm(tangential) < PARALLEL:
             return None
         both_ways = np.outer([1.0, -1.0], tangential / np.linalg.norm(tangential))
-        is_allowed = [
-            all(np.arccos(np.clip(direction @ axis, -1.0, 1.0)) <= angle for axis, angle in self.cones)
-            for direction in both_ways
-        ]
-        return np.asarray(both_ways[is_allowed] if any(is_allowed) else both_ways[:1])
+        is_allowed = self._within_cones(both_ways)
+        return np.asarray(both_ways[is_allowed] if np.any(is_allowed) else both_ways[:1])
+
+    def turned_approaches(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray:
+        """Return the approaches (m, 3) along which rectangular contacts would lie after a turn about the closing line.
+
+        Turns are multiples of 30 degrees without half a turn, which leaves a rectangle as it is. None are returned for
+        other contacts.
+        """
+        along = self.directions(points, models)
+        if along is None:
+            return np.zeros((0, 3))
+        _, closing = _opening_and_closing(points)
+        count = round(2.0 * np.pi / DISTINCT_ANGLE)
+        angles = DISTINCT_ANGLE * np.array([i for i in range(count) if 2 * i % count])
+        turned = np.outer(np.cos(angles), along[0]) + np.outer(np.sin(angles), np.cross(closing, along[0]))
+        return np.asarray(turned[self._within_cones(turned)])
+
+    def _within_cones(self, directions: FloatArray) -> BoolArray:
+        """Return the mask of approach directions (m, 3) within all cones, (m,)."""
+        within = np.ones(len(directions), dtype=bool)
+        for axis, angle in self.cones:
+            within &= np.arccos(np.clip(directions @ axis, -1.0, 1.0)) <= angle
+        return within
 
 
 def _rectangles(models: Sequence[ContactModel]) -> list[PlaneContact]:

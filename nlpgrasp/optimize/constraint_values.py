@@ -29,6 +29,7 @@ from nlpgrasp.solution.obstructions import TOLERANCE, jaws_depth
 
 SOLID_TURNS = 24  # approach directions tried for a gripper with stated sizes
 FEW_TURNS = 8  # approach directions tried to decide whether any is free
+OPPOSITE = -0.99  # cosine between two approaches below which they are opposite
 NARROW = 1e-2  # width between limits, over a constraint's scale, below which it counts as an equation
 
 
@@ -300,6 +301,20 @@ class HandFunctions:
         if directions is None:
             directions = clearance.gripper.approaches(points, clearance.cones, FEW_TURNS)
         return next(clearance.usable_approaches(points, directions), None) is None
+
+    def usable_turns(self, points: FloatArray) -> list[FloatArray]:
+        """Return an approach (3,) for each turn of the pads at contacts (2, 3): on their faces, with a free way in.
+
+        The pads are turned about the closing line from the direction that the problem states; see
+        ``JawClearance.turned_approaches``. Of two opposite approaches, which have the same pads, one is returned.
+        """
+        clearance, chosen = self._jaw_clearance, list[FloatArray]()
+        if clearance is None:
+            return chosen
+        for direction in clearance.usable_approaches(points, clearance.turned_approaches(points, self._problem.models)):
+            if all(direction @ other > OPPOSITE for other in chosen):
+                chosen.append(direction)
+        return chosen
 
     @cached_property
     def _fields(self) -> list[DistanceField]:

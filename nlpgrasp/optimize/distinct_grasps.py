@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import zip_longest
 
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import integer, share
+from nlpgrasp.common.validation import FloatArray, integer, share
+from nlpgrasp.contacts import PlaneContact
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
@@ -24,7 +26,8 @@ from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.optimize.warm_starts import WarmStart, certify_as_is
-from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality import mu
+from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp, rank_by
@@ -69,19 +72,23 @@ class GraspCollection:
     They are the results of the starts, distinct from each other and from the answer, the best first. Where these are
     too few, candidates of one more coordinate exchange are added, then the best neighbours of the kept grasps, which
     differ in one contact; for parallel jaws opposite pairs. Neither are refined; their mu is at least half the best.
-    Grasps by parallel jaws without a free way in are replaced by as many further ones, where there are any.
+    Grasps by parallel jaws without a free way in are replaced by as many further ones, where there are any: at other
+    contacts, then at the same contacts with the gripper's pads turned about the closing line.
 
     Parameters
     ----------
     runner : StartRunner
     keeping : KeepOptions
     deadline : Deadline
+    turns_pads : bool
+        Whether the pads of a gripper may be turned from the direction that the problem states.
     """
 
-    def __init__(self, runner: StartRunner, keeping: KeepOptions, deadline: Deadline) -> None:
+    def __init__(self, runner: StartRunner, keeping: KeepOptions, deadline: Deadline, turns_pads: bool = True) -> None:
         self._runner, self._deadline = runner, deadline
         problem = runner.problem
         self._replaces_blocked = isinstance(problem.hand, ParallelJaw) and problem.body.space == 3
+        self._turns_pads = turns_pads and problem.has_gripper_pads
         self._wanted, self._blocked = keeping.count, 0
         capacity = MOST_PER_WANTED * keeping.count if self._replaces_blocked else keeping.count
         self._distinct = DistinctGrasps(GraspEquivalence(runner.compiled, keeping.distinct), capacity)
@@ -117,8 +124,22 @@ class GraspCollection:
                     self._additions.append(finished)
                     self._blocked += self._count_blocked([finished.hand])
             self._batch = self._begin_batch()
-        grasps = [*results, *self._additions]
+        grasps = [*results, *self._additions, *self._with_turned_pads()]
         return tuple(sorted(grasps, key=rank_by(self._runner.options.to_dict())))
+
+    def _with_turned_pads(self) -> list[FoundGrasp]:
+        """Return grasps at the contacts of the collected ones with turned pads, as many as free ones are missing.
+
+        The collected grasps take turns, the best first.
+        """
+        missing, starts = self._wanted + self._blocked - self._distinct.size, self._distinct.grasps
+        if missing <= 0 or not self._turns_pads or self._deadline.should_stop():
+            return []
+        usable = self._runner.begin(_usable_turns, starts)()
+        in_turn = zip_longest(*([(start, d) for d in turns] for start, turns in zip(starts, usable, strict=False)))
+        turned = [pair for pairs in in_turn for pair in pairs if pair is not None][: int(np.ceil(OVERSHOOT * missing))]
+        certify = partial(_certify_turned, least=self._least, deadline=self._deadline)
+        return [grasp for grasp in self._runner.begin(certify, turned)() if grasp is not None][:missing]
 
     def _count_blocked(self, hands: Iterable[Json | None]) -> int:
         """Return how many grasps by parallel jaws have no free way in; 0 for other hands."""
@@ -262,6 +283,32 @@ def _certify_candidate(
     if start is None or start.record.mu.lower < least:
         return None
     return start, replace(_complete_record(compiled, start, deadline), start=None)
+
+
+def _usable_turns(compiled: CompiledProblem, start: StartGrasp) -> list[FloatArray]:
+    """Return the approaches (3,) of a gripper with turned pads at the contacts of a start."""
+    return compiled.hand_functions.usable_turns(start.on_body.grasp.points)
+
+
+def _certify_turned(
+    compiled: CompiledProblem, turned: tuple[StartGrasp, FloatArray], least: float, deadline: Deadline
+) -> FoundGrasp | None:
+    """Return the grasp of a start with the pads along another approach, certified; None if mu is below ``least``."""
+    start, direction = turned
+    on_body, (x, y, z) = start.on_body, direction.tolist()
+    grasp = on_body.grasp
+    pads = [replace(pad, direction=(x, y, z)) for pad in grasp.contacts if isinstance(pad, PlaneContact)]
+    on_body = replace(on_body, grasp=Grasp(grasp.points, grasp.normals, pads, grasp.torque_origin))
+    with single_thread():
+        budget, rtol = compiled.budget(on_body.candidate), compiled.options.rtol
+        bounds = mu(on_body.grasp, compiled.problem.task, rtol, force_budget=budget)
+        if bounds.lower < least:
+            return None
+        posed = start if start.hand else add_hand_record(compiled, start)
+        hand = {**(posed.hand or {}), **compiled.hand_functions.along_approach(grasp.points, direction)}
+    record = replace(start.record, mu=bounds)
+    turned_start = replace(start, on_body=on_body, record=record, hand=hand, robust=None)
+    return replace(_complete_record(compiled, turned_start, deadline), start=None)
 
 
 def _complete_record(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:

@@ -439,7 +439,7 @@ class Multistart:
             clock.mark("why not")
         if best is not None and self._needs_alternatives(best):
             alternatives = replace(self._keeping, count=max(self._keeping.count, ALTERNATIVES))
-            self._others = GraspCollection(runner, alternatives, deadline)
+            self._others = GraspCollection(runner, alternatives, deadline, turns_pads=False)
         if self._others is not None and best is not None:
             self._others.begin(best, self.results)
             clock.mark("other grasps")

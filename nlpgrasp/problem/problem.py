@@ -240,6 +240,15 @@ class GraspProblem(DisplayedProblem):
         pad = PlaneContact(extents=(length, width), friction=self.hand.pad_friction, direction=(x, y, z))
         return (pad, pad)
 
+    @property
+    def has_gripper_pads(self) -> bool:
+        """Whether the contacts are the pads of the gripper, along any direction."""
+        pads = self.default_pads()
+        along = [
+            replace(m, direction=pads[0].direction) if pads and isinstance(m, PlaneContact) else m for m in self.models
+        ]
+        return bool(pads) and tuple(along) == pads
+
     def _set_constraint_tuple(self) -> None:
         """Set the constraints as a tuple."""
         constraints = self.constraints

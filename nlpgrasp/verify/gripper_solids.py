@@ -96,12 +96,17 @@ def _record_errors(problem_hand: Json, hand: Json) -> Iterator[str]:
 
 
 def _orientation_errors(solution: GraspSolution, frame: FloatArray) -> Iterator[str]:
-    """Yield an error for each rectangular contact that is not aligned with the approach."""
+    """Yield errors for each rectangular contact that is not aligned with the approach, or not with its direction."""
     grasp = solution.require_grasp()
-    for i, (model, tangents) in enumerate(zip(grasp.contacts, grasp.tangents, strict=True)):
-        cosine = abs(float(tangents[0] @ frame[:, 2]))
-        if _is_rectangle(model) and not cosine >= 1.0 - COSINE_TOLERANCE:
+    for i, (model, normal, tangents) in enumerate(zip(grasp.contacts, grasp.normals, grasp.tangents, strict=True)):
+        if not _is_rectangle(model):
+            continue
+        if not abs(float(tangents[0] @ frame[:, 2])) >= 1.0 - COSINE_TOLERANCE:
             yield f"contact {i} is a rectangle that does not lie along the approach"
+        direction = array(f"contacts[{i}].direction", getattr(model, "direction", None) or tangents[0], (3,))
+        along = direction - (direction @ normal) * normal
+        if not float(tangents[0] @ along) >= (1.0 - COSINE_TOLERANCE) * float(np.linalg.norm(along)):
+            yield f"contact {i} is a rectangle with tangents off its direction"
 
 
 def _is_rectangle(model: ContactModel) -> bool:

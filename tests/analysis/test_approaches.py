@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.motion.jaw_clearance import JawClearance
 from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE, angle_between_poses
 from nlpgrasp.solution.obstructions import approach_obstructions
 from tests.verify.edits import failed
@@ -125,6 +126,58 @@ def test_free_grasps_come_before_blocked_ones_and_the_answer_is_free():
     assert free[0]
     assert free == sorted(free, reverse=True)
     assert ng.verify(walled).passed, ng.verify(walled)
+
+
+def pads_of(grasp):
+    """Return the direction of the pads of a grasp, the same for both."""
+    first, second = (model.direction for model in grasp.grasp.contacts)
+    assert first == second
+    return np.array(first)
+
+
+@pytest.mark.slow
+def test_pads_turn_about_the_closing_line_where_free_grasps_are_missing():
+    """A bar has few distinct places for pads: the others are turns at the same contacts, certified for turned pads."""
+    gripper = ng.ParallelJaw(0.06, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.016), max_force=120.0)
+    bar = ng.Box([0.04, 0.15, 0.03])
+    problem = ng.GraspProblem(bar, task=TASK, hand=gripper, force_budget="shared")
+    options = ng.SolveOptions(workers=1, rounds=0, global_bound=False, final_rtol=0.05)
+    solution = ng.solve(problem, 1, options=options, keep=12, distinct=0.4)
+    turned = [i for i, grasp in enumerate(solution.grasps) if abs(pads_of(grasp)[2]) < 0.99]
+    assert len(solution.grasps) == 12
+    assert len(turned) >= 4
+    assert not any(approach_obstructions(grasp.hand) for grasp in solution.grasps)
+    np.testing.assert_array_equal(pads_of(solution.grasps[0]), problem.models[0].direction)
+    for grasp in solution.grasps:
+        along = abs(pads_of(grasp) @ grasp.hand["approach"]["direction"])
+        np.testing.assert_allclose(along, 1.0, atol=1e-4)
+        quality = ng.mu(grasp.grasp, TASK, 0.01, force_budget="shared")
+        assert grasp.mu.lower <= quality.upper
+        assert quality.lower <= grasp.mu.upper
+    assert ng.verify(solution).passed, ng.verify(solution)
+
+    def turn_back(data):
+        for contact in data["grasps"][turned[0]]["grasp"]["contacts"]:
+            contact["direction"] = [0.0, 0.0, -1.0]
+
+    def widen(data):
+        for contact in data["grasps"][turned[0]]["grasp"]["contacts"]:
+            contact["extents"] = [0.03, 0.012]
+
+    for lie in (turn_back, widen):
+        assert f"grasps[{turned[0]}]" in failed(verified(edited(solution.to_dict(), lie)))
+
+
+def test_pads_turn_by_multiples_of_30_degrees_within_the_cones():
+    gripper = ng.ParallelJaw(0.06, pad=(0.02, 0.012), finger=(0.06, 0.012, 0.016))
+    pads = [ng.PlaneContact(extents=(0.02, 0.012), friction=0.5, direction=(0.0, 0.0, -1.0))] * 2
+    points = np.array([[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]])
+    turned = JawClearance(gripper, BOX, (), pads).turned_approaches(points, pads)
+    angles = np.degrees(np.arctan2(turned[:, 0], -turned[:, 2])) % 360.0
+    np.testing.assert_allclose(np.sort(angles), [30, 60, 90, 120, 150, 210, 240, 270, 300, 330], atol=1e-9)
+    coned = JawClearance(gripper, BOX, [ng.Approach([0.0, 0.0, -1.0], np.radians(40.0))], pads)
+    np.testing.assert_allclose(coned.turned_approaches(points, pads) @ [0.0, 0.0, -1.0], np.cos(np.radians(30.0)))
+    assert not len(coned.turned_approaches(points, [ng.SoftContact(0.5, 0.004)] * 2))
 
 
 def test_other_hands_and_lost_bodies_are_refused(standing):
