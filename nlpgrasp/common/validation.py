@@ -22,7 +22,7 @@ TURN = 2.0 * np.pi * (1.0 + 1e-6)  # rad, a full turn with tolerance for roundin
 LARGEST_TIP = 1.0  # m, largest fingertip radius
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 HEAVY = 50.0  # kg, mass above which grams are suspected
-MOST, NEAREST = 12, 4  # most names listed in a message, most suggestions
+MOST, NEAREST = 16, 4  # most names listed in a message, most suggestions
 CLOSE, LONG = 0.6, 3  # least similarity ratio of similar names; least letters of a significant word
 
 
@@ -304,7 +304,7 @@ def similar_names(name: str, names: Iterable[str]) -> list[str]:
 
 
 def format_known_names(unknown: Iterable[object], names: Iterable[str]) -> str:
-    """Return a text that lists at most a dozen known names and suggests some for unknown ones.
+    """Return a text that lists at most sixteen known names and suggests some for unknown ones.
 
     Parameters
     ----------

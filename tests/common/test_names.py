@@ -18,7 +18,7 @@ def test_long_lists_are_cut_and_what_was_meant_is_asked():
     names = [f"link_{i}" for i in range(20)] + ["finger_tip"]
     text = format_known_names(["fingertip"], names)
     assert text.startswith("link_0, link_1, ")
-    assert text.endswith(" and 9 more; did you mean finger_tip?")
+    assert text.endswith(" and 5 more; did you mean finger_tip?")
     assert format_known_names(["zzz"], ["a", "b"]) == "a, b"
     assert format_known_names(["fron", "bak"], ["front", "back"]) == "front, back; did you mean front and back?"
 
