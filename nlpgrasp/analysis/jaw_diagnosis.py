@@ -28,8 +28,9 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
     """Return the problem with its gripper's default pads along an approach that can be used, and warn of another one.
 
     Default pads are long along the approach from above. Where no sampled antipodal pair has them on its faces and a
-    free way in, the approach is taken by which most pairs have, the steepest of those alike. Unchanged are other
-    contacts, problems with an ``Approach``, and parts for which no approach is found.
+    free way in, the approach is taken by which most pairs have, the steepest of those alike; where no pair has both,
+    that by which most pairs have the pads on faces, if none has from above. Unchanged are other contacts, problems with
+    an ``Approach``, and parts for which no approach is found.
     """
     hand, pads = problem.hand, problem.default_pads()
     is_stated = problem.models != pads or any(isinstance(c, Approach) for c in problem.constraints)
@@ -39,16 +40,18 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
     pairs = sampled_antipodal_pairs(problem)
     openings = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1)
     pairs = _some(pairs[(hand.closed <= openings) & (openings <= hand.opening)])
-    for points in pairs:
-        directions = clearance.directions(points, pads)
-        if directions is not None and next(clearance.usable_approaches(points, directions), None) is not None:
-            return problem
-    turns = ((points, hand.approaches(points, (), TURNS)) for points in pairs)
-    usable = np.array([d for points, directions in turns for d in clearance.usable_approaches(points, directions)])
-    if not len(usable):
+    from_above = [(points, along) for points in pairs if (along := clearance.directions(points, pads)) is not None]
+    if any(next(clearance.usable_approaches(*pose), None) is not None for pose in from_above):
         return problem
-    counts = np.sum(usable @ usable.T >= ALIKE, axis=1)
-    best = usable[np.lexsort([usable[:, 2], -counts])[0]]
+    turned = [(points, hand.approaches(points, (), TURNS)) for points in pairs]
+    chosen = [direction for pose in turned for direction in clearance.usable_approaches(*pose)]
+    if not chosen and not any(len(clearance.approaches_on_faces(*pose)) for pose in from_above):
+        chosen = [direction for pose in turned for direction in clearance.approaches_on_faces(*pose)]
+    if not chosen:
+        return problem
+    directions = np.array(chosen)
+    counts = np.sum(directions @ directions.T >= ALIKE, axis=1)
+    best = directions[np.lexsort([directions[:, 2], -counts])[0]]
     x, y, z = best.tolist()
     warn(
         f"GraspProblem.contacts: no sampled grasp from above has the gripper's pads on faces and a free way in; the"

@@ -312,10 +312,13 @@ class JawClearance:
             areas.append(_covered_areas(facing, frames, half, self.face_depth))
         return np.minimum(np.stack(areas, axis=1) / (width * length), 1.0)
 
+    def approaches_on_faces(self, points: FloatArray, directions: FloatArray) -> FloatArray:
+        """Return the approaches (n, 3), of directions (m, 3), by which the pads are on their faces."""
+        return np.asarray(directions[self.pad_shares(points, directions).min(axis=1, initial=1.0) >= LEAST_PAD_SHARE])
+
     def usable_approaches(self, points: FloatArray, directions: FloatArray) -> Iterator[FloatArray]:
         """Yield the approaches (3,), of directions (m, 3), by which pads are on their faces and the way in is free."""
-        shares = self.pad_shares(points, directions).min(axis=1, initial=1.0)
-        yield from (d for d in directions[shares >= LEAST_PAD_SHARE] if self.pose(points, d).is_free)
+        yield from (d for d in self.approaches_on_faces(points, directions) if self.pose(points, d).is_free)
 
     def directions(self, points: FloatArray, models: Sequence[ContactModel]) -> FloatArray | None:
         """Return the approach directions (m, 3) that rectangular contacts allow; None if they allow all."""

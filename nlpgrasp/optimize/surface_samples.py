@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.common.formatting import vector
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.pad import is_off_normal
@@ -87,18 +88,24 @@ class SurfaceSamples:
         count = max(FACE_SAMPLES, BODY_SAMPLES // len(names))
         samples = {name: problem.body.sample(name, count, rng, problem.margin) for name in names}
         samples = {name: points for name, points in samples.items() if len(points)}
+        self._check(samples, "GraspProblem.body", "no point found on {}", "a reachable face")
         if directions := _directions(problem):
             determined = {
                 name: points[_determines_direction(directions, problem.body.evaluate(name, points)[2])]
                 for name, points in samples.items()
             }
             samples = {name: points for name, points in determined.items() if len(points)}
-        for i in range(k):
-            if not any(n in samples for n in problem.allowed_faces(i)):
-                raise InputError(
-                    "GraspProblem.body", f"no point found on {problem.allowed_faces(i)}", "a reachable face"
-                )
+            given = " and ".join(f"[{vector(direction)}]" for direction in dict.fromkeys(directions))
+            field = "GraspProblem.contacts, their direction"
+            self._check(samples, field, f"{given}, the normal of {{}}", "a direction along the face")
         return samples
+
+    def _check(self, samples: dict[str, FloatArray], field: str, given: str, expected: str) -> None:
+        """Raise an ``InputError`` if none of the faces that some contact may use has samples."""
+        for i in range(len(self._problem.models)):
+            allowed = self._problem.allowed_faces(i)
+            if not any(name in samples for name in allowed):
+                raise InputError(field, given.format(", ".join(allowed)), expected)
 
     def usable_faces(self, contact: int) -> tuple[str, ...]:
         """Return the faces that a contact may use and that have sample points."""

@@ -16,7 +16,7 @@ from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_an
 from nlpgrasp.analysis.approaches import arrange_jaw_poses
 from nlpgrasp.analysis.grip_force import add_grips
 from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
-from nlpgrasp.analysis.jaw_diagnosis import with_unusable_reason
+from nlpgrasp.analysis.jaw_diagnosis import jaw_reasons, with_unusable_reason
 from nlpgrasp.analysis.squeeze import add_squeezes
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.formatting import format_measure
@@ -51,6 +51,7 @@ from nlpgrasp.pipeline.answer import (
     total_effort,
 )
 from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.analysis_records import WhyNot
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -434,8 +435,11 @@ class Multistart:
             best,
         )
         clock.mark("bound")
-        if best is None and not deadline.should_stop() and any(isinstance(r, StartGrasp) for r in self.results):
-            reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, deadline=deadline), self.results)
+        if best is None and not deadline.should_stop():
+            if any(isinstance(r, StartGrasp) for r in self.results):
+                reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, deadline=deadline), self.results)
+            elif reasons := jaw_reasons(runner.problem):  # every start ended with an error
+                reason = WhyNot(reasons=reasons)
             clock.mark("why not")
         if best is not None and self._needs_alternatives(best):
             alternatives = replace(self._keeping, count=max(self._keeping.count, ALTERNATIVES))

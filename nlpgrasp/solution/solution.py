@@ -427,8 +427,10 @@ class GraspSolution(InNotebook):
 
     @property
     def told(self) -> str:
-        """Status as text, with the optimality gap if it is closed and warnings about the grasp."""
-        return format_status(self.status, self.message, self.gap, self.caveats)
+        """Status as text, with the gap if it is closed, warnings about the grasp, and the error of a failed start."""
+        text = format_status(self.status, self.message, self.gap, self.caveats)
+        errors = [start.message for start in self.starts if start.status is Status.FAILED and start.message]
+        return f"{text} The first: {errors[0]}" if self.status is Status.FAILED and errors else text
 
     @property
     def caveats(self) -> list[str]:

@@ -138,6 +138,26 @@ def test_pads_that_a_grasp_from_above_has_on_faces_stay():
     assert with_usable_pads(default) is default
 
 
+def test_pads_that_have_room_above_and_below_alone_lie_across_and_the_table_is_named():
+    """On a flat disc the only faces for pads are horizontal; the lower one is on the table."""
+    disc = ng.Cylinder(0.03, 0.018)
+    gripper = ng.ParallelJaw(stroke=0.085, pad=(0.03, 0.02), finger=(0.06, 0.03, 0.03))
+    table = ng.Table.under(disc, 0.001)
+    default = ng.GraspProblem(disc, task=TASK, hand=gripper, constraints=[table], force_budget="shared")
+    with pytest.warns(UserWarning, match="the pads are along the approach"):
+        turned = with_usable_pads(default)
+    assert abs(turned.models[0].direction[2]) < 1e-9
+    (reason,) = jaw_reasons(turned)
+    assert re.search(r"^The gripper fits only with the table [0-9.]+ mm lower", reason)
+
+
+def test_pads_along_the_normal_of_every_face_are_refused():
+    pad = ng.PlaneContact(extents=(0.02, 0.012), friction=0.5, direction=(0.0, 0.0, 1.0), faces=("+z", "-z"))
+    problem = ng.GraspProblem(BLOCK, [pad, pad], TASK)
+    with pytest.raises(ng.InputError, match=r"their direction: got \[0, 0, 1\], the normal of \+z, -z, expected a dir"):
+        ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
+
+
 def test_a_pad_longer_than_the_part_is_refused_by_its_own_name():
     gripper = ng.ParallelJaw(stroke=0.11, pad=(0.08, 0.012), finger=(0.06, 0.012, 0.014))
     with pytest.raises(ng.InputError, match=r"^GraspProblem\.hand\.pad: got 0\.08 m, expected metres, no more than"):

@@ -64,6 +64,12 @@ def test_the_start_of_the_answer_is_the_one_stated_or_for_earlier_files_the_best
     assert replace(box, starts=STARTS, best_start=stated).winner.index == index
 
 
+def test_a_failed_solve_tells_the_error_of_its_first_start(infeasible):
+    starts = tuple(StartRecord(i, ng.Status.FAILED, message=f"RuntimeError: {i}") for i in range(2))
+    failed = replace(infeasible, status=ng.Status.FAILED, starts=starts)
+    assert failed.told.endswith("the starts' messages in the result name it. The first: RuntimeError: 0")
+
+
 def test_without_a_solved_start_none_won(infeasible):
     assert infeasible.winner is None
     assert infeasible.best_start is None
