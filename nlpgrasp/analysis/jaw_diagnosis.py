@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.mesh.signed_distance import first_hits, inward_rays
 from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.user_warnings import warn
@@ -13,6 +14,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, surface_triangles
+from nlpgrasp.optimize.surface_samples import usable_mesh_samples
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, TABLE, approach_obstructions
 from nlpgrasp.solution.solution import GraspSolution
@@ -29,8 +31,8 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
 
     Default pads are long along the approach from above. Where no sampled antipodal pair has them on its faces and a
     free way in, the approach is taken by which most pairs have, the steepest of those alike; where no pair has both,
-    that by which most pairs have the pads on faces, if none has from above. Unchanged are other contacts, problems with
-    an ``Approach``, and parts for which no approach is found.
+    that by which most pairs have the pads on faces, if the normals of all faces with room for them are vertical.
+    Unchanged are other contacts, problems with an ``Approach``, and parts for which no approach is found.
     """
     hand, pads = problem.hand, problem.default_pads()
     is_stated = problem.models != pads or any(isinstance(c, Approach) for c in problem.constraints)
@@ -45,7 +47,7 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
         return problem
     turned = [(points, hand.approaches(points, (), TURNS)) for points in pairs]
     chosen = [direction for pose in turned for direction in clearance.usable_approaches(*pose)]
-    if not chosen and not any(len(clearance.approaches_on_faces(*pose)) for pose in from_above):
+    if not chosen and isinstance(problem.body, Mesh) and not np.any(usable_mesh_samples(problem)[2]):
         chosen = [direction for pose in turned for direction in clearance.approaches_on_faces(*pose)]
     if not chosen:
         return problem

@@ -134,9 +134,7 @@ class SurfaceSamples:
     @cached_property
     def mesh_cloud(self) -> SampleCloud:
         """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
-        body = self.mesh
-        points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
-        usable = is_usable(self._problem, points, normals)
+        body, (points, normals, usable) = self.mesh, usable_mesh_samples(self._problem)
         if usable.any():
             points, normals = points[usable], normals[usable]
         return SampleCloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
@@ -147,6 +145,12 @@ def mesh_of(problem: GraspProblem) -> Mesh:
     if not isinstance(problem.body, Mesh):
         raise InputError("GraspProblem.body", type(problem.body).__name__, "a mesh")
     return problem.body
+
+
+def usable_mesh_samples(problem: GraspProblem) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return points of a problem's mesh (m, 3), their outward normals (m, 3), and the mask of those that are usable."""
+    points, normals = mesh_of(problem).surface_samples(MESH_SAMPLES, np.random.default_rng(0))
+    return points, normals, is_usable(problem, points, normals)
 
 
 def is_usable(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> BoolArray:

@@ -139,11 +139,11 @@ def test_pads_that_a_grasp_from_above_has_on_faces_stay():
 
 
 def test_pads_that_have_room_above_and_below_alone_lie_across_and_the_table_is_named():
-    """On a flat disc the only faces for pads are horizontal; the lower one is on the table."""
-    disc = ng.Cylinder(0.03, 0.018)
+    """The only faces of a thin plate with room for pads are horizontal; the lower one is on the table."""
+    plate = ng.Mesh(trimesh.creation.box([0.06, 0.06, 0.006]))
     gripper = ng.ParallelJaw(stroke=0.085, pad=(0.03, 0.02), finger=(0.06, 0.03, 0.03))
-    table = ng.Table.under(disc, 0.001)
-    default = ng.GraspProblem(disc, task=TASK, hand=gripper, constraints=[table], force_budget="shared")
+    table = ng.Table.under(plate, 0.001)
+    default = ng.GraspProblem(plate, task=TASK, hand=gripper, constraints=[table], force_budget="shared")
     with pytest.warns(UserWarning, match="the pads are along the approach"):
         turned = with_usable_pads(default)
     assert abs(turned.models[0].direction[2]) < 1e-9
