@@ -31,7 +31,7 @@ from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp, rank_by
-from nlpgrasp.solution.obstructions import way_obstructions
+from nlpgrasp.solution.obstructions import approach_obstructions, way_obstructions
 
 MOST_KNOWN = 12  # grasps whose neighbours are computed, at most
 POSITIONS = 48  # positions tried per contact
@@ -124,15 +124,19 @@ class GraspCollection:
                     self._additions.append(finished)
                     self._blocked += self._count_blocked([finished.hand])
             self._batch = self._begin_batch()
-        grasps = [*results, *self._additions, *self._with_turned_pads()]
+        grasps = [*results, *self._additions]
+        grasps += self._with_turned_pads(grasps)
         return tuple(sorted(grasps, key=rank_by(self._runner.options.to_dict())))
 
-    def _with_turned_pads(self) -> list[FoundGrasp]:
-        """Return grasps at the contacts of the collected ones with turned pads, as many as free ones are missing.
+    def _with_turned_pads(self, kept: Sequence[FoundGrasp]) -> list[FoundGrasp]:
+        """Return grasps at the contacts of the collected ones with turned pads, as many as usable ones are missing.
 
-        The collected grasps take turns, the best first.
+        Usable are those with a free way in and the pads on their faces. The collected grasps take turns, the best
+        first. ``kept`` are those beside the answer.
         """
-        missing, starts = self._wanted + self._blocked - self._distinct.size, self._distinct.grasps
+        starts = self._distinct.grasps
+        hands = [starts[0].hand, *(grasp.hand for grasp in kept)]
+        missing = self._wanted - sum(not approach_obstructions(hand) for hand in hands)
         if missing <= 0 or not self._turns_pads or self._deadline.should_stop():
             return []
         usable = self._runner.begin(_usable_turns, starts)()
