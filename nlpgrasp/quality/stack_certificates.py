@@ -29,8 +29,8 @@ from nlpgrasp.quality.sandwich import ROUNDING, SHRINK, allowed_scales
 from nlpgrasp.quality.screening import GraspBatch, second_moment
 from nlpgrasp.tasks import Task
 
-CHUNK = 64  # grasps side by side, to fit the processor's cache
-DESCENTS, STEPS = 6, 10  # descents per grasp, and their steps
+CHUNK = 256  # grasps side by side: enough to pay for calls of numpy, few enough for the processor's cache
+DESCENTS, STEPS = 4, 10  # descents per grasp, and their steps
 PLANAR = 60  # sampled directions for planar grasps
 MOST_POINTS, MOST_CELLS = 90, 6000  # vertices and cells of a hull beyond which a grasp is left
 TAIL_POINTS, TAIL = 50, 2  # vertices from which on this many remaining grasps are left: steps pay side by side only
