@@ -14,7 +14,12 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import EXCESS, LocalOptimum, find_local_optimum, residuals_at
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
-from nlpgrasp.optimize.refine_on_body import PASSES, JointLimitMargins, missing_clearance
+from nlpgrasp.optimize.refine_on_body import (
+    PASSES,
+    JointLimitMargins,
+    missing_clearance,
+    overestimated_clearance,
+)
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality import mu
@@ -74,6 +79,9 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     """
     on_faces, candidate = _with_start_faces(compiled, best)
     initial, added = candidate, AddedClearance(compiled, best.surface_points)
+    if best.added_clearance is not None:
+        added.increase += best.added_clearance
+    added.increase = np.maximum(added.increase, overestimated_clearance(added.finer, candidate))
     reason, history = _reason_against_convergence(compiled), [candidate.points]
     best_depth, missed = added.depth(best.on_body.candidate), np.zeros((0, best.on_body.grasp.dimension))
     if compiled.hand_functions.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
@@ -105,7 +113,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         history += [optimum.candidate.points] if is_near_edge else []
         if is_near_edge or (is_deeper and added.extend(result.on_body)):
             on_faces = _with_margins(fix_to_triangles(added.finer, candidate, history)[0], best)
-        elif not missing.any():
+        elif result.solved or not missing.any():
             break
     return replace(best, kkt=replace(residuals_at(on_faces, candidate), reason=reason))
 

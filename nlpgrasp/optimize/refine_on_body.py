@@ -73,8 +73,8 @@ def refine_on_triangles(
 ) -> tuple[GraspOnBody, RefinementResult]:
     """Refine a candidate with contacts on a mesh fixed to their triangles, and return its grasp and the result.
 
-    Where the smooth distance overestimates the clearance of links from the mesh, the required clearance is raised by
-    what they lack. Contacts that come near to further sharp edges are kept away from these as well.
+    Where the smooth distance overestimates the clearance of links from the mesh, the required clearance is raised.
+    Contacts that come near to further sharp edges are kept away from these as well.
 
     Parameters
     ----------
@@ -88,7 +88,9 @@ def refine_on_triangles(
     if on_faces.violation(snapped) > FEASIBLE:
         touched, moved, violation = project_onto_body(compiled, candidate)
         on_faces, snapped = (touched, moved) if violation <= TOUCHING else (on_faces, snapped)
-    lacking = np.zeros(len(compiled.rows.named)) if clearance is None else clearance.copy()
+    lacking = overestimated_clearance(compiled, snapped)
+    if clearance is not None:
+        lacking = np.maximum(lacking, clearance)
     while True:
         widened, initial = on_faces, snapped
         if lacking.any():
@@ -110,6 +112,19 @@ def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatA
     rows = compiled.rows.clearances
     lacking[rows] = [max(compiled.rows.named[i].lower - on_body.values[i], 0.0) for i in rows]
     return lacking
+
+
+def overestimated_clearance(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
+    """Return by how much the smooth distance of links from a mesh exceeds that from the mesh itself, metres, (rows,).
+
+    0 for other constraints, and where the smooth distance is the smaller one.
+    """
+    excess, rows, body = np.zeros(len(compiled.rows.named)), compiled.rows.clearances, compiled.problem.body
+    if len(rows) and isinstance(body, Mesh):
+        points = candidate.points[None]  # these constraints depend on the hand alone
+        smooth = compiled.rows.values(points, np.zeros_like(points), candidate.repeated_hand(1))[0, rows]
+        excess[rows] = np.maximum(smooth - compiled.hand_functions.mesh_clearances(body, candidate.hand), 0.0)
+    return excess
 
 
 def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:

@@ -8,7 +8,7 @@ a result is solved.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 MOST_CLEARANCES = 6  # refinements that move links off what they penetrate, at most
 WORTH_FREEING = 0.8  # least mu without the penetration over that with it
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
+PROMISE = 0.8  # share of the mu before refinement on the body that a candidate is taken to keep at least
 MOST_COLLIDING = 4  # candidates that end in link collisions before a start gives up
 
 
@@ -107,6 +108,7 @@ def _best_of_candidates(
     if not compiled.follows_contacts:
         proposed = move_into_contact(comparing, proposed, rng, deadline)
     clock.mark("propose")
+    refinement = _Refinement(compiled, index, origin, deadline, clock)
     results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
     batch = list[ScoredCandidate]()
@@ -116,15 +118,12 @@ def _best_of_candidates(
         (batch if initial.score > 0.0 else unpromising).append(initial)
         if len(batch) < COMPARED and count < len(proposed) and not deadline.should_stop():
             continue
-        for promising in _sort_by_promise(comparing, batch, deadline):
-            results.append(_result_of_candidate(compiled, index, promising, origin, deadline, clock))
-            if _can_stop(results):
-                break
+        results += refinement.best_first(_sort_by_promise(comparing, batch, deadline))
         if deadline.should_stop() or _can_stop(results):
             break
         batch = []
     for initial in sorted(unpromising, key=lambda grasp: -grasp.score) if not results else ():
-        results.append(_result_of_candidate(compiled, index, initial, origin, deadline, clock))
+        results += refinement.best_first([initial])
         if deadline.should_stop() or results[-1].record.has_grasp:
             break
     best = _best_of_results(results)
@@ -164,7 +163,10 @@ def _sort_by_promise(
         return list(batch)
     advanced_grasps = [(initial, advance_on_body(compiled, initial.candidate, deadline)) for initial in batch]
     advanced_grasps.sort(key=lambda pair: -pair[1].point.value)
-    return [replace(initial, candidate=advanced.point.candidate) for initial, advanced in advanced_grasps]
+    return [
+        replace(initial, candidate=advanced.point.candidate, score=advanced.point.value)
+        for initial, advanced in advanced_grasps
+    ]
 
 
 def _refined_grasps(
@@ -191,59 +193,95 @@ def _can_stop(results: Sequence[StartGrasp]) -> bool:
     return any(result.solved for result in results) or colliding >= MOST_COLLIDING
 
 
-def _result_of_candidate(
-    compiled: CompiledProblem,
-    index: int,
-    initial: ScoredCandidate,
-    origin: CandidateOrigin,
-    deadline: Deadline,
-    clock: Stopwatch,
-) -> StartGrasp:
-    """Return the best result of a candidate: refined on the body, certified and measured."""
-    results, message = list[StartGrasp](), initial.message or origin.value
-    for on_body, refined in _refined_grasps(compiled, index, initial.candidate, deadline):
-        clock.mark("refine")
-        robust = None
-        if compiled.options.maximise_robust:
-            on_body, robust = maximise_robustness(compiled, on_body, deadline)
-            clock.mark("robust")
-        bounds = _certify_grasp(compiled, on_body, refined, deadline)
-        clock.mark("certificate")
-        state = refined.state()
-        result = StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust)
-        clock.mark("link depth")
-        results.append(_free_links(compiled, result, deadline))
-        clock.mark("refine")
-    return _best_of_results(results)
+@dataclass
+class _Refinement:
+    """Refinement of a start's candidates to certified grasps, whose links are moved off what they penetrate.
 
-
-def _free_links(compiled: CompiledProblem, touching: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return a grasp refined until its links hardly penetrate anything; unchanged if that costs much of mu.
-
-    The spheres need not cover a link, so that its shape may penetrate where they do not. Constraints are added there,
-    and the grasp is refined again: on the triangles that it touches, or if these do not permit it, over the whole body.
-    Where the worst displacement is maximised, which the refinement does not know, the grasp is unchanged.
+    Parameters
+    ----------
+    compiled : CompiledProblem
+    index : int
+        Of the start.
+    origin : CandidateOrigin
+    deadline : Deadline
+    clock : Stopwatch
+    points : mapping of str to (m, 3) array
+        Surface points of links that penetrated in a candidate, metres, link frames; the next ones are kept clear there.
     """
-    added, results = AddedClearance(compiled, {}), [touching]
-    if not touching.record.has_grasp or compiled.options.maximise_robust:
-        return touching
-    while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
-        before = results[-1]
-        if before.record.has_grasp:
-            on_body, refined = refine_on_triangles(added.finer, before.refined_candidate, deadline, added.increase)
-        else:
-            on_body, refined = refine_on_body(added.finer, before.refined_candidate, deadline)
-        bounds = _certify_grasp(added.finer, on_body, refined, deadline)
-        record, state = touching.record, refined.state()
-        results.append(
-            StartGrasp.of(added.finer, record.index, on_body, bounds, state, record.message, origin=record.origin)
-        )
-        if _is_stuck(before, results[-1]):
-            break
-    least_mu = WORTH_FREEING * touching.record.mu.lower
-    free = [result for result in results if result.solved and result.record.mu.lower >= least_mu] or [touching]
-    best = min(free, key=lambda result: added.depth(result.on_body.candidate))
-    return replace(best, total_effort=sum((result.effort for result in results), SolverEffort()))
+
+    compiled: CompiledProblem
+    index: int
+    origin: CandidateOrigin
+    deadline: Deadline
+    clock: Stopwatch
+    points: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def best_first(self, candidates: Sequence[ScoredCandidate]) -> list[StartGrasp]:
+        """Return the results of candidates, sorted by their scores, until one is solved.
+
+        The links of a refined grasp are moved off what they penetrate once no other candidate promises more.
+        """
+        waiting, refined, results = list(candidates), list[StartGrasp](), list[StartGrasp]()
+        while (waiting or refined) and not _can_stop(results) and not (results and self.deadline.should_stop()):
+            lower_bounds = [grasp.record.mu.lower for grasp in refined]
+            if waiting and PROMISE * waiting[0].score > max(lower_bounds, default=-np.inf):
+                refined += self._refined_grasps(waiting.pop(0))
+            else:
+                results.append(self._free_links(refined.pop(int(np.argmax(lower_bounds)))))
+                self.clock.mark("refine")
+        return [*results, *refined]
+
+    def _refined_grasps(self, initial: ScoredCandidate) -> list[StartGrasp]:
+        """Return the grasps of a candidate, refined on the body, certified and measured."""
+        results, message = list[StartGrasp](), initial.message or self.origin.value
+        added = AddedClearance(self.compiled, self.points)
+        added.add_points(initial.candidate)
+        compiled, self.points = added.finer, added.points
+        for on_body, refined in _refined_grasps(compiled, self.index, initial.candidate, self.deadline):
+            self.clock.mark("refine")
+            robust = None
+            if compiled.options.maximise_robust:
+                on_body, robust = maximise_robustness(compiled, on_body, self.deadline)
+                self.clock.mark("robust")
+            bounds = _certify_grasp(compiled, on_body, refined, self.deadline)
+            self.clock.mark("certificate")
+            state = refined.state()
+            results.append(
+                StartGrasp.of(compiled, self.index, on_body, bounds, state, message, origin=self.origin, robust=robust)
+            )
+            self.clock.mark("link depth")
+        return results
+
+    def _free_links(self, touching: StartGrasp) -> StartGrasp:
+        """Return a grasp refined until its links hardly penetrate anything; unchanged if that costs much of mu.
+
+        The spheres need not cover a link, so that its shape may penetrate where they do not. Constraints are added
+        there, and the grasp is refined again: on the triangles that it touches, or if these do not permit it, over the
+        whole body. Where the worst displacement is maximised, which the refinement does not know, the grasp is
+        unchanged.
+        """
+        added, results, deadline = AddedClearance(self.compiled, self.points), [touching], self.deadline
+        if not touching.record.has_grasp or self.compiled.options.maximise_robust:
+            return touching
+        while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
+            before = results[-1]
+            if before.record.has_grasp:
+                on_body, refined = refine_on_triangles(added.finer, before.refined_candidate, deadline, added.increase)
+            else:
+                on_body, refined = refine_on_body(added.finer, before.refined_candidate, deadline)
+            bounds = _certify_grasp(added.finer, on_body, refined, deadline)
+            record, state = touching.record, refined.state()
+            result = StartGrasp.of(
+                added.finer, record.index, on_body, bounds, state, record.message, origin=record.origin
+            )
+            results.append(replace(result, added_clearance=added.increase.copy()))
+            if _is_stuck(before, results[-1]):
+                break
+        self.points = added.points
+        least_mu = WORTH_FREEING * touching.record.mu.lower
+        free = [result for result in results if result.solved and result.record.mu.lower >= least_mu] or [touching]
+        best = min(free, key=lambda result: added.depth(result.on_body.candidate))
+        return replace(best, total_effort=sum((result.effort for result in results), SolverEffort()))
 
 
 def _is_stuck(before: StartGrasp, after: StartGrasp) -> bool:

@@ -78,6 +78,8 @@ class StartGrasp(StartResult):
         Depth of the deepest link in body and surroundings with each shape as its convex hull, as in MuJoCo, metres.
     surface_points : mapping of str to (m, 3) array
         Points of links' surfaces that were kept outside the body as well, metres, link frames.
+    added_clearance : (rows,) array or None
+        Increase of the constraints' lower limits, metres, where links were kept farther apart.
     tip_gaps : tuple of (float or None)
         Distance of each contact from its fingertip's link, metres, with a hand that has links.
     hand : mapping or None
@@ -96,6 +98,7 @@ class StartGrasp(StartResult):
     depth: LinkPenetration | None = None
     hull_depth: float = 0.0
     surface_points: Mapping[str, FloatArray] = field(default_factory=dict)
+    added_clearance: FloatArray | None = None
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
     volume: float | None = None
