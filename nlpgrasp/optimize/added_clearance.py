@@ -61,9 +61,12 @@ class AddedClearance:
             return False  # nothing keeps these two links apart
         return self._add_points(on_body.candidate, deep) or any(is_apart)
 
-    def add_points(self, candidate: GraspCandidate) -> bool:
-        """Add constraints on surface points wherever a candidate's links penetrate; return whether any were added."""
-        return self._add_points(candidate, self._penetrations(candidate))
+    def add_points(self, candidate: GraspCandidate) -> None:
+        """Add constraints on surface points wherever a candidate's links penetrate by more than the tolerance.
+
+        A candidate may be on a mesh's smoothed surface, where its fingertips penetrate the mesh a little.
+        """
+        self._add_points(candidate, [deep for deep in self._penetrations(candidate) if not deep.is_free])
 
     def _add_points(self, candidate: GraspCandidate, deep: Sequence[LinkPenetration]) -> bool:
         """Add constraints on surface points about the given penetrations; return whether any were added."""
