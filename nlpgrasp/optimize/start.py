@@ -224,14 +224,14 @@ class _Refinement:
         waiting, refined, results = list(candidates), list[StartGrasp](), list[StartGrasp]()
         while (waiting or refined) and not _can_stop(results) and not (results and self.deadline.should_stop()):
             lower_bounds = [grasp.record.mu.lower for grasp in refined]
-            if waiting and PROMISE * waiting[0].score > max(lower_bounds, default=-np.inf):
-                refined += self._refined_grasps(waiting.pop(0))
+            if waiting and (not refined or PROMISE * waiting[0].score > max(lower_bounds)):
+                refined += self._certified_grasps(waiting.pop(0))
             else:
                 results.append(self._free_links(refined.pop(int(np.argmax(lower_bounds)))))
                 self.clock.mark("refine")
         return [*results, *refined]
 
-    def _refined_grasps(self, initial: ScoredCandidate) -> list[StartGrasp]:
+    def _certified_grasps(self, initial: ScoredCandidate) -> list[StartGrasp]:
         """Return the grasps of a candidate, refined on the body, certified and measured."""
         results, message = list[StartGrasp](), initial.message or self.origin.value
         added = AddedClearance(self.compiled, self.points)
