@@ -1,12 +1,16 @@
 """Grasps whose links stay outside the body where their collision spheres do not cover them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.optimize import start
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.initial_nlp import ScoredCandidate
 from tests.hands.urdf import THREE, THREE_TIPS, three_finger_hand
 from tests.once import solve_once
 
@@ -90,3 +94,32 @@ def test_surface_points_are_constraints_of_their_own():
         moved = np.concatenate([p @ poses[link][:3, :3].T + poses[link][:3, 3] for link, p in points.items()])
         rows = finer.rows.values(contacts, contacts, {name: v[None] for name, v in values.items()})[0]
         np.testing.assert_allclose(rows[added], BOX.signed_distance(moved), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("promised", "kept", "refined", "freed"),
+    [
+        ([0.78, 0.74], [0.27, 0.72], 2, [0.72]),
+        ([0.78, 0.74], [0.70, 0.72], 1, [0.70]),
+        ([-np.inf, -np.inf], [0.1, 0.2], 1, [0.1]),
+    ],
+)
+def test_links_are_freed_of_the_candidate_that_kept_most(monkeypatch, promised, kept, refined, freed):
+    """A second candidate is refined where the first one kept less than 0.8 of what the second promises."""
+    grasps = [
+        SimpleNamespace(record=SimpleNamespace(mu=ng.Bounds(value, value), status=ng.Status.SOLVED), solved=True)
+        for value in kept
+    ]
+    certified, freed_values = iter(grasps), []
+
+    def free_links(refinement, grasp):
+        freed_values.append(grasp.record.mu.lower)
+        return grasp
+
+    monkeypatch.setattr(start._Refinement, "_certified_grasps", lambda refinement, initial: [next(certified)])
+    monkeypatch.setattr(start._Refinement, "_free_links", free_links)
+    candidates = [ScoredCandidate(None, score) for score in promised]
+    results = start._Refinement(None, 0, None, Deadline(), Stopwatch()).best_first(candidates)
+    assert freed_values == freed
+    assert results[0].record.mu.lower == freed[0]
+    assert len(results) == refined
