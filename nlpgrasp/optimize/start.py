@@ -232,11 +232,22 @@ class _Refinement:
         return [*results, *refined]
 
     def _certified_grasps(self, initial: ScoredCandidate) -> list[StartGrasp]:
-        """Return the grasps of a candidate, refined on the body, certified and measured."""
-        results, message = list[StartGrasp](), initial.message or self.origin.value
-        added = AddedClearance(self.compiled, self.points)
+        """Return the grasps of a candidate, refined on the body, certified and measured.
+
+        Links are kept clear where they penetrate in it; if that leaves no grasp, they may penetrate there.
+        """
+        added, results = AddedClearance(self.compiled, self.points), list[StartGrasp]()
         added.add_points(initial.candidate)
-        compiled, self.points = added.finer, added.points
+        for compiled in dict.fromkeys((added.finer, self.compiled)):
+            results += self._refine_under(compiled, initial)
+            if any(result.record.has_grasp for result in results):
+                self.points = added.points if compiled is added.finer else self.points
+                break
+        return results
+
+    def _refine_under(self, compiled: CompiledProblem, initial: ScoredCandidate) -> Iterator[StartGrasp]:
+        """Yield the grasps of a candidate under a compiled problem, refined on the body, certified and measured."""
+        message = initial.message or self.origin.value
         for on_body, refined in _refined_grasps(compiled, self.index, initial.candidate, self.deadline):
             self.clock.mark("refine")
             robust = None
@@ -245,12 +256,9 @@ class _Refinement:
                 self.clock.mark("robust")
             bounds = _certify_grasp(compiled, on_body, refined, self.deadline)
             self.clock.mark("certificate")
-            state = refined.state()
-            results.append(
-                StartGrasp.of(compiled, self.index, on_body, bounds, state, message, origin=self.origin, robust=robust)
-            )
+            state, origin = refined.state(), self.origin
+            yield StartGrasp.of(compiled, self.index, on_body, bounds, state, message, origin=origin, robust=robust)
             self.clock.mark("link depth")
-        return results
 
     def _free_links(self, touching: StartGrasp) -> StartGrasp:
         """Return a grasp refined until its links hardly penetrate anything; unchanged if that costs much of mu.
