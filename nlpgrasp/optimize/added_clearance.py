@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -33,17 +33,15 @@ class AddedClearance:
 
     Attributes
     ----------
-    points : dict of str to (m, 3) array
-        All surface points so far, by link.
     finer : CompiledProblem
-        The problem compiled with them.
+        The problem compiled with all surface points so far.
     increase : (rows,) array
         Increase of the lower limits of the constraints of ``finer``, metres.
     """
 
     def __init__(self, compiled: CompiledProblem, points: Mapping[str, FloatArray]) -> None:
         self.compiled, self.finer = compiled, compiled.with_surface_points(points)
-        self.points, self.increase = dict(points), np.zeros(len(self.finer.rows.named))
+        self._points, self.increase = dict(points), np.zeros(len(self.finer.rows.named))
 
     def depth(self, candidate: GraspCandidate) -> float:
         """Return the depth of the deepest link of a candidate, metres; 0 where no constraint would be added."""
@@ -54,34 +52,23 @@ class AddedClearance:
 
         Two links in each other that no spheres keep apart stay so.
         """
+        hulls, values, points = self.compiled.hull_depths, on_body.candidate.hand, dict(self._points)
         deep = self._penetrations(on_body.candidate)
         in_links = [penetration for penetration in deep if penetration.other_link]
         is_apart = [self._move_apart(on_body, penetration) for penetration in in_links]
         if any(not penetration.is_free for penetration, moved in zip(in_links, is_apart, strict=True) if not moved):
             return False  # nothing keeps these two links apart
-        return self._add_points(on_body.candidate, deep) or any(is_apart)
-
-    def add_points(self, candidate: GraspCandidate) -> None:
-        """Add constraints on surface points wherever a candidate's links penetrate by more than the tolerance.
-
-        A candidate may be on a mesh's smoothed surface, where its fingertips penetrate the mesh a little.
-        """
-        self._add_points(candidate, [deep for deep in self._penetrations(candidate) if not deep.is_free])
-
-    def _add_points(self, candidate: GraspCandidate, deep: Sequence[LinkPenetration]) -> bool:
-        """Add constraints on surface points about the given penetrations; return whether any were added."""
-        hulls, points = self.compiled.hull_depths, dict(self.points)
         for penetration in deep:
             if not penetration.other_link and hulls is not None:
-                link, added = str(penetration.link), hulls.points_inside(candidate.hand, penetration)
+                link, added = str(penetration.link), hulls.points_inside(values, penetration)
                 points |= {link: np.concatenate([points.get(link, added[:0]), added])} if len(added) else {}
-        has_more = sum(map(len, points.values())) > sum(map(len, self.points.values()))
+        has_more = sum(map(len, points.values())) > sum(map(len, self._points.values()))
         if has_more:
             increase = self.increase[self.finer.rows.without_surface_points]
-            self.finer, self.points = self.compiled.with_surface_points(points), points
+            self.finer, self._points = self.compiled.with_surface_points(points), points
             self.increase = np.zeros(len(self.finer.rows.named))
             self.increase[self.finer.rows.without_surface_points] = increase
-        return has_more
+        return has_more or any(is_apart)
 
     def _penetrations(self, candidate: GraspCandidate) -> list[LinkPenetration]:
         """Return the deep penetrations of the links' hulls in body and surroundings, and of links in each other."""

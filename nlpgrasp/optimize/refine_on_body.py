@@ -62,7 +62,7 @@ def refine_on_body(
         if moved is None:
             break
         trial, improved = refine_on_triangles(compiled, moved, deadline)
-        if (trial.is_feasible, improved.point.value) <= (on_body.is_feasible, (1.0 + GAIN) * value):
+        if not trial.is_feasible or (on_body.is_feasible and improved.point.value <= (1.0 + GAIN) * value):
             break
         on_body, result = trial, replace(improved, history=result.history + improved.history)
     return on_body, result

@@ -8,7 +8,7 @@ a result is solved.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -193,7 +193,7 @@ def _can_stop(results: Sequence[StartGrasp]) -> bool:
     return any(result.solved for result in results) or colliding >= MOST_COLLIDING
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Refinement:
     """Refinement of a start's candidates to certified grasps, whose links are moved off what they penetrate.
 
@@ -205,8 +205,6 @@ class _Refinement:
     origin : CandidateOrigin
     deadline : Deadline
     clock : Stopwatch
-    points : mapping of str to (m, 3) array
-        Surface points of links that penetrated in a candidate, metres, link frames; the next ones are kept clear there.
     """
 
     compiled: CompiledProblem
@@ -214,7 +212,6 @@ class _Refinement:
     origin: CandidateOrigin
     deadline: Deadline
     clock: Stopwatch
-    points: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def best_first(self, candidates: Sequence[ScoredCandidate]) -> list[StartGrasp]:
         """Return the results of candidates, sorted by their scores, until one is solved.
@@ -231,24 +228,10 @@ class _Refinement:
                 self.clock.mark("refine")
         return [*results, *refined]
 
-    def _certified_grasps(self, initial: ScoredCandidate) -> list[StartGrasp]:
-        """Return the grasps of a candidate, refined on the body, certified and measured.
-
-        Links are kept clear where they penetrate in it; if that leaves no grasp, they may penetrate there.
-        """
-        added, results = AddedClearance(self.compiled, self.points), list[StartGrasp]()
-        added.add_points(initial.candidate)
-        for compiled in dict.fromkeys((added.finer, self.compiled)):
-            results += self._refine_under(compiled, initial)
-            if any(result.record.has_grasp for result in results):
-                self.points = added.points if compiled is added.finer else self.points
-                break
-        return results
-
-    def _refine_under(self, compiled: CompiledProblem, initial: ScoredCandidate) -> Iterator[StartGrasp]:
-        """Yield the grasps of a candidate under a compiled problem, refined on the body, certified and measured."""
-        message = initial.message or self.origin.value
-        for on_body, refined in _refined_grasps(compiled, self.index, initial.candidate, self.deadline):
+    def _certified_grasps(self, initial: ScoredCandidate) -> Iterator[StartGrasp]:
+        """Yield the grasps of a candidate, refined on the body, certified and measured."""
+        compiled, index, origin, message = self.compiled, self.index, self.origin, initial.message or self.origin.value
+        for on_body, refined in _refined_grasps(compiled, index, initial.candidate, self.deadline):
             self.clock.mark("refine")
             robust = None
             if compiled.options.maximise_robust:
@@ -256,8 +239,8 @@ class _Refinement:
                 self.clock.mark("robust")
             bounds = _certify_grasp(compiled, on_body, refined, self.deadline)
             self.clock.mark("certificate")
-            state, origin = refined.state(), self.origin
-            yield StartGrasp.of(compiled, self.index, on_body, bounds, state, message, origin=origin, robust=robust)
+            state = refined.state()
+            yield StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust)
             self.clock.mark("link depth")
 
     def _free_links(self, touching: StartGrasp) -> StartGrasp:
@@ -268,7 +251,7 @@ class _Refinement:
         whole body. Where the worst displacement is maximised, which the refinement does not know, the grasp is
         unchanged.
         """
-        added, results, deadline = AddedClearance(self.compiled, self.points), [touching], self.deadline
+        added, results, deadline = AddedClearance(self.compiled, {}), [touching], self.deadline
         if not touching.record.has_grasp or self.compiled.options.maximise_robust:
             return touching
         while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
@@ -285,7 +268,6 @@ class _Refinement:
             results.append(replace(result, added_clearance=added.increase.copy()))
             if _is_stuck(before, results[-1]):
                 break
-        self.points = added.points
         least_mu = WORTH_FREEING * touching.record.mu.lower
         free = [result for result in results if result.solved and result.record.mu.lower >= least_mu] or [touching]
         best = min(free, key=lambda result: added.depth(result.on_body.candidate))
