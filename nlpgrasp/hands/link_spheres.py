@@ -5,7 +5,7 @@ cover chooses few such spheres that cover samples of the surface; the error e gr
 more than ``MOST_ERROR`` is needed, as for thick blocks, spheres are reduced to it: they no longer forbid grasps that
 the hand can take, and the link sticks out of them by ``uncovered``. The penetration of the shapes themselves is
 measured at every grasp (``nlpgrasp.motion.penetration``); where a link penetrates, points of its surface join the
-spheres (``URDFHand.with_surface_points``).
+spheres (``URDFHand.with_link_constraints``).
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, NoReturn
@@ -55,12 +56,36 @@ from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
 ROUNDING = 1e-9  # metres: rounding tolerance of an overhang
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 SPHERES = 6  # of a link
-SURFACE_POINT = "surface point"  # in names of constraints
+SURFACE_POINT, ADDED = "surface point", " (added)"  # in names of added constraints
 POINT_CLEARANCE = 1e-3  # metres: distance from the body of surface points of links without a fingertip
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
+
+
+@dataclass(frozen=True)
+class LinkConstraints:
+    """Constraints on a hand's links beside those of its collision spheres.
+
+    Parameters
+    ----------
+    points : mapping of str to (m, 3) array
+        By link, points of its surface that must be outside the body as well, metres, link frame.
+    pairs : tuple of LinkPair
+        Pairs of links whose spheres are kept apart as well.
+    """
+
+    points: Mapping[str, FloatArray] = field(default_factory=dict)
+    pairs: tuple[LinkPair, ...] = ()
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Hashable content."""
+        return tuple((link, points.tobytes()) for link, points in self.points.items()), self.pairs
+
+    def __bool__(self) -> bool:
+        return bool(self.points or self.pairs)
 
 
 class URDFHand(LinkedHand):
@@ -83,8 +108,8 @@ class URDFHand(LinkedHand):
         Link and patch of each contact, in the order of the contacts.
     fits : mapping of str to SphereFit
         Collision spheres of each link, with their error.
-    surface_points : mapping of str to (m, 3) array
-        By link, points of its surface that must be outside the body as well, metres, link frame.
+    link_constraints : LinkConstraints
+        Constraints on its links beside those of the spheres.
     """
 
     kind: ClassVar[str] = "urdf"
@@ -105,7 +130,7 @@ class URDFHand(LinkedHand):
         if not isinstance(self_collision, bool):
             raise InputError("URDFHand.self_collision", self_collision, "True or False")
         self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
-        self.surface_points: Mapping[str, FloatArray] = {}
+        self.link_constraints = LinkConstraints()
         if not self.robot.free_joints:
             fixed = ", ".join(j.name for j in self.robot.joints)
             given = f"no movable joints below {self.robot.root}" + (f" (fixed: {fixed})" if fixed else "")
@@ -232,10 +257,10 @@ class URDFHand(LinkedHand):
         result.clearance = number("URDFHand.clearance", clearance)
         return result
 
-    def with_surface_points(self, points: Mapping[str, FloatArray]) -> URDFHand:
-        """Return the same hand with points (m, 3) of some links' surfaces, link frame, kept outside the body."""
+    def with_link_constraints(self, constraints: LinkConstraints) -> URDFHand:
+        """Return the same hand with other constraints on its links beside those of the spheres."""
         result = copy(self)
-        result.surface_points = dict(points)
+        result.link_constraints = constraints
         return result
 
     def with_limits(self, limits: FloatArray) -> URDFHand:
@@ -283,7 +308,9 @@ class URDFHand(LinkedHand):
             rows += tip.rows(SymbolicTouch(link, i, poses[link], p, n, slide, placement.size))
         if self.self_collision:
             rows += tip_clearance_constraints(self.tree, variables)
-        return rows + self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
+        rows += self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
+        added = self_collision_constraints(self.link_constraints.pairs, placement.spheres, self.tree.span)
+        return rows + [replace(row, part=row.part + ADDED) for row in added]
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' collision spheres in the body frame; a surface point is one without a radius."""
@@ -296,7 +323,7 @@ class URDFHand(LinkedHand):
                 result.append(LinkSphere(f"{link}/{i}", position, float(radius), self.clearance))
         groups = self.robot.rigid_groups
         with_tip = {groups[link] for link, _ in self.tips}
-        for link, points in self.surface_points.items():
+        for link, points in self.link_constraints.points.items():
             least = 0.0 if groups[link] in with_tip else POINT_CLEARANCE
             for i, point in enumerate(points):
                 position = poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(point))

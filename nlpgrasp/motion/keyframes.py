@@ -31,6 +31,7 @@ OPENING_SHARES = (1.0, 0.5, 0.25)  # of the pregrasp's opening, tried until the 
 GENTLE = 1e-4  # metres: largest depth of a link on its way in that does not move the body
 MOST_TOUCHING = 4  # free ways of the links' spheres that are tried for touching nothing, then for being free
 NO_PREGRASP = "the hand has no pregrasp"
+PENETRATES = "links penetrate something in the grasp itself"
 
 
 def plan_keyframes(
@@ -61,8 +62,9 @@ def plan_keyframes(
     Returns
     -------
     dict
-        ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``way_in`` (penetration of
-        the links' own shapes on that path and while the fingers close), ``phases`` and ``lift``.
+        ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none, such as links that penetrate
+        something in the grasp itself), ``way_in`` (penetration of the links' own shapes on that path and while the
+        fingers close), ``phases`` and ``lift``.
     """
     model = spheres or CollisionModel(problem, hand)
     grasp_phase = Phase.of(GRASP, hand.describe(grasp))
@@ -72,7 +74,10 @@ def plan_keyframes(
     }
     if pregrasp is None:
         return {"approach": _missing_approach_record(NO_PREGRASP), **entries}
-    palm_model, shapes = model.for_palm_motion(), _ShapeCheck(links or PenetrationModel(problem, hand), grasp)
+    links = links or PenetrationModel(problem, hand)
+    if links.has_shapes and not links.in_posture(grasp).is_free:
+        return {"approach": _missing_approach_record(PENETRATES), **entries}
+    palm_model, shapes = model.for_palm_motion(), _ShapeCheck(links, grasp)
     open_straight = partial(open_hand_straight, model, grasp, pregrasp)
     opening = shapes.free_opening(open_straight)
     path = find_free_approach(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
@@ -65,7 +65,7 @@ class CompiledProblem:
         self._initial_nlps: dict[int, CompiledProgram] = {}  # by the number of task samples
         self._parent: CompiledProblem | None = None  # the problem that this one shares its parts with
         self._program_for_faces: CuttingPlaneProgram | None = None
-        self._with_points: tuple[tuple[tuple[str, bytes], ...], CompiledProblem] | None = None
+        self._with_added: tuple[tuple[object, ...], CompiledProblem] | None = None
 
     @cached_property
     def link_depths(self) -> PenetrationModel | None:
@@ -173,21 +173,20 @@ class CompiledProblem:
         result.cutting_planes = self.cutting_planes.with_raised_lower_limits(raised)
         return result
 
-    def with_surface_points(self, points: Mapping[str, FloatArray]) -> CompiledProblem:
-        """Return the compiled problem with points (m, 3) of links' surfaces, link frame, kept outside the body.
+    def with_link_constraints(self, added: LinkConstraints) -> CompiledProblem:
+        """Return the compiled problem with constraints on the hand's links beside those of their spheres.
 
-        Constraints and programs are compiled anew, once for the same points.
+        Constraints and programs are compiled anew, once for the same ones.
         """
         hand = self.problem.hand
-        if not points or not isinstance(hand, URDFHand):
+        if not added or not isinstance(hand, URDFHand):
             return self
-        key = tuple((link, values.tobytes()) for link, values in points.items())
-        if self._with_points is None or self._with_points[0] != key:
-            problem = self.problem.unchecked(hand=hand.with_surface_points(points))
+        if self._with_added is None or self._with_added[0] != added.key:
+            problem = self.problem.unchecked(hand=hand.with_link_constraints(added))
             result = CompiledProblem(problem, self.options)
             result.surface, result._parent = self.surface, self
-            self._with_points = key, result
-        return self._with_points[1]
+            self._with_added = added.key, result
+        return self._with_added[1]
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Share constraint functions and surface samples with another compiled problem, and return the other."""

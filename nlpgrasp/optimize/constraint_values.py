@@ -11,7 +11,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.evaluation import BatchEvaluator
-from nlpgrasp.common.scalar_constraints import CLEARANCE, SELF_COLLISION, ScalarConstraint
+from nlpgrasp.common.scalar_constraints import CLEARANCE, ScalarConstraint
 from nlpgrasp.common.spatial import pose_data
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
@@ -20,7 +20,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
-from nlpgrasp.hands.urdf_hand import SURFACE_POINT
+from nlpgrasp.hands.urdf_hand import ADDED, SURFACE_POINT
 from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_distance_fields, distance_to_all
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
@@ -117,29 +117,16 @@ class ConstraintValues:
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     @cached_property
-    def without_surface_points(self) -> IntArray:
-        """Indices of the constraints other than those on surface points of links: those of the problem as given."""
-        return np.array([i for i, r in enumerate(self.named) if f"/{SURFACE_POINT} " not in r.link], dtype=int)
-
-    def link_slack(self, values: FloatArray, link: str, other: str = "") -> FloatArray:
-        """Return the clearance of a link's spheres beyond the required one, metres, (rows,); inf for other constraints.
-
-        Parameters
-        ----------
-        values : (rows,) array
-            Values of the constraints, in their own units.
-        link : str
-        other : str
-            Another link: then the slack of the constraints between the spheres of both.
-        """
-        result = np.full(len(self.named), np.inf)
-        for i, (constraint, value) in enumerate(zip(self.named, values, strict=True)):
-            if other and constraint.kind == SELF_COLLISION:
-                if {name.rpartition("/")[0] for name in constraint.part.split(" and ")} == {link, other}:
-                    result[i] = np.sqrt(max(value, 0.0)) - np.sqrt(constraint.lower)
-            elif not other and constraint.link.startswith(f"{link}/"):
-                result[i] = value - constraint.lower
-        return result
+    def as_given(self) -> IntArray:
+        """Indices of the problem's own constraints: those other than the ``LinkConstraints`` added to the hand."""
+        return np.array(
+            [
+                i
+                for i, constraint in enumerate(self.named)
+                if f"/{SURFACE_POINT} " not in constraint.link and not constraint.part.endswith(ADDED)
+            ],
+            dtype=int,
+        )
 
     @cached_property
     def _rows(self) -> tuple[CandidateConstraints, list[ca.SX]]:

@@ -21,6 +21,7 @@ from nlpgrasp.quality import mu
 
 DEPTH_ROUNDING = 1e-5  # metres
 DEEPER = "at the local optimum next to this grasp a link is deeper in something"  # reason against it
+MOST_UNSETTLED = 2  # attempts that end without small residuals, at most
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
 ALIKE = 1.0 - 1e-6  # least cosine between two directions that count as one
 FRAGILE_OPTIMUM = "the local optimum next to this grasp is fragile"  # reason why it is not the answer
@@ -60,7 +61,7 @@ def _with_start_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[Com
     candidate = start.on_body.candidate
     if np.array_equal(start.refined_candidate.points, candidate.points):  # the triangle of a contact on an edge
         candidate = replace(candidate, faces=start.refined_candidate.faces)
-    on_faces, candidate = fix_to_triangles(compiled.with_surface_points(start.surface_points), candidate)
+    on_faces, candidate = fix_to_triangles(compiled.with_link_constraints(start.link_constraints), candidate)
     return _with_margins(on_faces, start), candidate
 
 
@@ -70,19 +71,18 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
     again: with the edge margin required there, too, or with the missing link clearance added. So it is with constraints
     on links that are deeper in the body than before, and with directions that descents missed and its certificate
-    shows. Where links are still deeper, or directions missing, after the last attempt, none is accepted.
+    shows. Where links are still deeper, or directions missing, after the last attempt, none is accepted. The second
+    attempt that does not settle is the last one.
     """
     on_faces, candidate = _with_start_faces(compiled, best)
-    initial, added = candidate, AddedClearance(compiled, best.surface_points)
-    if best.added_clearance is not None:
-        added.increase += best.added_clearance
-    added.increase = np.maximum(added.increase, overestimated_clearance(added.finer, candidate))
-    reason, history = _reason_against_convergence(compiled), [candidate.points]
+    initial, added = candidate, AddedClearance(compiled, best.link_constraints)
+    clearance = overestimated_clearance(added.finer, candidate)
+    reason, history, unsettled = _reason_against_convergence(compiled), [candidate.points], 0
     best_depth, missed = added.depth(best.on_body.candidate), np.zeros((0, best.on_body.grasp.dimension))
     if compiled.hand_functions.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
-        cleared = on_faces.with_clearance(added.increase) if added.increase.any() else on_faces
+        cleared = on_faces.with_clearance(clearance) if clearance.any() else on_faces
         optimum = find_local_optimum(cleared, initial, deadline, missed if len(missed) else None)
         if optimum is None:
             break
@@ -98,15 +98,21 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         reason = DEEPER if is_deeper else _rejection_reason(compiled, best, result)
         if not reason:
             return result
-        if deadline.should_stop():
+        unsettled += not optimum.kkt.is_small
+        if deadline.should_stop() or unsettled == MOST_UNSETTLED:
             break
         if optimum.kkt.is_small:
             initial = replace(initial, points=optimum.candidate.points, hand=optimum.candidate.hand)
         missing = missing_clearance(added.finer, result.on_body)
-        added.increase += missing
+        clearance += missing
         is_near_edge = any(limit.value < limit.lower for limit in result.on_body.per_contact)
         history += [optimum.candidate.points] if is_near_edge else []
-        if is_near_edge or (is_deeper and added.extend(result.on_body)):
+        given = clearance[added.finer.rows.as_given]
+        is_extended = is_deeper and not is_near_edge and added.extend(result.on_body.candidate)
+        if is_extended:
+            clearance = overestimated_clearance(added.finer, candidate)
+            clearance[added.finer.rows.as_given] = given
+        if is_near_edge or is_extended:
             on_faces = _with_margins(fix_to_triangles(added.finer, candidate, history)[0], best)
         elif result.solved or not missing.any():
             break

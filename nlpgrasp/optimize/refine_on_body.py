@@ -69,28 +69,18 @@ def refine_on_body(
 
 
 def refine_on_triangles(
-    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, clearance: FloatArray | None = None
+    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
 ) -> tuple[GraspOnBody, RefinementResult]:
     """Refine a candidate with contacts on a mesh fixed to their triangles, and return its grasp and the result.
 
     Where the smooth distance overestimates the clearance of links from the mesh, the required clearance is raised.
     Contacts that come near to further sharp edges are kept away from these as well.
-
-    Parameters
-    ----------
-    compiled : CompiledProblem
-    candidate : GraspCandidate
-    deadline : Deadline
-    clearance : (rows,) array, optional
-        Increase of the constraints' lower limits, metres; zero if not given.
     """
     edge_points, (on_faces, snapped) = [candidate.points], fix_to_triangles(compiled, candidate)
     if on_faces.violation(snapped) > FEASIBLE:
         touched, moved, violation = project_onto_body(compiled, candidate)
         on_faces, snapped = (touched, moved) if violation <= TOUCHING else (on_faces, snapped)
     lacking = overestimated_clearance(compiled, snapped)
-    if clearance is not None:
-        lacking = np.maximum(lacking, clearance)
     while True:
         widened, initial = on_faces, snapped
         if lacking.any():

@@ -14,6 +14,7 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.added_clearance import AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -251,21 +252,22 @@ class _Refinement:
         whole body. Where the worst displacement is maximised, which the refinement does not know, the grasp is
         unchanged.
         """
-        added, results, deadline = AddedClearance(self.compiled, {}), [touching], self.deadline
+        added, results, deadline = AddedClearance(self.compiled, LinkConstraints()), [touching], self.deadline
         if not touching.record.has_grasp or self.compiled.options.maximise_robust:
             return touching
-        while len(results) <= MOST_CLEARANCES and not deadline.should_stop() and added.extend(results[-1].on_body):
+        while len(results) <= MOST_CLEARANCES and not deadline.should_stop():
             before = results[-1]
+            if not added.extend(before.on_body.candidate):
+                break
             if before.record.has_grasp:
-                on_body, refined = refine_on_triangles(added.finer, before.refined_candidate, deadline, added.increase)
+                on_body, refined = refine_on_triangles(added.finer, before.refined_candidate, deadline)
             else:
                 on_body, refined = refine_on_body(added.finer, before.refined_candidate, deadline)
             bounds = _certify_grasp(added.finer, on_body, refined, deadline)
             record, state = touching.record, refined.state()
-            result = StartGrasp.of(
-                added.finer, record.index, on_body, bounds, state, record.message, origin=record.origin
+            results.append(
+                StartGrasp.of(added.finer, record.index, on_body, bounds, state, record.message, origin=record.origin)
             )
-            results.append(replace(result, added_clearance=added.increase.copy()))
             if _is_stuck(before, results[-1]):
                 break
         least_mu = WORTH_FREEING * touching.record.mu.lower

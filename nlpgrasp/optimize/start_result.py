@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.pad import AlongNormalError
 from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
@@ -76,10 +76,8 @@ class StartGrasp(StartResult):
         Penetration of the links, with a hand whose links have shapes.
     hull_depth : float
         Depth of the deepest link in body and surroundings with each shape as its convex hull, as in MuJoCo, metres.
-    surface_points : mapping of str to (m, 3) array
-        Points of links' surfaces that were kept outside the body as well, metres, link frames.
-    added_clearance : (rows,) array or None
-        Increase of the constraints' lower limits, metres, where links were kept farther apart.
+    link_constraints : LinkConstraints
+        Constraints on the hand's links that were added to those of the problem.
     tip_gaps : tuple of (float or None)
         Distance of each contact from its fingertip's link, metres, with a hand that has links.
     hand : mapping or None
@@ -97,8 +95,7 @@ class StartGrasp(StartResult):
     kkt: KKT | None = None
     depth: LinkPenetration | None = None
     hull_depth: float = 0.0
-    surface_points: Mapping[str, FloatArray] = field(default_factory=dict)
-    added_clearance: FloatArray | None = None
+    link_constraints: LinkConstraints = field(default_factory=LinkConstraints)
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
     volume: float | None = None
@@ -118,8 +115,7 @@ class StartGrasp(StartResult):
     ) -> StartGrasp:
         """Return the result of a start with its record: solved if certified, feasible and free of collisions.
 
-        Constraints on surface points that the compiled problem keeps outside the body beside the problem's own are not
-        reported.
+        Constraints on links beside the problem's own are not reported.
         """
         depth, gaps, links, hulls = None, list[float | None](), compiled.link_depths, compiled.hull_depths
         in_hulls = [] if hulls is None else hulls.in_surroundings(on_body.candidate.hand)
@@ -153,7 +149,7 @@ class StartGrasp(StartResult):
             state.candidate,
             depth=depth,
             hull_depth=max((penetration.depth for penetration in in_hulls), default=0.0),
-            surface_points=hand.surface_points if isinstance(hand, URDFHand) else {},
+            link_constraints=hand.link_constraints if isinstance(hand, URDFHand) else LinkConstraints(),
             tip_gaps=tuple(gaps),
         )
 

@@ -62,23 +62,3 @@ def test_hand_values_for_many_placements():
     candidate = GraspCandidate(("a",), np.zeros((1, 3)), {"joints": np.array([1.0, 2.0])})
     np.testing.assert_array_equal(candidate.repeated_hand(2)["joints"], [[1.0, 2.0], [1.0, 2.0]])
     assert GraspCandidate(("a",), np.zeros((1, 3))).repeated_hand(5) == {}
-
-
-def test_two_links_that_penetrate_each_other_are_moved_apart_by_as_much():
-    """The least distance of two spheres grows by a millimetre, though the program has its square."""
-    hand = four_finger_hand()
-    problem = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6), hand=hand)
-    compiled = CompiledProblem(problem, ng.SolveOptions())
-    a, b = hand.self_collision_pairs[0].links
-    values = np.array([4.0 * constraint.lower for constraint in compiled.rows.named])
-    slack = compiled.rows.link_slack(values, b, a)
-    (rows,) = np.nonzero(np.isfinite(slack))
-    named = [compiled.rows.named[i] for i in rows]
-    assert len(named) == len(hand.self_collision_pairs[0].pairs)
-    np.testing.assert_allclose(slack[rows], [np.sqrt(constraint.lower) for constraint in named])
-    increase = np.zeros(len(values))
-    increase[rows] = 1e-3
-    program = compiled.with_clearance(increase).cutting_planes.functions.program
-    limits = program.limits[0][rows + program.placement.start]
-    least = [np.sqrt(limit * constraint.scale) for limit, constraint in zip(limits, named, strict=True)]
-    np.testing.assert_allclose(least, [np.sqrt(constraint.lower) + 1e-3 for constraint in named], rtol=1e-9)

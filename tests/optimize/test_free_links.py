@@ -1,5 +1,6 @@
 """Grasps whose links stay outside the body where their collision spheres do not cover them."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,11 +8,14 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline, Stopwatch
+from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.optimize import start
+from nlpgrasp.optimize.added_clearance import AddedClearance
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.initial_nlp import ScoredCandidate
-from tests.hands.urdf import THREE, THREE_TIPS, three_finger_hand
+from tests.hands.urdf import THREE, THREE_TIPS, four_finger_hand, three_finger_hand
 from tests.once import solve_once
 
 QUICK = ng.SolveOptions(workers=1, global_bound=False)
@@ -81,9 +85,9 @@ def test_surface_points_are_constraints_of_their_own():
     }
     given = ng.GraspProblem(BOX, ng.FrictionContact(0.7), ng.TaskEllipsoid([1.0] * 6), hand=hand)
     plain = CompiledProblem(given, QUICK)
-    finer = plain.with_surface_points(points)
-    assert finer is plain.with_surface_points(points)
-    own = finer.rows.without_surface_points
+    finer = plain.with_link_constraints(LinkConstraints(points))
+    assert finer is plain.with_link_constraints(LinkConstraints(points))
+    own = finer.rows.as_given
     assert [finer.rows.named[i].name for i in own] == [row.name for row in plain.rows.named]
     added = np.setdiff1d(np.arange(len(finer.rows.named)), own)
     assert [finer.rows.named[i].lower for i in added] == [1e-3, 1e-3, 0.0]  # a fingertip may touch
@@ -93,6 +97,34 @@ def test_surface_points_are_constraints_of_their_own():
         moved = np.concatenate([p @ poses[link][:3, :3].T + poses[link][:3, 3] for link, p in points.items()])
         rows = finer.rows.values(contacts, contacts, {name: v[None] for name, v in values.items()})[0]
         np.testing.assert_allclose(rows[added], BOX.signed_distance(moved), atol=1e-4)
+
+
+def test_two_links_in_each_other_are_moved_apart_by_as_much():
+    """The nearest spheres of both get a constraint of their own, also where the hand's own keep them apart less."""
+    hand = four_finger_hand()
+    given = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6), hand=hand)
+    plain = CompiledProblem(given, QUICK)
+    values, penetration = next(
+        (values, penetration)
+        for values in postures(hand, 200)
+        for penetration in plain.link_depths.in_each_other(values)
+        if penetration.depth > 5e-4 and {penetration.link, penetration.other_link} <= set(hand.fits)
+    )
+    contacts = np.zeros((1, 4, 3))
+    candidate = GraspCandidate(("surface",) * 4, contacts[0] + [0.0, 0.0, 1.0], values)
+    added = AddedClearance(plain, LinkConstraints())
+    assert added.extend(candidate)
+    named, own = added.finer.rows.named, added.finer.rows.as_given
+    assert [named[i].name for i in own] == [row.name for row in plain.rows.named]
+    links = {penetration.link, penetration.other_link}
+    rows = [i for i in np.setdiff1d(np.arange(len(named)), own) if links <= set(re.split("/| and ", named[i].part))]
+    held = added.finer.rows.values(contacts, contacts, {name: v[None] for name, v in values.items()})[0, rows]
+    spheres = {f"{link}/{i}": r for link, fit in hand.fits.items() for i, r in enumerate(fit.radii)}
+    reach = [sum(spheres[name] for name in named[i].part.removesuffix(" (added)").split(" and ")) for i in rows]
+    gaps = np.sqrt(held) - reach
+    required = np.sqrt([named[i].lower for i in rows]) - reach
+    np.testing.assert_allclose(required, np.min(gaps) + penetration.depth + 2e-4, atol=1e-9)
+    assert np.all(gaps < required)
 
 
 @pytest.mark.parametrize(
