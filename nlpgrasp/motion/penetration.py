@@ -468,12 +468,11 @@ class _Solid:
         """Return the solid of a convex hull, given the triangles (m, 3, 3) of its surface."""
         normals = np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0)
         corner_points = hull.points[hull.vertices]
-        offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
         if len(normals) > MAX_PLANES:
             normals = directions_around(np.eye(3)[2], MAX_PLANES)
-            offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
             corner_points = corner_points[np.unique(np.argmax(normals @ corner_points.T, axis=1))]
             corners = corner_points[ConvexHull(corner_points).simplices]
+        offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
         shape = _Convex(corner_points, normals)
         return cls(corners, lambda points: np.asarray(np.max(normals @ points.T - offsets, axis=0)), shape)
 
