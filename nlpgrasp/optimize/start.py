@@ -277,7 +277,9 @@ class _Refinement:
 
 
 def _is_stuck(before: StartGrasp, after: StartGrasp) -> bool:
-    """Return whether further refinement of the same kind would leave the links where they are."""
+    """Return whether further refinement would leave the links where they are, or a grasp was free and is not now."""
+    if before.solved and after.record.status is Status.TOUCHES:
+        return True
     if after.refined_candidate.is_near(before.refined_candidate):
         return after.record.has_grasp == before.record.has_grasp
     if after.record.has_grasp or before.depth is None or after.depth is None:
