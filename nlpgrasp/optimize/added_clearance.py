@@ -51,11 +51,11 @@ class AddedClearance:
 
     def extend(self, candidate: GraspCandidate) -> bool:
         """Add constraints wherever a candidate's links penetrate; return whether any were added."""
-        links, hulls, before = self.compiled.link_depths, self.compiled.hull_depths, self._constraints
+        hulls, before = self.compiled.hull_depths, self._constraints
         for penetration in self._penetrations(candidate):
             if penetration.other_link:
                 self._keep_apart(candidate.hand, penetration)
-            elif links is not None and hulls is not None:
+            elif hulls is not None:
                 self._keep_outside(str(penetration.link), hulls.points_inside(candidate.hand, penetration))
         self.finer = self.compiled.with_link_constraints(self._constraints)
         return self._constraints is not before
