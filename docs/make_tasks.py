@@ -154,7 +154,7 @@ def made():
     result = {}
     for name, task, tags, description, frame, source in entries():
         origin = ProvenanceRecord("added", source, 0)
-        words = Frame(frame, task.about)
+        words = Frame(frame, task.torque_origin)
         entry = ng.TaskEntry(name, MinVolumeFit.of_task(task), words, description, tags, (origin,))
         result[name.replace(" ", "-").replace(".", "-") + ".json"] = entry_json(entry)
     return result

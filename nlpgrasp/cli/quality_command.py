@@ -18,7 +18,6 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     from nlpgrasp import GraspProblem, GraspSolution
     from nlpgrasp.budgets import ForceBudget
-    from nlpgrasp.common.validation import FloatArray
     from nlpgrasp.interop import ReadGrasp
     from nlpgrasp.quality.measure_table import Columns
     from nlpgrasp.tasks import Task
@@ -125,17 +124,11 @@ def load_task(name: str, library: Path | None = None) -> StatedTask:
     path = Path(name)
     if path.suffix == ".py":
         problem = load_problem(path)
-        return StatedTask(path.stem, _about(problem.task, problem.origin), None, problem.budget)
+        return StatedTask(path.stem, problem.task, None, problem.budget)
     if path.suffix == ".json" or path.is_file():
         solution = ng.GraspSolution.load(path)
-        origin = None if solution.grasp is None else solution.grasp.torque_origin
-        return StatedTask(path.stem, _about(solution.task, origin), path, solution.budget)
+        return StatedTask(path.stem, solution.task, path, solution.budget)
     return StatedTask(name, ng.TaskLibrary(library)[name])
-
-
-def _about(task: Task, origin: FloatArray | None) -> Task:
-    """Return a task with a given reference point of moments, or the task itself if it states one."""
-    return task if task.about is not None or origin is None else task.given_about(origin)
 
 
 def common_budget(tasks: Sequence[StatedTask], default: ForceBudget) -> ForceBudget:
@@ -173,7 +166,7 @@ def measure_grasps(
     from nlpgrasp.interop.grasp_tables import stack_grasps
     from nlpgrasp.quality.measure_table import DEFAULT, measure_columns
 
-    origin = next((t.task.about for t in tasks if t.task.about is not None), None)
+    origin = next((t.task.torque_origin for t in tasks if t.task.torque_origin is not None), None)
     if readings[0] and readings[0][0].task is not None:
         origin = None  # that of the grasps
     stacks_by_friction = [stack_grasps(file.name, grasps, origin) for grasps in readings]

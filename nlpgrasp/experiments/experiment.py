@@ -21,7 +21,7 @@ from nlpgrasp.pipeline.solve import check_json
 from nlpgrasp.problem.problem import GraspProblem
 
 # names of what a variation may replace
-PROBLEM_FIELDS = tuple(f.name for f in fields(GraspProblem))
+PROBLEM_FIELDS = tuple(f.name for f in fields(GraspProblem) if f.init)
 OTHER_FIELDS = ("friction", "fingers", "starts", "options")
 ALLOWED_FIELDS = f"fields of a GraspProblem ({', '.join(PROBLEM_FIELDS)}) or {', '.join(OTHER_FIELDS)}"
 
@@ -274,7 +274,9 @@ def create_case(field: str, base: Case, variation: Variation) -> Case:
             field, changes, "a mapping of fields to values, a GraspProblem, or a function returning either"
         )
     check_fields(field, changes)
-    parts = {name: value for name, value in changes.items() if name in PROBLEM_FIELDS}
+    # a task stated without a torque origin is about that of each variation
+    stated = {"task": base.problem.stated_task, **changes}
+    parts = {name: value for name, value in stated.items() if name in PROBLEM_FIELDS}
     try:
         problem = replace(base.problem, **_apply_fingers(base.problem, changes, parts))
     except InputError as error:

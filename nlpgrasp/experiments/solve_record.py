@@ -60,7 +60,7 @@ def body_digest(body: Json) -> str:
 
 def measure_digest(solution: GraspSolution) -> str:
     """Return a digest of task and kind of force budget, which give mu its meaning."""
-    text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
+    text = json.dumps([solution.task.to_dict(), solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

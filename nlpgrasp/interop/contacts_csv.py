@@ -368,12 +368,12 @@ def _with_task(task: Path | None, task_solution: GraspSolution | None, name: str
     """Return an imported grasp with task, budget and torque origin of a solution file, if one is given."""
     if task_solution is None:
         return ReadGrasp(name, grasp, None, force_budget("l2"))
-    if task_solution.grasp is None:
-        raise InputError(f"{task}: grasp", "none", "a file that says what point its moments are about")
+    origin = task_solution.task.torque_origin
+    if origin is None:
+        raise InputError(f"{task}: problem.task.torque_origin", "none", "the point that the task's moments are about")
     if task_solution.task.dimension != grasp.dimension:
         dimension = f"dimension {task_solution.task.dimension}"
         raise InputError("--task", dimension, f"dimension {grasp.dimension}, as the contacts")
-    origin = task_solution.grasp.torque_origin
     grasp_about_origin = Grasp(grasp.points, grasp.normals, grasp.contacts, origin, grasp.tangents)
     if task_solution.budget.depends_on_frames:
         raise InputError(

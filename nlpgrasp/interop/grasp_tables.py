@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.validation import array
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ReadGrasp, ReadOptions
@@ -118,9 +117,7 @@ def stack_grasps(
     if len(spaces) > 1:
         raise InputError(name, "grasps in the plane and in space", "one of them")
     first_grasp, has_task = grasps[0].grasp, grasps[0].task is not None
-    origin = first_grasp.torque_origin if has_task else np.zeros(first_grasp.space)
-    if torque_origin is not None:
-        origin = array("torque_origin", torque_origin, (first_grasp.space,))
+    origin = first_grasp.torque_origin if has_task and torque_origin is None else torque_origin
     groups: dict[tuple[ContactModel, ...], list[ReadGrasp]] = {}
     for read in grasps:
         groups.setdefault(read.grasp.contacts, []).append(read)

@@ -296,7 +296,7 @@ def _warn_of_arm(task: Task, body: Body) -> None:
 
     Typical causes are a point in millimetres and moments in newton-millimetres.
     """
-    largest, space = np.max(np.abs(component_ranges(task.at(body.centroid))), axis=0), body.space
+    largest, space = np.max(np.abs(component_ranges(task.about(body.centroid))), axis=0), body.space
     force, moment = float(np.max(largest[:space])), float(np.max(largest[space:]))
     if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
         message = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"

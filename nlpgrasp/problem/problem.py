@@ -33,7 +33,7 @@ from nlpgrasp.problem.checks import (
 )
 from nlpgrasp.problem.description import DisplayedProblem
 from nlpgrasp.quality.measures import unit_ball, unit_ball_scale
-from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.tasks import Task, task_from_dict, task_to_dict
 from nlpgrasp.tasks.task_set import MISSING, is_sampled
 
 OBJECTIVES = ("mu", "delta", "nu")
@@ -63,7 +63,8 @@ class GraspProblem(DisplayedProblem):
         parallel gripper with ``pad``: plane contacts of the pads' size and friction, lengthwise along the axis of the
         first ``Approach`` among the constraints, or downwards.
     task : Task
-        Wrenches to exert, body frame; about ``torque_origin``, or about the task's own reference point if it has one.
+        Wrenches to exert, body frame; about ``torque_origin``, or about the task's own torque origin if it has one. As
+        a field it is about ``torque_origin`` and carries it, also into another problem.
         Left out for the objective ``"delta"``, and where it is of no interest for ``"nu"``.
     hand : Hand, optional
         By default free point fingertips. Contact i belongs to fingertip i.
@@ -96,6 +97,8 @@ class GraspProblem(DisplayedProblem):
     ----------
     margin : float
         ``edge_margin`` or its default, metres.
+    stated_task : Task
+        The task as it was given, perhaps without a torque origin.
 
     Raises
     ------
@@ -123,6 +126,7 @@ class GraspProblem(DisplayedProblem):
     objective: str = "mu"
     torque_scale: float | None = None
     margin: float = field(init=False, default=0.0)
+    stated_task: Task = field(init=False, default=NO_TASK, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         # each part comes after those that its checks and defaults read
@@ -143,8 +147,8 @@ class GraspProblem(DisplayedProblem):
         if self.max_force is not None:
             self._set("max_force", number("GraspProblem.max_force", self.max_force, above=0.0))
         warn_of_point(self.task, self.body)  # of the task as given, before its moments are about the torque origin
-        if self.task.about is not None:
-            self._set("task", self.task.at(self.origin))
+        self._set("stated_task", self.task)
+        self._set("task", self.task.about(self.origin))
         if (
             not isinstance(self.name, str)
             or not self.name.strip()
@@ -316,7 +320,7 @@ class GraspProblem(DisplayedProblem):
         return {
             "body": self.body.to_dict(),
             "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],
-            "task": self.task.to_dict(),
+            "task": task_to_dict(self.task),
             "constraints": [c.to_dict() for c in self.constraints],
             "hand": None if self.hand is None else self.hand.to_dict(),
             "force_budget": self.budget.to_dict(),
@@ -332,7 +336,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
     ----------
     data : mapping
     torque_origin : (space,) array, optional
-        Metres, body frame; by default the body's centroid.
+        Metres, body frame; by default the task's, else the body's centroid.
     body : Body, optional
         Replaces the data's body, such as a mesh, which is not contained in the data.
 
@@ -351,7 +355,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
         task,
         constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
         force_budget=budget_from_dict(data["force_budget"]),
-        torque_origin=torque_origin,
+        torque_origin=task.torque_origin if torque_origin is None else torque_origin,
         edge_margin=data.get("edge_margin", 0.0),
         max_force=data.get("max_force"),
         objective=data.get("objective", "mu"),

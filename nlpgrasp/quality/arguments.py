@@ -8,12 +8,17 @@ from typing import Concatenate, ParamSpec, Protocol, overload
 
 import numpy as np
 
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.tasks import Task
 
 P = ParamSpec("P")
+NO_ORIGIN = (
+    "task.torque_origin: neither task nor grasp states one, so moments are about the frame's origin, away from the "
+    "contacts: a problem's are about the body's centroid; solution.task and task.given_about(point) state theirs"
+)
 
 
 class StackableMeasure(Protocol[P]):
@@ -48,10 +53,21 @@ def require_grasp(value: object, *, stack: bool = False) -> None:
 
 
 def task_for(value: object, grasp: Grasp | GraspStack) -> Task:
-    """Return the task about the grasp's torque origin; raise an ``InputError`` unless it fits the grasp."""
+    """Return the task about the grasp's torque origin; raise an ``InputError`` unless it fits the grasp.
+
+    Warns
+    -----
+    UserWarning
+        Once, where neither of them states a torque origin and the frame's origin is more than twice as far from the
+        middle of the contacts as they are.
+    """
     dimension = grasp.dimension
     if not isinstance(value, Task):
         raise InputError("task", value, "a task such as ng.TaskEllipsoid")
     if value.dimension != dimension:
         raise InputError("task", f"dimension {value.dimension}", f"the grasp's wrench dimension {dimension}")
-    return value if value.about is None else value.at(grasp.torque_origin)
+    if value.torque_origin is None and not grasp.states_origin:
+        middle = grasp.points.mean(axis=-2, keepdims=True)
+        if len(grasp.contacts) * np.sum(middle**2) > 4.0 * np.sum((grasp.points - middle) ** 2) > 0.0:
+            warn_once(NO_ORIGIN)
+    return value.about(grasp.torque_origin)

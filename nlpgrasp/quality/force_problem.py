@@ -20,11 +20,12 @@ from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settin
 from nlpgrasp.common.validation import BoolArray, FloatArray, array
 from nlpgrasp.contacts.product import conic_lift, press_into_cones, project_strictly
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.quality.arguments import require_grasp
+from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
 from nlpgrasp.quality.force_closure import positive_share, separate_wrench
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
+from nlpgrasp.tasks import Task
 
 TOLERANCES = (1e-11, 1e-9, 3e-8)  # tried in turn until the solver succeeds, each also with shorter steps
 PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
@@ -61,17 +62,17 @@ class FingerForces:
 
 
 @overload
-def finger_forces(grasp: Grasp, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2") -> FingerForces: ...
+def finger_forces(grasp: Grasp, wrenches: ArrayLike | Task, *, force_budget: str | ForceBudget = "l2") -> FingerForces: ...
 
 
 @overload
 def finger_forces(
-    grasp: GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+    grasp: GraspStack, wrenches: ArrayLike | Task, *, force_budget: str | ForceBudget = "l2"
 ) -> tuple[FingerForces, ...]: ...
 
 
 def finger_forces(
-    grasp: Grasp | GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+    grasp: Grasp | GraspStack, wrenches: ArrayLike | Task, *, force_budget: str | ForceBudget = "l2"
 ) -> FingerForces | tuple[FingerForces, ...]:
     """Return the least finger forces for each wrench (docs/measures.md).
 
@@ -84,9 +85,9 @@ def finger_forces(
     ----------
     grasp : Grasp or GraspStack
         Contacts in place; of a stack every grasp has the same wrenches.
-    wrenches : (m, d) or (d,) array
+    wrenches : (m, d) or (d,) array, or Task
         Wrenches to exert, newtons and newton-metres, about the grasp's torque origin: the opposite of a load on the
-        body.
+        body. Of a task, its representative wrenches ``task.at(grasp.torque_origin).ends()``.
     force_budget : str or ForceBudget
         The minimised amount of force.
 
@@ -103,7 +104,8 @@ def finger_forces(
     require_grasp(grasp, stack=True)
     if isinstance(grasp, GraspStack):
         return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
-    w = _as_rows(wrenches, grasp.dimension)
+    rows = task_for(wrenches, grasp).ends() if isinstance(wrenches, Task) else wrenches
+    w = _as_rows(rows, grasp.dimension)
     scale = _units(grasp)
     scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
     target = w / scale

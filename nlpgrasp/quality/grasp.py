@@ -40,6 +40,8 @@ class ContactArrays:
     contacts : tuple of k ContactModel
     torque_origin : (space,) array
         Reference point of moments, metres, body frame.
+    states_origin : bool
+        Whether the torque origin was given, and is not the frame's by default.
     """
 
     _name: ClassVar[str]  # for messages
@@ -63,6 +65,7 @@ class ContactArrays:
         if torque_origin is not None:
             origin = array(f"{self._name}.torque_origin", torque_origin, (space,))
         self.points, self.normals, self.torque_origin = read_only(p), read_only(n), read_only(origin)
+        self.states_origin = torque_origin is not None
 
     @property
     def space(self) -> int:
@@ -390,7 +393,8 @@ class GraspStack(ContactArrays):
 
     def with_contacts(self, contacts: ContactModel | Sequence[ContactModel]) -> GraspStack:
         """Return the grasps with other contact models, one for all contacts or k of them."""
-        return GraspStack(self.points, self.normals, contacts, self.torque_origin, self.ids)
+        origin = self.torque_origin if self.states_origin else None
+        return GraspStack(self.points, self.normals, contacts, origin, self.ids)
 
     def __repr__(self) -> str:
         kinds = ", ".join(c.kind for c in self.contacts)

@@ -70,7 +70,7 @@ def mu(
     grasp : Grasp or GraspStack
         Contacts in place; of a stack every grasp is measured.
     task : Task
-        About the same torque origin as the grasp.
+        Converted from its torque origin to the grasp's; without one it is about the grasp's.
     rtol : float
         Relative width at which to stop, greater than zero.
     force_budget : str or ForceBudget
@@ -196,7 +196,8 @@ def delta(
         Certified, in newtons per unit of finger force. For a stack, arrays of them.
     """
     require_grasp(grasp, stack=True)
-    bounds = mu(grasp, unit_ball(grasp.dimension, torque_scale), rtol, force_budget=force_budget)
+    ball = unit_ball(grasp.dimension, torque_scale).given_about(grasp.torque_origin)
+    bounds = mu(grasp, ball, rtol, force_budget=force_budget)
     return replace(bounds, torque_scale=float(torque_scale), kind="delta", task_beta=None)
 
 
@@ -293,7 +294,7 @@ def mu_1(
     task : Task
         C, any convex set of wrenches.
     center : (d,) array
-        b, newtons and newton-metres.
+        b, newtons and newton-metres, about the grasp's torque origin.
     scale : float
         lambda_0, greater than zero; if mu_1 > 0 is to imply stability, large enough for the rescaled set to contain the
         origin.
@@ -317,7 +318,8 @@ def mu_1(
         shift = y @ b
         return shift + factor * (values - shift), b + factor * (maximisers - b)
 
-    bounds = mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
+    rescaled = TaskSet(support, grasp.dimension).given_about(grasp.torque_origin)
+    bounds = mu(grasp, rescaled, rtol, force_budget=force_budget)
     return replace(bounds, kind="mu_1", task_beta=None)
 
 

@@ -223,7 +223,7 @@ def mu_by_steps(
     grasp : Grasp
         Contacts in place.
     task : TaskEllipsoid or TaskPolytope
-        About the same torque origin as the grasp.
+        As for ``mu``.
     rtol : float
         Last step relative to beta, greater than zero.
     vertices : int

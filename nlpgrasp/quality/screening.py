@@ -40,7 +40,7 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     stack : GraspStack
         Grasps to compare.
     task : Task
-        Wrenches that the fingers are to exert.
+        Wrenches that the fingers are to exert, as for ``mu``.
     force_budget : str or ForceBudget
         Bound on the finger forces.
 

@@ -73,7 +73,7 @@ def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability
     require_grasp(grasp, stack=True)
     if isinstance(grasp, GraspStack):
         return tuple(is_stable(g, torque_scale) for g in grasp)
-    radius = mu(grasp, unit_ball(grasp.dimension, torque_scale), COARSE)
+    radius = mu(grasp, unit_ball(grasp.dimension, torque_scale).given_about(grasp.torque_origin), COARSE)
     stable = bool(radius.lower > 0.0)
     return Stability(stable, radius, None if radius.upper > 0.0 else radius.worst_direction)
 

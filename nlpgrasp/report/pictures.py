@@ -149,7 +149,7 @@ def draw_wrenches(grasp: Grasp, task: Task, *, force_budget: str | ForceBudget =
     grasp : Grasp
         With its contacts' models.
     task : Task
-        About the same torque origin as the grasp.
+        As for ``mu``.
     force_budget : str or ForceBudget
         As for ``mu``.
     rtol : float

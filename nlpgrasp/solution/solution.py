@@ -189,8 +189,11 @@ class GraspSolution(InNotebook):
 
     @cached_property
     def task(self) -> Task:
-        """Task of the problem, about the grasp's torque origin."""
-        return task_from_dict(self.problem["task"])
+        """Task of the problem, about the grasp's torque origin, which it carries."""
+        task = task_from_dict(self.problem["task"])
+        if self.grasp is None or task.dimension != self.grasp.dimension:  # check_against refuses another dimension
+            return task
+        return task.about(self.grasp.torque_origin)
 
     @cached_property
     def budget(self) -> ForceBudget:

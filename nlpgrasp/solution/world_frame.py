@@ -92,7 +92,7 @@ def transform_grasp(
         read_only(matrix),
         grasp.in_frame(matrix),
         faces,
-        task.given_about(grasp.torque_origin).in_frame(matrix),
+        task.about(grasp.torque_origin).in_frame(matrix),
         mu,
         tuple((map_of_wrenches @ wrench, finger_forces @ A.T) for wrench, finger_forces in forces),
         None if palm_pose is None else matrix @ pose_matrix("hand.palm_pose", palm_pose),

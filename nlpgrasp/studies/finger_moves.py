@@ -286,7 +286,7 @@ class HoldingQuality:
         paths: Sequence[Sequence[PathStation]],
         hold: Task,
     ) -> None:
-        self.problem, self.hold = problem, hold
+        self.problem, self.hold = problem, hold.about(problem.origin)
         self.pick, self.goal, self.order, self.paths = pick, goal, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size

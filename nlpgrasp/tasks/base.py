@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import Pose, move_torque_origin, rigid_transform, rotate_body_frame, space_dimension
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number, read_only
+from nlpgrasp.common.validation import FloatArray, array, number, prefix_errors, read_only
 from nlpgrasp.errors import InputError
 
 
@@ -25,15 +25,16 @@ class Task(ABC):
 
     Attributes
     ----------
-    about : (space,) array or None
-        Reference point of moments, body frame, metres; ``None`` stands for the torque origin of the problem or grasp
-        that the task is used with.
+    torque_origin : (space,) array or None
+        Reference point of moments, body frame, metres. The task of a problem or solution has that of the problem, and
+        measures convert it to a grasp's own; ``None`` stands for the torque origin of the problem or grasp that the
+        task is used with.
     point_left_out : bool
         Whether a force acts at the body frame's origin only by default.
     """
 
     kind: ClassVar[str]
-    about: FloatArray | None = None
+    torque_origin: FloatArray | None = None
     point_left_out: bool = False
     __array_ufunc__ = None  # numpy arrays must not broadcast over a task
 
@@ -88,7 +89,7 @@ class Task(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the task as JSON data, without ``about``.
+        """Return the task as JSON data, without its torque origin, which ``task_to_dict`` adds.
 
         The entry ``type`` is the task's ``kind``.
         """
@@ -111,34 +112,47 @@ class Task(ABC):
         Parameters
         ----------
         origin : (space,) array
-            Metres, body frame. A task whose ``about`` is ``None`` is taken to be about the body frame's origin.
+            Metres, body frame. A task without a torque origin is taken to be about the body frame's origin.
         """
         space = space_dimension(self.dimension)
         new = array("origin", origin, (space,))
-        old = np.zeros(space) if self.about is None else self.about
+        old = np.zeros(space) if self.torque_origin is None else self.torque_origin
         result = copy(self) if np.array_equal(new, old) else self.transformed(move_torque_origin(new - old))
-        return result._about(new)
+        return result._set_origin(new)
+
+    def about(self, origin: ArrayLike) -> Task:
+        """Return the task as a grasp or problem with this torque origin uses it.
+
+        Converted to it as by ``at``; without a torque origin of its own, the task is about it already, as by
+        ``given_about``.
+
+        Parameters
+        ----------
+        origin : (space,) array
+            Metres, body frame.
+        """
+        return self.given_about(origin) if self.torque_origin is None else self.at(origin)
 
     def in_frame(self, pose: Pose) -> Task:
         """Return the task in another body frame, (2.5-5).
 
-        The reference point ``about`` is transformed too.
+        Its torque origin is transformed too.
 
         Parameters
         ----------
         pose : (3, 3) array in the plane, (4, 4) in space, or mapping
             A point x of this frame is ``A x + b`` in the other; formats as for ``Grasp.in_frame``.
         """
-        matrix, about = change_of_frame(pose, self.dimension, self.about)
-        return self.transformed(matrix)._about(about)
+        matrix, origin = change_of_frame(pose, self.dimension, self.torque_origin)
+        return self.transformed(matrix)._set_origin(origin)
 
     def given_about(self, origin: ArrayLike) -> Self:
         """Return a copy with unchanged wrenches and the given reference point of moments."""
         space = space_dimension(self.dimension)
-        return copy(self)._about(array("origin", origin, (space,)))
+        return copy(self)._set_origin(array("origin", origin, (space,)))
 
-    def _about(self, origin: FloatArray | None) -> Self:
-        self.about = None if origin is None else read_only(np.array(origin))
+    def _set_origin(self, origin: FloatArray | None) -> Self:
+        self.torque_origin = None if origin is None else read_only(np.array(origin))
         return self
 
     def __add__(self, other: object) -> Task:
@@ -146,12 +160,12 @@ class Task(ABC):
         if not isinstance(other, Task):
             return NotImplemented
         check_alike(self, other)
-        addend = other if self.about is None else other.at(self.about)
+        addend = other if self.torque_origin is None else other.at(self.torque_origin)
         single = self._plus(addend) or addend._plus(self)
         if single is None:
             return TaskSum([*parts_of(self), *parts_of(addend)])
         single.point_left_out = self.point_left_out or other.point_left_out
-        return single._about(self.about)
+        return single._set_origin(self.torque_origin)
 
     def _plus(self, other: Task) -> Task | None:
         """Return the Minkowski sum with another task as one task, or ``None`` if only a ``TaskSum`` can state it.
@@ -169,7 +183,7 @@ class Task(ABC):
     def __mul__(self, factor: float) -> Task:
         """Return the task scaled by a positive number."""
         scale = number("factor", factor, above=0.0)
-        return self.transformed(scale * np.eye(self.dimension))._about(self.about)
+        return self.transformed(scale * np.eye(self.dimension))._set_origin(self.torque_origin)
 
     __rmul__ = __mul__
 
@@ -192,13 +206,14 @@ class TaskSum(Task):
         first = self.tasks[0]
         for other in self.tasks[1:]:
             check_alike(first, other)
-        if first.about is not None:
-            self.tasks = (first, *(task.at(first.about) for task in self.tasks[1:]))
-        self._about(first.about)
+        origin = first.torque_origin
+        if origin is not None:
+            self.tasks = (first, *(task.at(origin) for task in self.tasks[1:]))
+        self._set_origin(origin)
 
-    def _about(self, origin: FloatArray | None) -> Self:
-        self.tasks = tuple(copy(task)._about(origin) for task in self.tasks)
-        return super()._about(origin)
+    def _set_origin(self, origin: FloatArray | None) -> Self:
+        self.tasks = tuple(copy(task)._set_origin(origin) for task in self.tasks)
+        return super()._set_origin(origin)
 
     @property
     def dimension(self) -> int:
@@ -242,8 +257,14 @@ class TaskSum(Task):
 TASKS: Registry[Task] = Registry("task.type")
 
 
+def task_to_dict(task: Task) -> Json:
+    """Return a task as JSON data, with its torque origin if it has one."""
+    origin = task.torque_origin
+    return task.to_dict() if origin is None else {**task.to_dict(), "torque_origin": origin.tolist()}
+
+
 def task_from_dict(data: Json) -> Task:
-    """Return a task of any registered type from the data of its ``to_dict``.
+    """Return a task of any registered type from the data of ``task_to_dict``.
 
     Raises
     ------
@@ -255,7 +276,9 @@ def task_from_dict(data: Json) -> Task:
     if kind is None:
         raise TASKS.unknown(name)
     try:
-        return kind.from_dict(data)
+        task = kind.from_dict(data)
+        with prefix_errors("task.torque_"):
+            return task.given_about(data["torque_origin"]) if "torque_origin" in data else task
     except (KeyError, TypeError) as error:
         raise InputError(f"task of type {name}", f"{type(error).__name__}: {error}", "what schema 1 says") from None
 
@@ -274,7 +297,7 @@ def component_ranges(task: Task) -> tuple[FloatArray, FloatArray]:
 class Framed(Protocol):
     """Protocol of objects with a wrench dimension and a reference point of moments."""
 
-    about: FloatArray | None
+    torque_origin: FloatArray | None
 
     @property
     def dimension(self) -> int:
@@ -285,7 +308,7 @@ def check_alike(first: Framed, second: Framed) -> None:
     """Raise if two tasks differ in dimension, or if only one has a known reference point."""
     if first.dimension != second.dimension:
         raise InputError("task", f"dimensions {first.dimension} and {second.dimension}", "tasks of one dimension")
-    if (first.about is None) != (second.about is None):
+    if (first.torque_origin is None) != (second.torque_origin is None):
         raise InputError(
             "task",
             "a sum of wrenches about a known point and about the problem's torque origin",
@@ -293,7 +316,7 @@ def check_alike(first: Framed, second: Framed) -> None:
         )
 
 
-def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+def change_of_frame(pose: Pose, dimension: int, origin: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
     """Return the wrench map (d, d) of a change of body frame (2.5-6), and the reference point in the new frame.
 
     Raises
@@ -302,4 +325,4 @@ def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tup
         When the pose is not a rigid transform of this space.
     """
     A, b = rigid_transform("pose", pose, space_dimension(dimension))
-    return rotate_body_frame(A), None if about is None else A @ about + b
+    return rotate_body_frame(A), None if origin is None else A @ origin + b

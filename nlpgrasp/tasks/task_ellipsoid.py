@@ -188,7 +188,7 @@ class TaskEllipsoid(Task):
     def __mul__(self, factor: float) -> TaskEllipsoid:
         """Return the task and its beta scaled by a positive number."""
         scale = number("factor", factor, above=0.0)
-        scaled = self.transformed(scale * np.eye(self.dimension))._about(self.about)
+        scaled = self.transformed(scale * np.eye(self.dimension))._set_origin(self.torque_origin)
         return scaled._with_beta(scale * self.beta)
 
     __rmul__ = __mul__

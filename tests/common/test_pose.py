@@ -125,4 +125,4 @@ def test_grasps_and_tasks_take_both_spellings(turn):
     for pose in others:
         np.testing.assert_allclose(grasp.in_frame(pose).G, grasp.in_frame(plain).G, atol=1e-14)
         np.testing.assert_allclose(task.in_frame(pose).axes, task.in_frame(plain).axes, atol=1e-14)
-        np.testing.assert_allclose(task.in_frame(pose).about, task.in_frame(plain).about, atol=1e-14)
+        np.testing.assert_allclose(task.in_frame(pose).torque_origin, task.in_frame(plain).torque_origin, atol=1e-14)

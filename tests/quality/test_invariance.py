@@ -90,7 +90,7 @@ def test_changes_of_frame_are_a_group(space, rng):
         there, asked = grasp.in_frame(one).in_frame(other), task.in_frame(one).in_frame(other)
         np.testing.assert_allclose(there.G, grasp.in_frame(both).G, atol=1e-12)
         np.testing.assert_allclose(there.points, grasp.points @ (A1 @ A2).T + A1 @ b2 + b1, atol=1e-12)
-        np.testing.assert_allclose(asked.about, task.in_frame(both).about, atol=1e-12)
+        np.testing.assert_allclose(asked.torque_origin, task.in_frame(both).torque_origin, atol=1e-12)
         np.testing.assert_allclose(asked.support(y)[0], task.in_frame(both).support(y)[0], atol=1e-12)
 
 
@@ -103,10 +103,10 @@ def test_every_ratio_of_supports_is_invariant(space, contact, kind, rng):
     moved, asked = grasp.in_frame(pose), task.in_frame(pose)
     assert type(asked) is type(task)
     assert asked.is_centred == task.is_centred
-    if task.about is None:
-        assert asked.about is None
+    if task.torque_origin is None:
+        assert asked.torque_origin is None
     else:
-        np.testing.assert_allclose(asked.about, A @ task.about + b, atol=1e-12)
+        np.testing.assert_allclose(asked.torque_origin, A @ task.torque_origin + b, atol=1e-12)
         task, asked = task.at(grasp.torque_origin), asked.at(moved.torque_origin)
     y = rng.standard_normal((100, grasp.dimension))
     np.testing.assert_allclose(

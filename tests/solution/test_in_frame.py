@@ -44,7 +44,7 @@ def test_quality_and_balance_hold_there(box):
     assert bounds.lower <= box.mu.upper * (1 + 1e-9)
     assert box.mu.lower <= bounds.upper * (1 + 1e-9)
     assert placed.mu == box.mu
-    np.testing.assert_allclose(placed.task.about, placed.grasp.torque_origin)
+    np.testing.assert_allclose(placed.task.torque_origin, placed.grasp.torque_origin)
     arms = placed.grasp.points - placed.grasp.torque_origin
     assert placed.forces
     for (wrench, forces), (original, _) in zip(placed.forces, box.forces, strict=True):

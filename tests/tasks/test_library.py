@@ -35,7 +35,7 @@ def test_a_task_comes_back_as_it_was(library):
     task = ng.TaskEllipsoid(*PAPER_PEG).given_about([0.0, 0.0, 0.1])
     added = library.add("peg", task, description="into a hole", tags="assembly", frame="z up", source="the paper")
     assert library["peg"] == task
-    assert library["peg"].about.tolist() == [0.0, 0.0, 0.1]
+    assert library["peg"].torque_origin.tolist() == [0.0, 0.0, 0.1]
     restored = library.entry("peg")
     assert (restored.name, restored.description, restored.tags, restored.frame.words) == (
         "peg",

@@ -62,7 +62,7 @@ def test_the_task_holds_every_wrench_of_the_motion():
     wrenches = ng.motion_wrenches(t, p, np.tile(STILL, (20, 1)), mass)
     y = np.random.default_rng(0).standard_normal((30, 6))
     np.testing.assert_allclose(task.support(y)[0], np.max(y @ wrenches.T, axis=1))
-    assert task.about.tolist() == [0.0, 0.0, 0.0]
+    assert task.torque_origin.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_mass_properties_of_a_mesh():

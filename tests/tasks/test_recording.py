@@ -62,7 +62,7 @@ def test_a_recording_becomes_a_task_about_the_frames_origin(tmp_path, rng):
     values = rng.standard_normal((500, 6)) * [1, 1, 5, 0.1, 0.1, 0.02]
     text = "fx,fy,fz,mx,my,mz\n" + "\n".join(",".join(map(repr, map(float, row))) for row in values)
     fit = ng.WrenchRecording.read(write_csv(tmp_path, text), units=("N", "Nm")).fit(outliers=0.01)
-    assert fit.task.about.tolist() == [0.0, 0.0, 0.0]
+    assert fit.task.torque_origin.tolist() == [0.0, 0.0, 0.0]
     assert fit.share >= 0.99
     assert "of 500 wrenches inside" in str(fit)
 

@@ -1,7 +1,11 @@
 """Polytopes, Minkowski sums and changes of origin."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.tasks import task_from_dict
@@ -158,7 +162,7 @@ def test_sums_that_were_scaled_or_moved_still_add_up(rng):
     retold = tool.given_about([1.0, 0.0, 0.0])
     both = (retold + weight).at([0.0, 0.0, 0.0]).support(y)[0]
     np.testing.assert_allclose(both, retold.at([0.0, 0.0, 0.0]).support(y)[0] + weight.support(y)[0])
-    assert tool.about.tolist() == [0.0, 0.0, 0.0]
+    assert tool.torque_origin.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_large_symmetric_polytope_is_centred(rng):
@@ -197,3 +201,78 @@ def test_a_task_and_a_number_do_not_add():
         ng.TaskEllipsoid([1.0] * 6) + 1.0
     with pytest.raises(ng.InputError, match="factor"):
         np.ones(6) * ng.TaskEllipsoid([1.0] * 6)
+
+
+OFF = np.array([0.1, 0.02, 0.05])  # m, of a body's centroid from its frame's origin
+
+
+def off_centre_box():
+    """Return a problem whose body's centroid is off the frame's origin; its task states no torque origin."""
+    box = trimesh.creation.box([0.08, 0.05, 0.04])
+    box.apply_translation(OFF)
+    task = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+    return ng.GraspProblem(ng.Mesh(box), [ng.FrictionContact(0.5)] * 3, task)
+
+
+@pytest.fixture(scope="module")
+def off_centre():
+    """A solved problem, and its contacts about the frame's origin."""
+    solution = ng.solve(off_centre_box(), starts=1, options=ng.SolveOptions(extras=False))
+    found = solution.grasp
+    return solution, ng.Grasp(found.points, found.normals, found.contacts)
+
+
+def test_a_task_of_a_problem_carries_its_torque_origin():
+    problem = off_centre_box()
+    np.testing.assert_allclose(problem.task.torque_origin, OFF, atol=1e-12)
+    assert problem.stated_task.torque_origin is None
+    other = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)] * 3, problem.task)
+    np.testing.assert_allclose(other.task.at(OFF).axes, problem.task.axes, atol=1e-12)
+    assert not np.allclose(other.task.axes, problem.task.axes)
+
+
+def test_the_task_of_a_solution_is_measured_about_its_own_point(off_centre, tmp_path):
+    """Contacts about another point: .41, and not .12, as the same numbers about that point would give."""
+    solution, other = off_centre
+    loaded = ng.GraspSolution.load(solution.save(tmp_path / "box.json"))
+    for task in (solution.task, loaded.task):
+        assert overlap(ng.mu(other, task), solution.mu)
+        assert overlap(ng.mu_tilde(other, task), solution.mu)
+        stack = ng.GraspStack(other.points[None], other.normals[None], other.contacts)
+        assert overlap(ng.mu(stack, task)[0], solution.mu)
+        assert ng.measure(stack, task, ["mu"])["mu_lower"][0] == pytest.approx(solution.mu.lower, rel=0.06)
+        assert ng.screen(stack, task)[0] == pytest.approx(solution.mu.upper, rel=0.05)
+        used = ng.finger_forces(other, task).used
+        np.testing.assert_allclose(used, ng.finger_forces(solution.grasp, task).used, rtol=1e-6)
+    assert json.loads((tmp_path / "box.json").read_text())["problem"]["task"]["torque_origin"] == pytest.approx(OFF)
+
+
+def test_two_unstated_torque_origins_are_said(off_centre, monkeypatch):
+    """Neither the grasp nor its task states one, and the contacts are far from the frame's origin."""
+    monkeypatch.setattr("nlpgrasp.common.user_warnings._issued", set())
+    solution, other = off_centre
+    with pytest.warns(UserWarning, match="neither task nor grasp states one"):
+        assert ng.mu(other, off_centre_box().stated_task).upper < 0.5 * solution.mu.lower
+
+
+def test_support_functions_are_converted(off_centre):
+    """A user's function, and a sum of tasks about different points, on grasps about two points."""
+    solution, other = off_centre
+    half = np.array([1, 1, 1, 0.03, 0.03, 0.03])
+    box = ng.TaskSet(lambda y: np.abs(y) @ half).given_about(OFF)
+    both = box + ng.gravity([0.0, 0.0, 0.0], 0.2)
+    np.testing.assert_array_equal(both.torque_origin, OFF)
+    for task in (box, both):
+        assert overlap(ng.mu(other, task), ng.mu(solution.grasp, task))
+        moved = ng.GraspProblem(ng.Sphere(0.05), [ng.FrictionContact(0.5)] * 3, task)
+        assert overlap(ng.mu(other, moved.task), ng.mu(solution.grasp, task))
+
+
+def test_variations_of_an_experiment_keep_a_task_as_it_was_stated():
+    """Without a torque origin it is about the centroid of each body; with one it is converted."""
+    base = off_centre_box()
+    stated = replace(base, task=base.task)
+    for problem, center in ((base, np.zeros(3)), (stated, OFF)):
+        experiment = ng.Experiment(problem, {"sphere": {"body": ng.Sphere(0.03)}})
+        varied = experiment.case("sphere").problem
+        np.testing.assert_allclose(varied.task.at(center).axes, np.diag([1, 1, 1, 0.03, 0.03, 0.03]), atol=1e-12)

@@ -108,7 +108,7 @@ def test_disturbance():
 
 def test_tools_add_up():
     task = ng.press(TIP, DOWN, 10.0) + ng.turn(DOWN, 0.3) + ng.gravity([0, 0, 0], 0.1)
-    assert task.about.tolist() == [0.0, 0.0, 0.0]
+    assert task.torque_origin.tolist() == [0.0, 0.0, 0.0]
     assert inside(task, force_at(TIP, 10.0 * DOWN) + np.array([0, 0.981, 0, 0, 0, 0.3]))
 
 

@@ -328,7 +328,7 @@ def fit_input(
             raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")
         if probability is not None:
             raise InputError("probability", probability, "wrenches with it: a TaskEllipsoid is taken as it is")
-        return MinVolumeFit.of_task(value), value.about, ""
+        return MinVolumeFit.of_task(value), value.torque_origin, ""
     if outliers and probability is not None:
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
     wrench_input = WrenchInput.of(value, outliers)
@@ -366,7 +366,7 @@ class WrenchInput:
         if isinstance(value, WrenchRecording):
             wrench_input = cls(value.wrenches, np.zeros(3), value.source)
         elif isinstance(value, TaskPolytope):
-            wrench_input = cls(value.wrenches, value.about, "the corners of a TaskPolytope")
+            wrench_input = cls(value.wrenches, value.torque_origin, "the corners of a TaskPolytope")
         elif isinstance(value, Task):
             expected = "a recording, a TaskPolytope or wrenches (m, d); of other tasks a TaskEllipsoid can be added"
             raise InputError("wrenches", f"a {type(value).__name__}", expected)

@@ -45,12 +45,12 @@ class Proof:
     @cached_property
     def task(self) -> Task:
         """Task of the problem, about the torque origin."""
-        return task_from_dict(self.problem["task"])
+        return task_from_dict(self.problem["task"]).about(self.origin)
 
     @cached_property
     def origin(self) -> FloatArray:
         """Torque origin, (space,), metres."""
-        return array("origin", self.data["origin"], (2 if self.task.dimension == 3 else 3,))
+        return array("origin", self.data["origin"], (None,))
 
     @cached_property
     def surface(self) -> NumericBody:
