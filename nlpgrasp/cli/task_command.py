@@ -32,6 +32,7 @@ def fit_command(
         str, typer.Option("--exerts", help="Whose wrench on the object it states: surroundings or fingers.")
     ] = "surroundings",
     skip_invalid: Annotated[bool, typer.Option("--skip-invalid", help="Leave out lines without six numbers.")] = False,
+    skip_lines: Annotated[int, typer.Option("--skip-lines", help="Lines above the table that are not read.")] = 0,
     description: Annotated[str, typer.Option("--description", help="Of a new entry: what the task is.")] = "",
     tag: Annotated[list[str] | None, typer.Option("--tag", help="Of a new entry: to find it by; repeatable.")] = None,
     frame: Annotated[str, typer.Option("--frame", help="Of a new entry: the body frame in words.")] = "",
@@ -41,7 +42,9 @@ def fit_command(
     library = ng.TaskLibrary(into)
     with warnings.catch_warnings(record=True) as messages:
         warnings.simplefilter("always")
-        wrenches = ng.WrenchRecording.read(recording, units=units, exerts=exerts, skip_invalid=skip_invalid)
+        wrenches = ng.WrenchRecording.read(
+            recording, units=units, exerts=exerts, skip_invalid=skip_invalid, skip_lines=skip_lines
+        )
         is_update = library.path.is_dir() and name in library
         if is_update:
             new_only = {"--probability": probability, "--description": description, "--tag": tag, "--frame": frame}

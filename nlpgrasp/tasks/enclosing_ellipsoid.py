@@ -22,7 +22,7 @@ from nlpgrasp.common.formatting import COMPONENTS
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.wrench_table import columns_of, has_units, scales_of, table_of, units_of
+from nlpgrasp.tasks.wrench_table import columns_of, scales_of, table_of, units_of
 
 GAP = 1e-6  # certified relative excess of volume
 INSIDE = 1e-9  # relative distance beyond the ellipsoid within which a wrench counts as inside
@@ -361,8 +361,8 @@ def _read_frame(frame: object) -> FloatArray:
         return table.numbers(list(range(table.width)))
     size = 3 if table.width == 3 else 6
     columns = columns_of(table.header, None, table.width, table.name, size)
-    in_header = has_units(table.header, columns)
-    units = units_of(table.header, columns, None if in_header else ("N", "Nm"), table.name)
+    is_stated = any(unit is not None for unit in table.stated_units(columns))
+    units = units_of(table, columns, None if is_stated else ("N", "Nm"))
     return table.numbers(columns) * scales_of(units)
 
 

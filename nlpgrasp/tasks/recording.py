@@ -68,10 +68,12 @@ class WrenchRecording:
         sensor_pose: Pose | None = None,
         exerts: str = "surroundings",
         skip_invalid: bool = False,
+        skip_lines: int = 0,
     ) -> WrenchRecording:
         """Read a recording from a CSV file of a sensor or a ROS bag export.
 
-        Semicolons, tabs, commas or spaces delimit; with the first two, numbers may have decimal commas.
+        Semicolons, tabs, commas, vertical bars or spaces delimit, found from all rows; numbers may have decimal commas.
+        Lines above the header, and comments (``#``, ``%``, ``//``), are left out.
 
         Parameters
         ----------
@@ -84,7 +86,8 @@ class WrenchRecording:
             ``force_0`` to ``torque_2``. Other columns are ignored.
         units : pair of str, optional
             Of forces (N, mN, kN, lbf, kgf) and of torques (Nm, Nmm, mNm, Ncm, kNm, lbf in, lbf ft). By default taken
-            from the header: ``Fx [N]``, ``Fx/N``, ``fx_N``, ``Mx (N*mm)``.
+            from the header: ``Fx [N]``, ``Fx/N``, ``fx_N``, ``Mx (N*mm)``, or from a row of units under it, which they
+            have to agree with.
         sensor_pose : (4, 4) array or mapping, optional
             Of the sensor frame in the body frame; by default the identity. A matrix, or a mapping with ``position`` and
             ``quaternion_wxyz`` or ``quaternion_xyzw``.
@@ -93,6 +96,8 @@ class WrenchRecording:
             opposite.
         skip_invalid : bool
             Skip rows that are not six finite numbers, with a warning, instead of raising.
+        skip_lines : int
+            Lines above the table that are not read, where its header is not found by itself.
 
         Raises
         ------
@@ -102,7 +107,7 @@ class WrenchRecording:
         """
         if not isinstance(path, str | Path) or "\0" in str(path):
             raise InputError("path", path, "the name of a CSV file; ng.WrenchRecording.of takes frames and arrays")
-        return cls._of(csv_table(Path(path)), columns, units, sensor_pose, exerts, skip_invalid)
+        return cls._of(csv_table(Path(path), columns, skip_lines), columns, units, sensor_pose, exerts, skip_invalid)
 
     @classmethod
     def of(
@@ -153,7 +158,7 @@ class WrenchRecording:
         if not isinstance(skip_invalid, bool):
             raise InputError("skip_invalid", skip_invalid, "True or False")
         indices = columns_of(table.header, columns, table.width, table.name)
-        column_units = units_of(table.header, indices, units, table.name)
+        column_units = units_of(table, indices, units)
         if not isinstance(exerts, str) or exerts not in ("surroundings", "fingers"):
             raise InputError("exerts", exerts, "surroundings or fingers")
         values = table.numbers(indices) * scales_of(column_units)

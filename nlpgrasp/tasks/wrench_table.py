@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,20 +10,47 @@ from typing import Any
 
 import numpy as np
 
+from nlpgrasp.common.delimited_text import DelimitedTable, is_number, read_delimited
 from nlpgrasp.common.validation import LARGEST, FloatArray, IntArray
 from nlpgrasp.errors import InputError
 
-LARGEST_FILE = 500_000_000  # bytes
-FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}  # N per unit
+FORCES = {  # N per unit
+    "N": 1.0,
+    "mN": 1e-3,
+    "cN": 1e-2,
+    "daN": 10.0,
+    "kN": 1e3,
+    "lbf": 4.4482216152605,
+    "kgf": 9.80665,
+}
 TORQUES = {  # N m per unit
     "Nm": 1.0,
     "mNm": 1e-3,
     "Nmm": 1e-3,
     "Ncm": 1e-2,
+    "cNm": 1e-2,
+    "daNm": 10.0,
     "kNm": 1e3,
+    "kNmm": 1.0,
     "lbfin": 0.1129848290276167,
     "lbfft": 1.3558179483314004,
+    "kgfm": 9.80665,
+    "kgfcm": 0.0980665,
 }
+SPELT = {  # units as the tables above spell them
+    r"newtons?": "N",
+    r"kilo": "k",
+    r"milli": "m",
+    r"centi": "c",
+    r"met(er|re)s?": "m",
+    r"inch(es)?": "in",
+    r"f(oo|ee)t": "ft",
+    r"pounds?force": "lbf",
+    r"^lbs?(?=$|in$|ft$)": "lbf",
+    r"^(in)(lbf?)$": "lbfin",
+    r"^(ft)(lbf?)$": "lbfft",
+}
+NO_VALUES = {"", "-", "--", "---", "n/a", "na", "#n/a", "null", "none", "missing", "invalid", "error", "overflow"}
 # quantity and axis of the columns of a wrench
 SPATIAL = (("f", "x"), ("f", "y"), ("f", "z"), ("m", "x"), ("m", "y"), ("m", "z"))
 PLANAR = (("f", "x"), ("f", "y"), ("m", "z"))
@@ -34,7 +60,7 @@ WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")  # also of camelCase, and
 ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")  # quantity and axis without a separator
 BRACKETED_UNIT = re.compile(r"[\[(](?!\s*\d+\s*[\])])([^\])]*)[\])]")  # anything in brackets but an index
 BEFORE_UNIT = re.compile(r"[\s_/,.:]+(?:in\s+)?")  # separates a unit at the end of a name
-BETWEEN_UNITS = re.compile("[\\s*_.\u00b7\u22c5-]")  # signs between the units of a product
+BETWEEN_UNITS = re.compile("[\\s*_.\u00b7\u22c5\u2022\u00d7-]")  # signs between the units of a product
 # components of columns numbered from 0 or 1, by quantity and count
 NUMBERED = {("f", 3): SPATIAL[:3], ("m", 3): SPATIAL[3:], ("f", 6): SPATIAL, ("w", 6): SPATIAL}
 
@@ -52,20 +78,25 @@ class WrenchTable:
         Text for a file, numbers for an array; rows with more or fewer cells than the first are empty.
     lines : (m,) array
         Line number of each row in the file; for an array the row index, from 0.
-    comma : bool
-        Whether decimal commas are allowed, since the delimiter is another.
+    text : DelimitedTable, optional
+        Table of the file.
+    units : list of str, optional
+        Row of units under the header.
     """
 
     name: str
     header: list[str] | None
     rows: list[list[str]] | FloatArray
     lines: IntArray
-    comma: bool = False
+    text: DelimitedTable | None = None
+    units: list[str] | None = None
 
     @property
     def width(self) -> int:
         """Number of columns."""
-        return len(self.rows[0]) if len(self.rows) else len(self.header or ())
+        if self.header is not None:
+            return len(self.header)
+        return max(map(len, self.rows), default=0)
 
     def numbers(self, columns: list[int]) -> FloatArray:
         """Return selected columns as numbers, (m, len(columns)), NaN where a cell is not a number.
@@ -73,53 +104,62 @@ class WrenchTable:
         Raises
         ------
         InputError
-            When a file has both decimal commas and decimal points.
+            When a file has both decimal commas and decimal points, or a row under the header that may be of units.
         """
         if not isinstance(self.rows, list):
             values = self.rows[:, columns]
         else:
             cells = [[row[c] if c < len(row) else "" for c in columns] for row in self.rows]
-            commas = self.comma and any("," in cell for row in cells for cell in row)
-            if commas and any("." in cell for row in cells for cell in row):
-                raise InputError(f"{self.name}: decimals", "commas and points", "one of them in all numbers")
-            values = np.array(
-                [[_number_or_nan(cell.replace(",", ".") if commas else cell) for cell in row] for row in cells]
-            )
+            if self.header is not None and cells and not any(_is_missing_or_number(cell) for cell in cells[0]):
+                allowed = f"numbers, or units such as {', '.join([*FORCES][:4])} and {', '.join([*TORQUES][:4])}"
+                raise InputError(f"{self.name}: line {self.lines[0]}, under the header", ", ".join(cells[0]), allowed)
+            if self.text is not None:
+                cells = self.text.with_decimal_points(cells)
+            values = np.array([[_number_or_nan(cell) for cell in row] for row in cells])
         return np.where(np.abs(values) <= LARGEST, values, np.nan).reshape(-1, len(columns))
 
+    def stated_units(self, columns: Sequence[int]) -> list[str | None]:
+        """Return the unit that the header, or the row of units under it, states for each column.
 
-def csv_table(path: Path) -> WrenchTable:
-    """Read a table from a text file delimited by semicolons, tabs, commas or spaces.
+        Raises
+        ------
+        InputError
+            When they differ.
+        """
+        result: list[str | None] = []
+        for column in columns:
+            in_header = _split_unit(self.header[column])[1] if self.header else None
+            below = _bare_unit(self.units[column]) if self.units and column < len(self.units) else ""
+            if below and in_header is not None and _is_unit(in_header) and _unit_name(in_header) != _unit_name(below):
+                given = f"{in_header!r} in the header and {below!r} in the row under it"
+                raise InputError(f"{self.name}: units", given, "one unit for a column")
+            result.append(below or in_header)
+        return result
+
+
+def csv_table(path: Path, columns: object = None, skip_lines: object = 0) -> WrenchTable:
+    """Read a table from a text file delimited by semicolons, tabs, commas, vertical bars or spaces.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str or int, or None
+        Explicit columns, by whose names the header is found.
+    skip_lines : int
+        Lines above the table.
 
     Raises
     ------
     InputError
-        On a file that cannot be read, is empty, or too large.
+        As ``read_delimited``.
     """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(str(path), f"{path.stat().st_size} bytes", f"at most {LARGEST_FILE}")
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            sample = file.read(4096)
-            file.seek(0)
-            delimiter = next((sign for sign in ";\t, " if sign in sample), ",")
-            reader = csv.reader(file, delimiter=delimiter, skipinitialspace=delimiter == " ")
-            numbered_rows = [
-                (row[:-1] if len(row) > 1 and not row[-1].strip() else row, reader.line_num) for row in reader if row
-            ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(str(path), type(error).__name__, "a readable CSV file") from None
-    if not numbered_rows:
-        raise InputError(str(path), "an empty file", "a CSV file of wrenches")
-    width, comma = len(numbered_rows[0][0]), delimiter != ","
-    rows, lines = (
-        [row if len(row) == width else [] for row, _ in numbered_rows],
-        np.array([line for _, line in numbered_rows], np.intp),
-    )
-    has_header = any(rows[0]) and not any(_is_number(cell.replace(",", ".") if comma else cell) for cell in rows[0])
-    if has_header:
-        return WrenchTable(str(path), rows[0], rows[1:], lines[1:], comma)
-    return WrenchTable(str(path), None, rows, lines, comma)
+    names = {name for name in columns if isinstance(name, str)} if isinstance(columns, list | tuple) else set()
+
+    def is_header(row: list[str]) -> bool:
+        return names <= set(row) if names else len(_wrench_columns(row)) >= len(PLANAR)
+
+    text = read_delimited(path, "a CSV file of wrenches", is_header, _is_unit, skip_lines)
+    return WrenchTable(text.name, text.header, text.rows, np.array(text.lines, np.intp), text, text.units)
 
 
 def table_of(field: str, value: object) -> WrenchTable:
@@ -130,11 +170,13 @@ def table_of(field: str, value: object) -> WrenchTable:
     InputError
         On other types, or other than two dimensions.
     """
-    names, header = getattr(value, "columns", None), None
+    names, header, units, first = getattr(value, "columns", None), None, None, 0
     if names is not None and hasattr(value, "to_numpy"):
         labels = [str(name) if isinstance(name, str) else "" for name in names]
         header = labels if any(labels) else None
-        cells = np.column_stack([_column(value, i) for i in range(len(labels))]) if labels else np.zeros((0, 0))
+        units = _unit_row(value) if header else None
+        first = 0 if units is None else 1
+        cells = np.column_stack([_column(value, i)[first:] for i in range(len(labels))]) if labels else np.zeros((0, 0))
     else:
         try:
             values = np.asarray(value)
@@ -145,7 +187,16 @@ def table_of(field: str, value: object) -> WrenchTable:
             raise InputError(field, value, "a pandas frame or an array of numbers") from None
     if cells.ndim != 2 or not len(cells):
         raise InputError(field, f"shape {cells.shape}", "rows of numbers, at least one")
-    return WrenchTable(field, header, cells, np.arange(len(cells)))
+    return WrenchTable(field, header, cells, np.arange(first, first + len(cells)), units=units)
+
+
+def _unit_row(frame: Any) -> list[str] | None:
+    """Return the first row of a pandas frame if it is one of units, as a CSV file has under its header."""
+    first = frame.iloc[0].tolist() if len(frame) else []
+    if any(isinstance(cell, int | float) and cell == cell for cell in first):
+        return None
+    cells = [cell.strip() if isinstance(cell, str) else "" for cell in first]
+    return cells if any(map(_is_unit, cells)) and not any(map(is_number, cells)) else None
 
 
 def _column(frame: Any, i: int) -> FloatArray:
@@ -158,13 +209,9 @@ def _column(frame: Any, i: int) -> FloatArray:
     return np.full(len(values), np.nan)
 
 
-def _is_number(cell: str) -> bool:
-    """Return whether a cell is a number."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _is_missing_or_number(cell: str) -> bool:
+    """Return whether a cell has no letters of a unit: a number, or a text in place of one."""
+    return is_number(cell) or cell.lower() in NO_VALUES or not any(sign.isalpha() for sign in cell)
 
 
 def _number_or_nan(cell: str | float) -> float:
@@ -298,31 +345,50 @@ def _split_unit(name: str) -> tuple[str, str | None]:
     return name, None
 
 
+def _bare_unit(cell: str) -> str:
+    """Return a unit without the brackets around it."""
+    return cell.strip("[]() ")
+
+
 def _unit_name(text: str) -> str:
-    """Return a unit without the signs between its factors: ``Nmm`` for ``N*mm``."""
-    return BETWEEN_UNITS.sub("", text)
+    """Return a unit without the signs between its factors, as ``FORCES`` and ``TORQUES`` spell it: ``Nmm``."""
+    name = BETWEEN_UNITS.sub("", text)
+    if name in FORCES | TORQUES:
+        return name
+    for pattern, unit in SPELT.items():
+        name = re.sub(pattern, unit, name, flags=re.IGNORECASE)
+    return name
 
 
-def units_of(header: Sequence[str] | None, columns: Sequence[int], units: object, table: str) -> tuple[str, ...]:
-    """Return the unit of each column, a key of ``FORCES`` or ``TORQUES``, from ``units`` or else the header.
+def _is_unit(text: str) -> bool:
+    """Return whether a text is a unit of a force or a torque."""
+    return _unit_name(_bare_unit(text)) in FORCES | TORQUES
+
+
+def units_of(table: WrenchTable, columns: Sequence[int], units: object) -> tuple[str, ...]:
+    """Return the unit of each column, a key of ``FORCES`` or ``TORQUES``, from ``units`` or else the table.
 
     Raises
     ------
     InputError
-        On unknown or missing units.
+        On unknown or missing units, and on ``units`` other than those that the table states.
     """
     if units is not None and (not isinstance(units, list | tuple) or len(units) != 2):
         raise InputError("units", units, 'a pair such as ("N", "Nm")')
-    forces, names = 3 if len(columns) == 6 else 2, [header[c] if header else str(c) for c in columns]
+    forces = 3 if len(columns) == 6 else 2
+    names = [table.header[c] if table.header else str(c) for c in columns]
+    stated = table.stated_units(columns)
     if isinstance(units, list | tuple):
         texts = [str(units[0 if i < forces else 1]) for i in range(len(columns))]
+        for name, text, other in zip(names, texts, stated, strict=True):
+            if other is not None and (_is_unit(other) or table.units) and _unit_name(other) != _unit_name(text):
+                raise InputError("units", repr(text), f"{other!r}, which the table states for {name}, or no units=")
     else:
-        stated = [_split_unit(name)[1] if header else None for name in names]
         texts = [text for text in stated if text is not None]
         if len(texts) < len(stated):
             missing = ", ".join(name for name, text in zip(names, stated, strict=True) if text is None)
             expected = 'units=("N", "Nm"), which ROS messages are in, or a header such as Fx [N]'
-            raise InputError(f"{table}: units", f"none of {missing}" if texts else "none in the header", expected)
+            raise InputError(f"{table.name}: units", f"none of {missing}" if texts else "none in the header", expected)
     for i, text in enumerate(texts):
         allowed = FORCES if i < forces else TORQUES
         if _unit_name(text) not in allowed:
@@ -333,8 +399,3 @@ def units_of(header: Sequence[str] | None, columns: Sequence[int], units: object
 def scales_of(units: Sequence[str]) -> FloatArray:
     """Return the factors that convert values in given units to newtons or newton-metres."""
     return np.array([(FORCES | TORQUES)[unit] for unit in units])
-
-
-def has_units(header: Sequence[str], columns: Sequence[int]) -> bool:
-    """Return whether any of the columns states its unit."""
-    return any(_split_unit(header[column])[1] is not None for column in columns)
