@@ -37,7 +37,7 @@ class DelimitedTable:
     header : list of str or None
         Names of the columns.
     units : list of str or None
-        Cells of a row of units under the header.
+        Cells of a row of units beside the header.
     rows : list of lists of str
         Cells without spaces around them; a row with more or fewer cells than the table is empty.
     lines : list of int
@@ -89,9 +89,9 @@ def read_delimited(
 ) -> DelimitedTable:
     """Read a table delimited by semicolons, tabs, commas, vertical bars or spaces.
 
-    The delimiter is the one that makes a header, or else most numbers in rows of one width. Lines above the header and comments (``#``,
-    ``%``, ``//``) are left out. A row of units under the header is recognised. Cells left empty at the end of a row may
-    be missing.
+    The delimiter is the one that makes a header, or else most numbers in rows of one width. Lines above the header and
+    comments (``#``, ``%``, ``//``) are left out. A row of units under the header, or else right above it, is
+    recognised. Cells left empty at the end of a row may be missing.
 
     Parameters
     ----------
@@ -196,7 +196,9 @@ def _table_of(
     units = None
     if header is not None:
         rows, units = _take_units(rows, width, delimiter, is_unit)
-    if header is None:
+        if units is None and index:
+            units = _take_units([numbered[index - 1]], width, delimiter, is_unit)[1]
+    else:
         while width > 1 and all(len(row) < width or not row[width - 1] for _, row in rows):
             width -= 1
     text_columns = _trailing_text([row for _, row in rows], width, delimiter)

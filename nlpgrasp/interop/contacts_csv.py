@@ -11,28 +11,50 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, body_from_dict
 from nlpgrasp.budgets import force_budget
+from nlpgrasp.common.delimited_text import DelimitedTable, read_delimited
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import FloatArray, in_metres
+from nlpgrasp.common.validation import UNITS, FloatArray, in_metres
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.interop.contact_columns import (
+    COEFFICIENTS,
+    NORMAL,
+    POSITION,
+    ContactColumns,
+    contact_columns,
+    has_contacts,
+)
 from nlpgrasp.interop.hand_states import FORCE_WARNING, GRIP, LIMIT, SAFE_GRIP, grip_fields
 from nlpgrasp.problem.checks import warn_of_friction
 from nlpgrasp.quality.grasp import Grasp, do_all_point_away
 from nlpgrasp.solution.solution import GraspSolution
 
 # names of columns
-POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
-FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
+(FRICTION, TORSION), MODEL, GRASP = COEFFICIENTS, "model", "grasp"
 NAMES = (GRASP, "grasp_id", "id")  # columns that name the grasp of a row: the first that a table has
 NUMBERS = ("contact", "finger")  # columns that number the contacts of a grasp
-SEPARATORS = {";": "';'", "\t": "tabs", "|": "'|'", " ": "spaces"}  # of tables that are not separated by commas
 PROBE_STEP = 1e-3  # share of the body's size: probing step along a normal
 MOST_ROWS = 1_000_000  # contacts in a table
 UNIT_TOLERANCE = 1e-2  # tolerance of unit normals: other tools write few digits
 
 
-Row = dict[str, str | None]  # the text of each column
+KIND = "a CSV table of contacts: a header, then rows"
+
+
+class Row(dict[str, str]):
+    """Contact of a table: the text of each column, by its name.
+
+    Parameters
+    ----------
+    cells : dict of str to str
+    line : int
+        In the file.
+    """
+
+    def __init__(self, cells: dict[str, str], line: int) -> None:
+        super().__init__(cells)
+        self.line = line
 
 
 def contacts_csv(solution: GraspSolution) -> str:
@@ -81,10 +103,12 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     Parameters
     ----------
     path : str or Path
-        With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (metres, inward normals), and
-        optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
-        coefficients have to agree with). ``grasp`` (or ``grasp_id``, ``id``) names the grasp, ``contact`` or
-        ``finger`` may number its contacts; other columns are ignored.
+        With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (inward normals) or the like: ``x ...
+        nz``, ``pos_x ... normal_z``, and numbered, such as ``c0_x ... c1_nz``, all contacts of a grasp in one row.
+        Positions are in metres unless the header, or a row of units under it, states another unit. Optional are
+        ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the coefficients
+        have to agree with). ``grasp`` (or ``grasp_id``, ``id``) names the grasp, ``contact`` or ``finger`` may number
+        its contacts; other columns are ignored.
     friction : float, optional
         Friction of contacts whose row has none: frictionless by default, with a warning unless the row's model says so.
     body : Body, optional
@@ -118,15 +142,16 @@ def _read_grasps(path: str | Path, friction: float | None, body: Body | None, un
 
     Their order is that of their first rows.
     """
-    name, rows = str(path), _contact_rows(path)
+    name, (rows, unit) = str(path), _contact_rows(path, unit)
     rows_of = _rows_of_grasps(name, rows)
     space = 3 if "p_z" in rows[0] else 2
-    points = np.array([[_read_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
+    points = np.array([[_read_number(name, row, c) for c in POSITION[:space]] for row in rows])
     points = in_metres("unit", points, unit)
     normals = _unit_normals(name, rows, NORMAL[:space])
-    models = [_contact_model(name, i, row, friction) for i, row in enumerate(rows)]
+    models = [_contact_model(name, row, friction) for row in rows]
     if friction is None:
-        warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in rows])
+        is_unstated = [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in rows]
+        warn_frictionless(name, is_unstated, numbers=[row.line for row in rows])
     warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}")
     grasps = {
         key: Grasp(points[indices], normals[indices], [models[i] for i in indices], points[indices].mean(axis=0))
@@ -134,7 +159,7 @@ def _read_grasps(path: str | Path, friction: float | None, body: Body | None, un
     }
     for key, grasp in grasps.items():
         if body is not None or len(grasps) == 1:  # without a body, stacks check many grasps together
-            check_inward(name, grasp, body, rows_of[key])
+            check_inward(name, grasp, body, [rows[i].line for i in rows_of[key]])
     return grasps
 
 
@@ -146,7 +171,7 @@ def _rows_of_grasps(name: str, rows: Sequence[Row]) -> dict[str, list[int]]:
         raise InputError(f"{name}: {column}", "another value in each row", f"a column {GRASP} that names the grasps")
     rows_of: dict[str, list[int]] = {}
     for i, key in enumerate(keys):
-        field = f"{name}: row {i + 2}, {column}"
+        field = f"{name}: row {rows[i].line}, {column}"
         if not key and any(keys):
             raise InputError(field, "nothing", "the name of the grasp in each row")
         if key in rows_of and keys[i - 1] != key:
@@ -179,33 +204,13 @@ def _check_numbers(name: str, key: str, rows: Sequence[Row], indices: Sequence[i
             if number.isdecimal() and number in seen and not (column == "finger" and number == previous):
                 given = f"{column} {number} again" + (f" in grasp {key}" if key else "")
                 allowed = f"each {column} once in a grasp, and a column {GRASP} with another name for each grasp"
-                raise InputError(f"{name}: row {i + 2}, {column}", given, allowed)
+                raise InputError(f"{name}: row {rows[i].line}, {column}", given, allowed)
             seen.add(number)
             previous = number
 
 
-def _csv_rows(path: str | Path) -> tuple[list[str], list[Row]]:
-    """Read header and rows of a CSV table."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        reader = csv.DictReader(io.StringIO(text))
-        header, rows = list(reader.fieldnames or []), list(reader)
-    except OSError as error:
-        raise InputError(str(path), error.strerror, "a CSV table of contacts that exists") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(str(path), f"no table ({error})", "a CSV table of contacts") from None
-    if not text.strip():
-        raise InputError(str(path), "an empty file", "a CSV table of contacts: a header, then rows")
-    for i, row in enumerate(rows):
-        extra: Sequence[str] = row.pop(None, ())  # cells beyond the header
-        if any(cell.strip() for cell in extra):
-            cells = f"{len(header) + len(extra)} cells"
-            raise InputError(f"{path}: row {i + 2}", cells, f"{len(header)}, as in the header")
-    return header, rows
-
-
-def _parquet_rows(path: str | Path) -> tuple[list[str], list[Row]]:
-    """Read header and rows of a Parquet table, with numbers as text of full precision."""
+def _parquet_table(path: Path) -> DelimitedTable:
+    """Read a Parquet table, with numbers as text of full precision."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -217,48 +222,101 @@ def _parquet_rows(path: str | Path) -> tuple[list[str], list[Row]]:
         raise InputError(str(path), error.strerror or "no table", "a Parquet table that exists") from None
     except pa.ArrowException as error:
         raise InputError(str(path), f"no table ({error})", "a Parquet table of contacts") from None
-    rows = [{key: None if cell is None else str(cell) for key, cell in row.items()} for row in table.to_pylist()]
-    return list(table.column_names), rows
+    rows = [["" if cell is None else str(cell) for cell in row.values()] for row in table.to_pylist()]
+    header, lines = list(table.column_names), list(range(2, len(rows) + 2))
+    return DelimitedTable(str(path), header, None, rows, lines, [len(header)] * len(rows), ",")
 
 
-def _contact_rows(path: str | Path) -> list[Row]:
-    """Read the rows of a table of contacts, and check its columns."""
-    name = str(path)
-    header, rows = (_parquet_rows if Path(path).suffix.lower() == ".parquet" else _csv_rows)(path)
-    columns = [c.strip() for c in header if c]
-    repeated = [c for c in columns if columns.count(c) > 1]
+def _contact_rows(path: str | Path, unit: str) -> tuple[list[Row], str]:
+    """Read the contacts of a table, and return them with the unit of their positions."""
+    name, is_parquet = str(path), Path(path).suffix.lower() == ".parquet"
+    table = _parquet_table(Path(path)) if is_parquet else read_delimited(Path(path), KIND, has_contacts, _is_length)
+    header = [column.strip() for column in table.header or []]
+    repeated = [column for column in header if column and header.count(column) > 1]
     if repeated:
         raise InputError(f"{name}: header", f"two columns {repeated[0]}", "each column once")
-    space = 3 if "p_z" in columns else 2
-    missing = [c for c in (*POSITION[:space], *NORMAL[:space]) if c not in columns]
-    if missing:
-        _check_separator(name, columns)
-        raise InputError(f"{name}: header", f"no column {missing[0]}", ", ".join((*POSITION, *NORMAL)) + ", then rows")
-    if not rows:
+    contacts = contact_columns(name, header)
+    if not table.rows:
         raise InputError(name, "a header without rows", "a row for each contact")
-    if len(rows) > MOST_ROWS:
-        raise InputError(name, f"{len(rows)} contacts", f"at most {MOST_ROWS}")
-    return [{(k or "").strip(): v for k, v in row.items()} for row in rows]
+    if len(table.rows) * len(contacts) > MOST_ROWS:
+        raise InputError(name, f"{len(table.rows) * len(contacts)} contacts", f"at most {MOST_ROWS}")
+    _check_widths(table, header, contacts)
+    return _rows_of_contacts(table, header, contacts), _stated_unit(table, contacts, unit)
 
 
-def _check_separator(name: str, columns: Sequence[str]) -> None:
-    """Raise if the columns of a header seem to be separated by something else than commas."""
-    for separator, given in SEPARATORS.items():
-        if len(columns) == 1 and POSITION[0] in [c.strip(" \"'") for c in columns[0].split(separator)]:
-            raise InputError(f"{name}: header", f"columns separated by {given}", "','")
+def _is_length(cell: str) -> bool:
+    """Return whether a cell is a unit of length."""
+    return cell.strip("[]() ") in UNITS
+
+
+def _check_widths(table: DelimitedTable, header: Sequence[str], contacts: Sequence[ContactColumns]) -> None:
+    """Raise if a row has more or fewer cells than the header."""
+    for row, line, width in zip(table.rows, table.lines, table.widths, strict=True):
+        if row:
+            continue
+        missing = [name for columns in contacts for name, i in columns.indices.items() if i >= width]
+        if missing:
+            raise InputError(f"{table.name}: row {line}, {missing[0]}", "nothing", "a finite number")
+        raise InputError(f"{table.name}: row {line}", f"{width} cells", f"{len(header)}, as in the header")
+
+
+def _rows_of_contacts(table: DelimitedTable, header: Sequence[str], contacts: Sequence[ContactColumns]) -> list[Row]:
+    """Return a row for each contact, with the columns' standard names.
+
+    Several contacts in a row are a grasp, which has the row's number if no column names it; contacts without any
+    position and normal are left out.
+    """
+    used = sorted({i for columns in contacts for i in columns.indices.values()})
+    numbers = table.with_decimal_points([[row[i] for i in used] for row in table.rows])
+    others = {_standard_name(column, header): i for i, column in enumerate(header) if column and i not in used}
+    rows = []
+    for k, (row, line) in enumerate(zip(table.rows, table.lines, strict=True)):
+        text = dict(zip(used, numbers[k], strict=True))
+        shared = {name: row[i] for name, i in others.items()}
+        if len(contacts) > 1:
+            shared = {name: cell for name, cell in shared.items() if name not in NUMBERS}
+            shared |= {} if any(name in shared for name in NAMES) else {GRASP: str(k)}
+        cells = [{name: text[i] for name, i in columns.indices.items()} for columns in contacts]
+        stated = [contact for contact in cells if any(contact[name] for name in contact if name not in COEFFICIENTS)]
+        rows += [Row(shared | contact, line) for contact in (stated or cells[:1])]
+    return rows
+
+
+def _standard_name(column: str, header: Sequence[str]) -> str:
+    """Return the name of a column that is recognised in any case, or the column itself."""
+    name = column.lower()
+    return name if name in (*NAMES, *NUMBERS, MODEL, *COEFFICIENTS) and name not in header else column
+
+
+def _stated_unit(table: DelimitedTable, contacts: Sequence[ContactColumns], unit: str) -> str:
+    """Return the unit that the header or a row of units states for the positions, or else the given one."""
+    stated = {columns.unit for columns in contacts} - {None}
+    if table.units is not None:
+        positions = [i for columns in contacts for name, i in columns.indices.items() if name in POSITION]
+        stated |= {table.units[i].strip("[]() ") for i in positions}
+    if not stated:
+        return unit
+    texts = sorted(map(str, stated))
+    if len(texts) > 1 or texts[0] not in UNITS:
+        raise InputError(f"{table.name}: units", " and ".join(map(repr, texts)), f"one of {', '.join(UNITS)}")
+    if unit not in (texts[0], "m"):
+        raise InputError("unit", unit, f"{texts[0]}, which {table.name} states, or none")
+    return texts[0]
 
 
 def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> FloatArray:
     """Return the normals of a table, (m, space), scaled to unit length; raise if lengths are far from 1."""
-    normals = np.array([[_read_number(name, i, row, c) for c in columns] for i, row in enumerate(rows)])
+    normals = np.array([[_read_number(name, row, c) for c in columns] for row in rows])
     lengths = np.linalg.norm(normals, axis=1)
     worst = int(np.argmax(np.abs(lengths - 1.0)))
     if abs(lengths[worst] - 1.0) > UNIT_TOLERANCE:
-        raise InputError(f"{name}: row {worst + 2}", f"a normal of length {lengths[worst]:.4g}", "unit normals, inward")
+        raise InputError(
+            f"{name}: row {rows[worst].line}", f"a normal of length {lengths[worst]:.4g}", "unit normals, inward"
+        )
     return np.asarray(normals / lengths[:, None])
 
 
-def _read_number(name: str, index: int, row: Row, column: str) -> float:
+def _read_number(name: str, row: Row, column: str) -> float:
     """Return the number in a cell of a row; raise if it is not finite."""
     text = (row.get(column) or "").strip()
     try:
@@ -266,7 +324,7 @@ def _read_number(name: str, index: int, row: Row, column: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f"{name}: row {index + 2}, {column}", text or "nothing", "a finite number")
+        raise InputError(f"{name}: row {row.line}, {column}", text or "nothing", "a finite number")
     return value
 
 
@@ -288,10 +346,10 @@ def point_contact(field: str, friction: float | None, torsion: float | None) -> 
         raise InputError(f"{field}, {error.field}", error.given, error.allowed) from None
 
 
-def _contact_model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
+def _contact_model(name: str, row: Row, friction: float | None) -> ContactModel:
     """Return the contact model of a table row: soft, frictional or frictionless."""
-    coefficients = {c: _read_number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
-    row_name = f"{name}: row {index + 2}"
+    coefficients = {c: _read_number(name, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
+    row_name = f"{name}: row {row.line}"
     model = point_contact(row_name, coefficients.get(FRICTION, friction), coefficients.get(TORSION))
     stated_model = (row.get(MODEL) or "").strip()
     if stated_model and stated_model != model.kind:
@@ -313,7 +371,7 @@ def check_inward(name: str, grasp: Grasp, body: Body | None, rows: Sequence[int]
     grasp : Grasp
     body : Body or None
     rows : sequence of int
-        Of its contacts, without the header.
+        Of its contacts, lines of the file.
 
     Raises
     ------
@@ -331,13 +389,16 @@ def check_inward(name: str, grasp: Grasp, body: Body | None, rows: Sequence[int]
     outward = np.flatnonzero(inside_distance - outside_distance > step)
     if outward.size:
         raise InputError(
-            f"{name}: row {rows[outward[0]] + 2}", "a normal that points out of the body", "normals into the body"
+            f"{name}: row {rows[outward[0]]}", "a normal that points out of the body", "normals into the body"
         )
 
 
-def warn_frictionless(name: str, is_unstated: Sequence[bool], items: str = "rows") -> None:
+def warn_frictionless(
+    name: str, is_unstated: Sequence[bool], items: str = "rows", numbers: Sequence[int] | None = None
+) -> None:
     """Warn of rows or grasps without a friction coefficient, which are taken to be frictionless."""
-    rows = [str(i + 2) for i, is_missing in enumerate(is_unstated) if is_missing]
+    lines = range(2, len(is_unstated) + 2) if numbers is None else numbers
+    rows = [str(line) for line, is_missing in zip(lines, is_unstated, strict=True) if is_missing]
     if not rows:
         return
     location = "" if len(rows) == len(is_unstated) else f" in {items} {', '.join(rows)}"

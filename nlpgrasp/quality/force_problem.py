@@ -62,7 +62,9 @@ class FingerForces:
 
 
 @overload
-def finger_forces(grasp: Grasp, wrenches: ArrayLike | Task, *, force_budget: str | ForceBudget = "l2") -> FingerForces: ...
+def finger_forces(
+    grasp: Grasp, wrenches: ArrayLike | Task, *, force_budget: str | ForceBudget = "l2"
+) -> FingerForces: ...
 
 
 @overload

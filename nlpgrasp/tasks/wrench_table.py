@@ -81,7 +81,7 @@ class WrenchTable:
     text : DelimitedTable, optional
         Table of the file.
     units : list of str, optional
-        Row of units under the header.
+        Row of units beside the header.
     """
 
     name: str
@@ -131,7 +131,7 @@ class WrenchTable:
             in_header = _split_unit(self.header[column])[1] if self.header else None
             below = _bare_unit(self.units[column]) if self.units and column < len(self.units) else ""
             if below and in_header is not None and _is_unit(in_header) and _unit_name(in_header) != _unit_name(below):
-                given = f"{in_header!r} in the header and {below!r} in the row under it"
+                given = f"{in_header!r} in the header and {below!r} in the row of units"
                 raise InputError(f"{self.name}: units", given, "one unit for a column")
             result.append(below or in_header)
         return result
