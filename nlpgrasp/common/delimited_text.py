@@ -63,11 +63,10 @@ class DelimitedTable:
         InputError
             Where they have both, or commas that may separate thousands.
         """
-        numbers = [cell for row in rows for cell in row if NUMBER_LIKE.fullmatch(cell)]
-        commas = [cell for cell in numbers if "," in cell]
+        commas = [cell for row in rows for cell in row if "," in cell and NUMBER_LIKE.fullmatch(cell)]
         if not commas:
             return list(rows)
-        if any("." in cell for cell in numbers):
+        if any("." in cell and NUMBER_LIKE.fullmatch(cell) for row in rows for cell in row):
             raise InputError(f"{self.name}: decimals", "commas and points", "one of them in all numbers")
         if self.delimiter == "," and all(GROUPED.fullmatch(cell) for cell in commas):
             expected = "decimal points, or commas that cannot separate thousands"
@@ -196,12 +195,14 @@ def _table_of(
     units = None
     if header is not None:
         rows, units = _take_units(rows, width, delimiter, is_unit)
-        if units is None and index:
+        if units is None and index and len(numbered[index - 1][1]) == width:
             units = _take_units([numbered[index - 1]], width, delimiter, is_unit)[1]
     else:
         while width > 1 and all(len(row) < width or not row[width - 1] for _, row in rows):
             width -= 1
-    text_columns = _trailing_text([row for _, row in rows], width, delimiter)
+    _check_quotes(name, rows, width, delimiter)
+    is_short = any(len(row) < width for _, row in rows)
+    text_columns = _trailing_text([row for _, row in rows], width, delimiter) if is_short else 0
     cells = [_fit(row, width, text_columns) for _, row in rows]
     return DelimitedTable(name, header, units, cells, [line for line, _ in rows], [len(r) for _, r in rows], delimiter)
 
@@ -244,6 +245,17 @@ def _check_above(
         if sample is not None and len(row) >= len(header) and numeric(row)[: len(header)] == sample:
             expected = "the header above all rows of numbers, or skip_lines="
             raise InputError(f"{name}: line {line}", "numbers above the header", expected)
+
+
+def _check_quotes(name: str, rows: list[tuple[int, Cells]], width: int, delimiter: str) -> None:
+    """Raise if a quoted cell of several lines has a whole row of the table: a quotation mark that was never closed."""
+    previous = 0
+    for line, row in rows:
+        spans = line - previous > 1 and any("\n" in cell or "\r" in cell for cell in row)
+        previous = line
+        if spans and any(part.count(delimiter) >= width - 1 for cell in row for part in cell.splitlines()[1:]):
+            given = "a cell in quotation marks that contains rows of the table"
+            raise InputError(f"{name}: line {line}", given, "each quotation mark closed")
 
 
 def _take_units(

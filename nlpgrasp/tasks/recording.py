@@ -164,6 +164,7 @@ class WrenchRecording:
         values = table.numbers(indices) * scales_of(column_units)
         is_valid = np.all(np.isfinite(values), axis=1)
         lines, invalid = table.lines, table.lines[~is_valid]
+        table.check_invalid(np.flatnonzero(~is_valid))
         if not is_valid.all():
             if not skip_invalid:
                 raise InputError(table.name, format_invalid_rows(invalid), "six numbers in every line, or skip_invalid")

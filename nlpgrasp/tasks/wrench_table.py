@@ -118,6 +118,15 @@ class WrenchTable:
             values = np.array([[_number_or_nan(cell) for cell in row] for row in cells])
         return np.where(np.abs(values) <= LARGEST, values, np.nan).reshape(-1, len(columns))
 
+    def check_invalid(self, indices: IntArray) -> None:
+        """Raise if one of the rows without numbers is another header, or another row of units."""
+        for i in indices if isinstance(self.rows, list) else ():
+            row = self.rows[i]
+            is_other_header = len(_wrench_columns(row)) >= len(PLANAR) and row != self.header
+            if is_other_header or (any(map(_is_unit, row)) and row != self.units):
+                given = ", ".join(cell for cell in row if cell)
+                raise InputError(f"{self.name}: line {self.lines[i]}", given, "one header, and one row of units")
+
     def stated_units(self, columns: Sequence[int]) -> list[str | None]:
         """Return the unit that the header, or the row of units under it, states for each column.
 

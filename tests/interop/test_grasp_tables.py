@@ -306,3 +306,62 @@ def test_a_script_states_task_and_force_budget_of_a_page_and_of_a_table(arrays, 
     assert row["task"] == "lift"
     assert row["mu_lower"] <= expected.upper
     assert expected.lower <= row["mu_upper"]
+
+
+CONTACTS = np.array([[0, -0.03, 0.01, 0, 1, 0], [0, 0.03, -0.01, 0, -1, 0]])
+PLAIN = ["x", "y", "z", "nx", "ny", "nz"]
+HEADERS = {
+    "plain": PLAIN,
+    "capitals": ["X", "Y", "Z", "NX", "NY", "NZ"],
+    "p and n": ["px", "py", "pz", "nx", "ny", "nz"],
+    "words": [f"{quantity}_{axis}" for quantity in ("pos", "normal") for axis in "xyz"],
+    "dots": [f"{quantity}.{axis}" for quantity in ("position", "normal") for axis in "xyz"],
+    "contacts": [f"{quantity}_{axis}" for quantity in ("contact", "contact_normal") for axis in "xyz"],
+    "camel": [f"{quantity}{axis}" for quantity in ("point", "normal") for axis in "XYZ"],
+    "axis first": [f"{axis}_{quantity}" for quantity in ("pos", "normal") for axis in "xyz"],
+}
+
+
+def contact_lines(header, delimiter=",", decimal=".", factor=1.0):
+    """Return the text of a table with one contact per row."""
+    rows = CONTACTS * ([factor] * 3 + [1.0] * 3)
+    cells = [[repr(float(value)).replace(".", decimal) for value in row] for row in rows]
+    return "".join(delimiter.join(row) + "\n" for row in [header, *cells])
+
+
+WAYS = {
+    **{name: contact_lines(header) for name, header in HEADERS.items()},
+    "millimetres": contact_lines(["x [mm]", "y [mm]", "z [mm]", *PLAIN[3:]], factor=1e3),
+    "a row of units": contact_lines(PLAIN, factor=1e3).replace("nz\n", "nz\nmm,mm,mm,-,-,-\n"),
+    "semicolons": contact_lines(PLAIN, ";", ","),
+    "spaces": "# made by hand\n" + contact_lines(PLAIN, "  "),
+    "lines above": "grasps of rig 7\nby,me\n\n" + contact_lines(PLAIN),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_usual_tables_of_contacts_are_read(way, tmp_path):
+    (tmp_path / "a.csv").write_text(WAYS[way])
+    stack = ng.read_grasps(tmp_path / "a.csv", friction=0.5)
+    np.testing.assert_allclose(stack.points[0], CONTACTS[:, :3], atol=1e-15)
+    np.testing.assert_array_equal(stack.normals[0], CONTACTS[:, 3:])
+
+
+@pytest.mark.parametrize("style", ["{}{}", "{}_{}", "c{1}_{0}", "contact_{1}_{0}", "{}[{}]"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_row_may_have_all_contacts_of_a_grasp(style, first, tmp_path):
+    """With a friction of each, and fewer contacts in the third grasp."""
+    header = [style.format(name, i + first) for i in range(2) for name in (*PLAIN, "friction")]
+    row = ",".join(f"{value:g}" for contact in CONTACTS for value in (*contact, 0.4))
+    single = ",".join([f"{value:g}" for value in (*CONTACTS[0], 0.4)] + [""] * 7)
+    (tmp_path / "a.csv").write_text(f"id,{','.join(header)}\na,{row}\nb,{row}\nc,{single}\n")
+    pairs, alone = read_grasp_stacks(tmp_path / "a.csv")
+    assert (pairs.ids, alone.ids) == (("a", "b"), ("c",))
+    assert pairs.contacts == (ng.FrictionContact(0.4),) * 2
+    np.testing.assert_array_equal(pairs.points[1], CONTACTS[:, :3])
+
+
+def test_a_unit_of_a_table_is_not_overruled(tmp_path):
+    (tmp_path / "a.csv").write_text(WAYS["millimetres"])
+    with pytest.raises(ng.InputError, match="unit: got cm, expected mm, which .*a.csv states"):
+        ng.read_grasps(tmp_path / "a.csv", friction=0.5, unit="cm")

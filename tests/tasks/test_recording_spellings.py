@@ -232,3 +232,110 @@ def test_a_warning_of_a_fit_names_the_users_line(rng):
         ng.fit_ellipsoid(rows)
         ng.WrenchRecording.of(rows).fit()
     assert [warning.filename for warning in caught] == [__file__] * 3
+
+
+AXES = [f"{quantity}{axis}" for quantity in "FT" for axis in "xyz"]
+STATED = [f"{name} [{'N' if name[0] == 'F' else 'Nm'}]" for name in AXES]
+SERIES = np.array([[1.0 + i, 2.5, 3.0 * i, 0.1 * i, 0.05, 0.02 * i * i] for i in range(12)])
+
+
+def export(header, delimiter=",", decimal=".", above="", below="", scale=1.0, before=str, after=None):
+    """Return an export's text: lines above the header, a row below it, cells before and after each wrench."""
+    lines = [delimiter.join([*(["t"] if before else []), *header])]
+    for i, wrench in enumerate((SERIES * ([1.0] * 3 + [scale] * 3)).tolist()):
+        cells = [*([before(i)] if before else []), *(repr(value).replace(".", decimal) for value in wrench)]
+        lines.append(delimiter.join([*cells, *([] if after is None else [after(i)])]))
+    return above + lines[0] + "\n" + below + "\n".join(lines[1:]) + "\n"
+
+
+LVM = (
+    "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\nChannels\t6\t\t\t\t\t\n"
+    "Samples\t100\t100\t100\t100\t100\t100\nX0\t0,0E+0\t0,0\t0,0\t0,0\t0,0\t0,0\n***End_of_Header***\n"
+)
+EXPORTS = {
+    "PlotJuggler": (export([f"/ft/{n}" for n in ROS] + ["/joint/pos"], after=lambda i: ""), SI),
+    "rosbag2": (export([*ROS, "frame_id"], after=lambda i: '"tool; left, upper"'), SI),
+    "rostopic": ("%" + export([f"field.{n}" for n in ROS]), SI),
+    "LabVIEW": (export([*AXES, "Comment"], "\t", ",", LVM, after=lambda i: "go" if i == 0 else ""), SI),
+    "DIAdem": (export(AXES, ";", ",", below="s;N;N;N;Nmm;Nmm;Nmm\n", scale=1e3), {}),
+    "MTS": (
+        export([*AXES, ""], "\t", above="MTS793|MPT|1\nStation: rig\tTime: 12.5\n", below="Sec\tN\tN\tN\tN-m\tN-m\tN-m\t\n"),
+        {},
+    ),
+    "ATI": (export([f"{n} ({'N' if n[0] == 'F' else 'N-m'})" for n in AXES], above='Sensor: FT1, "Gamma"\n'), {}),
+    "ATI's units": (export(AXES, above="Force/Torque Units: N, Nm\n"), SI),
+    "OnRobot": (export(STATED, ";", ",", above="sep=;\n"), {}),
+    "a log": (export(AXES, " ", above="# HEX-E QC\n# rate 100\n"), SI),
+    "numpy": ("# " + export(AXES, " "), SI),
+    "aligned": ("  " + export(AXES, "    ").replace("\n", "  \n  ") + "\n", SI),
+    "Excel": (export([*STATED, "note", "by"], after=lambda i: "peg,me" if i < 2 else "").replace(",\n", "\n"), {}),
+    "units above": (export(AXES, above="s,N,N,N,Nmm,Nmm,Nmm\n", scale=1e3), {}),
+    "units in words": (export(AXES, below="(s)" + ",(Newton)" * 3 + ",(Newton-meter)" * 3 + "\n"), {}),
+    "a note's semicolons": (export(["note; by", *STATED], before=lambda i: f"{i},start; peg; in"), {}),
+    "a note's tab": (export(["note", *STATED], before=lambda i: f"{i},a\tb" if i == 3 else f"{i},run"), {}),
+    "a list in a cell": (export(["raw", *STATED], before=lambda i: f'{i},"[{"; ".join(["1"] * 20)}]"'), {}),
+    "quoted decimal commas": ("".join(f'"{line}"\n' for line in export(STATED, '","', ",").splitlines()), {}),
+    "bars": (export(STATED, "|"), {}),
+    "comments": (export(STATED, above="% rig 5\n") + "# end\n\n,,,,,,\n", {}),
+    "columns by number": (export(AXES, above="rig 5\nsensor A\n").replace(",".join(["t", *AXES]) + "\n", ""), {
+        **SI,
+        "columns": range(1, 7),
+    }),
+    "columns by name": (export(list("abcdef"), above="rig 5, today\n"), {**SI, "columns": list("abcdef")}),
+    "lines skipped": ('"an open quote\n1,2\n' + export(STATED), {"skip_lines": 2}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_exports_of_other_tools_are_read_whole(name, encoding, tmp_path):
+    text, options = EXPORTS[name]
+    path = tmp_path / "export.csv"
+    path.write_text(text, encoding=encoding)
+    recording = ng.WrenchRecording.read(path, **{"exerts": "fingers", **options})
+    np.testing.assert_allclose(recording.wrenches, SERIES)
+    assert len(recording.dropped) == 0
+
+
+ROW = "s,N,N,N,Nmm,Nmm,Nmm\n"
+REFUSED = {
+    "other units given": (export(AXES, below=ROW), SI, "units: got 'Nm', expected 'Nmm', which the table states for Tx"),
+    "units of the header": (export(STATED), {"units": ("kN", "Nm")}, "got 'kN', expected 'N', which the table states"),
+    "header and row": (export(STATED, below=ROW), {}, "'Nm' in the header and 'Nmm' in the row of units"),
+    "unknown units": (export(AXES, below="s" + ",kip" * 6 + "\n"), {**SI, "skip_invalid": True}, "line 2.*got kip"),
+    "one unknown": (export(AXES, below="s,N,N,kip,Nm,Nm,Nm\n"), {}, "units: got 'kip'"),
+    "second units": (
+        export(AXES, below=ROW) + export(AXES, below=ROW.replace("mm", "m")),
+        {"skip_invalid": True},
+        "line 16: got s, N, N, N, Nm, Nm, Nm, expected one header, and one row of units",
+    ),
+    "numbers above": (export(STATED) + export(STATED, above="x\n"), {"skip_lines": 1}, "line 2: got numbers above"),
+    "an open quote": (export([*STATED, "note"], after=lambda i: '"go' if i == 3 else ""), {}, "quotation mark closed"),
+    "rows in quotes": (
+        export([*STATED, "note"], after=lambda i: {3: '"go', 5: 'end"'}.get(i, "")),
+        {},
+        "line 7: got a cell in quotation marks that contains rows",
+    ),
+    "a lost cell": (export([*STATED, "n"], after=str) + "3,4,5,6,7,8,9\n", {}, r"1 row .*\(14\)"),
+    "thousands": (",".join(STATED) + '\n"1,234","2,345","1,000",0,0,0\n', {}, "decimals: got '1,234'"),
+    "a negative number": (export(STATED), {"skip_lines": -1}, "skip_lines: got -1"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_recording_that_may_be_misread_is_refused(name, tmp_path):
+    text, options, message = REFUSED[name]
+    path = tmp_path / "export.csv"
+    path.write_text(text)
+    with pytest.raises(ng.InputError, match=message) as caught:
+        ng.WrenchRecording.read(path, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_frame_has_its_row_of_units(tmp_path):
+    path = tmp_path / "export.csv"
+    path.write_text(export(AXES, below=ROW, scale=1e3))
+    recording = ng.WrenchRecording.of(pd.read_csv(path), exerts="fingers")
+    np.testing.assert_allclose(recording.wrenches, SERIES)
+    with pytest.raises(ng.InputError, match="which the table states for Tx"):
+        ng.WrenchRecording.of(pd.read_csv(path), **SI)
