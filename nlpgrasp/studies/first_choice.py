@@ -15,7 +15,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.tasks import Task, TaskEllipsoid, task_to_dict
 from nlpgrasp.tasks.tools import WEIGHT
 
 LARGEST_WIDTH, LARGEST_MASS = 0.07, 0.5  # metres, kilograms: 96 % of human grasp widths, 92 % of object masses
@@ -148,7 +148,7 @@ class FirstChoice:
             "normal_force": self.normal_force,
             "opening": self.opening,
             "safety": self.safety,
-            "task": self.task.to_dict(),
+            "task": task_to_dict(self.task),
             "reasons": [{"what": r.what, "rule": r.rule, "source": r.source} for r in self.reasons],
         }
 
@@ -272,7 +272,7 @@ def _make_proposal(data: _BodyData, centre: FloatArray, task: TaskEllipsoid, tas
         force,
         opening,
         data.safety,
-        task,
+        task.given_about(centre),
         (float(centre[0]), float(centre[1]), float(centre[2])),
         (count_reason, contact_reason, type_reason, name_reason, force_reason, opening_reason, task_reason),
     )

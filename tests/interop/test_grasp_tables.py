@@ -363,5 +363,5 @@ def test_a_row_may_have_all_contacts_of_a_grasp(style, first, tmp_path):
 
 def test_a_unit_of_a_table_is_not_overruled(tmp_path):
     (tmp_path / "a.csv").write_text(WAYS["millimetres"])
-    with pytest.raises(ng.InputError, match="unit: got cm, expected mm, which .*a.csv states"):
+    with pytest.raises(ng.InputError, match=r"unit: got cm, expected mm, which .*a\.csv states"):
         ng.read_grasps(tmp_path / "a.csv", friction=0.5, unit="cm")

@@ -259,7 +259,7 @@ EXPORTS = {
     "LabVIEW": (export([*AXES, "Comment"], "\t", ",", LVM, after=lambda i: "go" if i == 0 else ""), SI),
     "DIAdem": (export(AXES, ";", ",", below="s;N;N;N;Nmm;Nmm;Nmm\n", scale=1e3), {}),
     "MTS": (
-        export([*AXES, ""], "\t", above="MTS793|MPT|1\nStation: rig\tTime: 12.5\n", below="Sec\tN\tN\tN\tN-m\tN-m\tN-m\t\n"),
+        export([*AXES, ""], "\t", above="MTS793|MPT|1\nStation: rig\n", below="Sec\tN\tN\tN\tN-m\tN-m\tN-m\t\n"),
         {},
     ),
     "ATI": (export([f"{n} ({'N' if n[0] == 'F' else 'N-m'})" for n in AXES], above='Sensor: FT1, "Gamma"\n'), {}),
@@ -299,7 +299,7 @@ def test_exports_of_other_tools_are_read_whole(name, encoding, tmp_path):
 
 ROW = "s,N,N,N,Nmm,Nmm,Nmm\n"
 REFUSED = {
-    "other units given": (export(AXES, below=ROW), SI, "units: got 'Nm', expected 'Nmm', which the table states for Tx"),
+    "other units given": (export(AXES, below=ROW), SI, "got 'Nm', expected 'Nmm', which the table states for Tx"),
     "units of the header": (export(STATED), {"units": ("kN", "Nm")}, "got 'kN', expected 'N', which the table states"),
     "header and row": (export(STATED, below=ROW), {}, "'Nm' in the header and 'Nmm' in the row of units"),
     "unknown units": (export(AXES, below="s" + ",kip" * 6 + "\n"), {**SI, "skip_invalid": True}, "line 2.*got kip"),
