@@ -53,7 +53,8 @@ def test_round_trip_is_exact(solution, tmp_path):
 def test_the_file_has_the_documented_shape(data):
     assert data["schema"] == "nlpgrasp/1"
     assert data["status"] == "solved"
-    assert data["problem"]["task"] == {"type": "ellipsoid", "center": [0.0, 0.5, 0.0], "axes": np.eye(3).tolist()}
+    task = {"type": "ellipsoid", "center": [0.0, 0.5, 0.0], "axes": np.eye(3).tolist(), "torque_origin": [0.0, 0.0]}
+    assert data["problem"]["task"] == task
     assert set(data["grasp"]["contacts"][0]) >= {"position", "normal", "tangents", "face", "model", "friction"}
     assert set(data["quality"]["mu"]) == {"lower", "upper", "kind", "worst_direction"}
     assert data["quality"]["mu"]["kind"] == "mu_tilde"
