@@ -6,7 +6,7 @@ import trimesh
 from scipy.special import beta
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.bodies.mesh.display_triangles import simplify, triangles
 from nlpgrasp.bodies.triangulation import clip_ears, superellipse_quarter
 from tests.samples import BODIES
 
@@ -116,11 +116,39 @@ def test_ears_of_polygons_with_straight_corners():
 def test_a_mesh_is_simplified(outside_meshes):
     body = ng.Mesh.load(outside_meshes / "ycb_012_strawberry.stl")
     vertices, faces = triangles(body, 1000)
-    assert len(faces) == 1000
+    assert 500 < len(faces) <= 1000
     assert np.max(np.abs(body.signed_distance(vertices))) < 5e-4
+    assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(body.mesh.volume, rel=0.02)
 
 
-@pytest.mark.slow
-def test_a_mesh_that_cannot_be_simplified_is_remade(outside_meshes):
-    body = ng.Mesh.load(outside_meshes / "ycb_048_hammer.stl")
-    assert closed(body).volume == pytest.approx(body.mesh.volume, rel=0.1)
+def walls_that_cross(rng):
+    """Triangles of no closed surface: three at many an edge, open ones, and others that cross them."""
+    ball = trimesh.creation.icosphere(5, 0.05)
+    tops = ball.vertices[ball.faces].mean(axis=1) + rng.normal(0.0, 0.01, (len(ball.faces), 3))
+    fins = np.c_[ball.faces[:, :2], len(ball.vertices) + np.arange(len(ball.faces))]
+    return np.concatenate([ball.vertices, tops]), np.concatenate([ball.faces[::2], fins])
+
+
+def test_a_drawing_is_small_whatever_the_surface(rng):
+    """Open surfaces and those on which three triangles meet once made files of 14 MB, and took 12 GB."""
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(0.0, 0.1, 120)]), axis=-1).reshape(-1, 2)
+    sheet = trimesh.Trimesh(*open_sheet(grid), process=False)
+    soup = rng.random((30_000, 3)), np.arange(30_000).reshape(-1, 3)
+    cases = (sheet.vertices, sheet.faces), walls_that_cross(rng), soup
+    for vertices, faces in cases:
+        for most in (200, 320, 2000):
+            points, kept = simplify(np.asarray(vertices), np.asarray(faces), most)
+            assert (100 if vertices is soup[0] else most / 8) < len(kept) <= most
+            assert np.all(points > vertices.min(axis=0) - 0.1 * np.ptp(vertices, axis=0).max())
+            assert np.all(points < vertices.max(axis=0) + 0.1 * np.ptp(vertices, axis=0).max())
+    flat = simplify(np.asarray(sheet.vertices), np.asarray(sheet.faces), 320)
+    assert np.ptp(flat[0][:, 2]) < 1e-12
+    assert trimesh.Trimesh(*flat).area == pytest.approx(sheet.area, rel=0.3)
+
+
+def open_sheet(grid):
+    """Return a square grid of points in the plane z = 0 as vertices and triangles."""
+    n = round(len(grid) ** 0.5)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate([np.c_[i, i + 1, i + n], np.c_[i + 1, i + n + 1, i + n]])
+    return np.c_[grid, np.zeros(len(grid))], faces
