@@ -21,7 +21,7 @@ def parts_command(
     task: Annotated[Path, typer.Option("--task", metavar="SCRIPT", help=TASK)],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results; an existing one goes on.")],
     gripper: Annotated[str | None, typer.Option("--gripper", metavar="NAME", help=GRIPPER)] = None,
-    unit: Annotated[str, typer.Option("--unit", help="Unit of the mesh files: m, dm, cm, mm, in or ft.")] = "mm",
+    unit: Annotated[str, typer.Option("--unit", help="Of mesh files that state none: m, dm, cm, mm, in or ft.")] = "mm",
     starts: Annotated[int, typer.Option("--starts", help="Starts of each part.")] = 2,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the starts.")] = 0,
     keep: Annotated[int, typer.Option("--keep", help="Grasps of each part, at most.")] = 20,

@@ -214,10 +214,18 @@ def _degree_hint(size: float) -> str:
 
 
 def metres_per(field: str, unit: object) -> float:
-    """Return the length of a unit in metres, or raise ``InputError`` if the unit is unknown."""
-    if not isinstance(unit, str) or unit not in UNITS:
-        raise InputError(field, unit if isinstance(unit, str) else repr(unit), "one of " + ", ".join(UNITS))
-    return UNITS[unit]
+    """Return the length of a unit in metres, or raise ``InputError`` if the unit is unknown.
+
+    A unit is a name of ``UNITS`` or, as mesh files may state, a number of metres: ``"0.9144 m"``.
+    """
+    text = unit if isinstance(unit, str) else repr(unit)
+    if text in UNITS:
+        return UNITS[text]
+    length, _, name = text.partition(" ")
+    try:
+        return number(field, float(length if name == "m" else "nan"), above=0.0)
+    except (ValueError, InputError):
+        raise InputError(field, text, "one of " + ", ".join(UNITS)) from None
 
 
 def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:

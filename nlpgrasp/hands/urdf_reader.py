@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.meshes.mesh_file import metres_of_format
 from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro, find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
@@ -427,8 +428,7 @@ def _urdf_mesh_shape(
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         missing.append(f"{name} (link {link}: no triangles)")
         return None
-    if path.suffix.lower() == ".dae":  # the only format here that states its unit
-        mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
+    mesh.apply_scale(metres_of_format(path, mesh) or 1.0)
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)
     return CollisionShape("mesh", mesh, file=MeshFile.of(name, path))

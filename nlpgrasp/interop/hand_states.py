@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.analysis.squeeze import squeeze_for_task
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import UNITS, FloatArray, prefix_errors
+from nlpgrasp.common.validation import FloatArray, metres_per, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import axis_name
@@ -350,6 +350,6 @@ def object_scale(solution: GraspSolution, file: str | None) -> float:
     It is known for the body's own mesh file, and 1 otherwise.
     """
     mesh_file, unit = solution.body.get("source"), solution.body.get("unit")
-    if unit not in UNITS or (file is not None and Path(file).name != mesh_file):
+    if unit is None or (file is not None and Path(file).name != mesh_file):
         return 1.0
-    return UNITS[unit] * float(solution.body.get("scale", 1.0))
+    return metres_per("body.unit", unit) * float(solution.body.get("scale", 1.0))

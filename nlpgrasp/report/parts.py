@@ -16,6 +16,7 @@ from pathlib import Path
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.files import file_kind, write_bytes, write_text
 from nlpgrasp.common.formatting import capitalise, error_line, format_number, single_line
+from nlpgrasp.common.meshes.mesh_file import states_unit
 from nlpgrasp.common.optional_packages import write_figure
 from nlpgrasp.common.types import Json
 from nlpgrasp.constraints import Table
@@ -159,7 +160,7 @@ def solve_parts(
     out : str or Path
         Folder for the files; an existing one is resumed.
     unit : str
-        Of the files' coordinates.
+        Of the coordinates of files that state none.
     starts, seed, options, keep
         For each part, as in ``ng.solve``.
     progress : callable, optional
@@ -291,7 +292,7 @@ class _Batch:
 
     def _problem(self, name: str, file: Path) -> GraspProblem:
         """Return the problem of a part."""
-        part = Mesh.load(file, unit=self._unit)
+        part = Mesh.load(file, unit=None if states_unit(file) else self._unit)
         wanted = self._task(part, self._gripper)
         if isinstance(wanted, GraspProblem):
             return wanted

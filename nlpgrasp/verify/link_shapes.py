@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.meshes.mesh_file import metres_of_format
 from nlpgrasp.common.robot_files import SI, UrdfUnits, find_mesh
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_root_element
@@ -141,8 +142,7 @@ def _geometry_surface(path: Path, link: str, kind: ET.Element, files: _MeshFiles
             mesh = trimesh.load(mesh_path, force="mesh")
         except Exception as error:  # trimesh's readers raise what their formats raise
             raise NotCheckedError(f"{mesh_path.name}, the shape of link {link}, cannot be read: {error}") from None
-        if mesh_path.suffix.lower() == ".dae":  # the only format here that states its unit
-            mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
+        mesh.apply_scale(metres_of_format(mesh_path, mesh) or 1.0)
         mesh.apply_scale(_parse_numbers(kind.get("scale", "1 1 1")))
         return mesh
     if kind.tag == "box":

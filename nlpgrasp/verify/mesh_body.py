@@ -182,7 +182,7 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
 def _read_source_mesh(path: Path, unit: str, scale: float) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
     """Return a mesh file's surface, fingerprint and repairs; None if it is no valid mesh in this unit and scale."""
     try:
-        source_mesh, repairs = repaired_mesh(read_mesh(path, unit, scale))
+        source_mesh, repairs = repaired_mesh(read_mesh(path, unit, scale)[0])
     except InputError:
         return None
     vertices = np.asarray(source_mesh.vertices, dtype=float)

@@ -186,4 +186,4 @@ def test_defects_of_large_meshes_are_kept(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", SCANS)
 def test_scans_have_no_defects(name, outside_meshes):
-    assert defect_warnings(repaired_mesh(read_mesh(outside_meshes / name, SCANS[name]))[0]) == ()
+    assert defect_warnings(repaired_mesh(read_mesh(outside_meshes / name, SCANS[name])[0])[0]) == ()

@@ -66,16 +66,16 @@ def test_variants_in_files_load_alike(name, tmp_path):
     for kind in FORMATS:
         pose, file = pose_of(NEAR), tmp_path / f"part.{kind}"
         split_vertices(move_mesh(mesh, pose)).export(file)
-        seams = loads_like(mesh, read_mesh(file, "m"), pose)
+        seams = loads_like(mesh, read_mesh(file, "m")[0], pose)
         move_mesh(mesh, pose).export(file)
-        clean = loads_like(mesh, read_mesh(file, "m"), pose)
+        clean = loads_like(mesh, read_mesh(file, "m")[0], pose)
         assert volume_integrals(seams).volume == pytest.approx(volume_integrals(clean).volume, rel=1e-12)
         assert triangle_set(seams) == triangle_set(clean)
 
 
 @pytest.mark.parametrize("name", SCANS)
 def test_scans_load_alike_where_their_vertices_are_split(name, outside_meshes):
-    clean, _ = repaired_mesh(read_mesh(outside_meshes / name, SCANS[name]))
+    clean, _ = repaired_mesh(read_mesh(outside_meshes / name, SCANS[name])[0])
     for pose in (np.eye(4), pose_of([100.0, -30.0, 5.0], 0.7)):
         repaired = loads_like(clean, split_vertices(move_mesh(clean, pose)), pose)
         assert len(repaired.faces) == len(clean.faces)
@@ -164,7 +164,7 @@ def file_variants(name, folder):
             file = folder / f"part.{kind}"
             digits = {"digits": 20} if kind == "obj" else {}
             split_vertices(move_mesh(GOOD[name], pose_of(offset))).export(file, **digits)
-            yield read_mesh(file, "m"), offset
+            yield read_mesh(file, "m")[0], offset
 
 
 @pytest.mark.slow
@@ -257,7 +257,7 @@ def test_scenes_of_textured_parts_are_one_mesh(tmp_path):
         scene.add_geometry(half, transform=pose_of([0.25 * i, 0.0, 0.0]))
         half.apply_translation([-0.25 * i, 0.0, 0.0])
     scene.export(tmp_path / "two.glb")
-    repaired, notes = repaired_mesh(read_mesh(tmp_path / "two.glb", "m"))
+    repaired, notes = repaired_mesh(read_mesh(tmp_path / "two.glb", "m")[0])
     assert notes == ()
     assert volume_integrals(repaired).volume == pytest.approx(box.volume, rel=1e-6)
 

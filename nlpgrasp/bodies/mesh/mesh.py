@@ -72,7 +72,7 @@ class Mesh(Body):
     repairs : tuple of str
         Repairs made, and warnings on remaining defects, one sentence each.
     unit : str or None
-        Of the file's coordinates, where ``load`` read one.
+        Of the file's coordinates, where ``load`` read one: a name, or metres as ``"0.9144 m"``.
     scale : float
         Further factor on the file's coordinates, where ``load`` read one.
     smoothing : float
@@ -125,7 +125,7 @@ class Mesh(Body):
     def load(
         cls,
         path: str | Path,
-        unit: str = "m",
+        unit: str | None = None,
         smoothing: float | None = None,
         resolution: int | None = None,
         *,
@@ -137,14 +137,17 @@ class Mesh(Body):
         ----------
         path : str or Path
             STL, OBJ, PLY, OFF or whatever else ``trimesh`` reads.
-        unit : {"m", "dm", "cm", "mm", "in", "ft"}
-            The unit of the file's coordinates. A long body in metres gives a warning.
+        unit : {"m", "dm", "cm", "mm", "in", "ft"}, optional
+            Of the file's coordinates; by default the unit that the file states, else metres, where a long body gives a
+            warning. 3MF and COLLADA state a unit, glTF and STEP are in metres, and a comment of an OBJ, PLY or STL file
+            that is nothing but a unit counts. Another unit than the stated one is refused.
         smoothing, resolution, scale
             See the class.
         """
         factor = number("Mesh.scale", scale, above=0.0)
-        body = cls(read_mesh(path, unit, factor), smoothing, resolution, source=Path(path).name)
-        body.unit, body.scale = unit, factor
+        mesh, used = read_mesh(path, unit, factor)
+        body = cls(mesh, smoothing, resolution, source=Path(path).name)
+        body.unit, body.scale = used, factor
         return body
 
     def __repr__(self) -> str:

@@ -6,6 +6,7 @@ Both bodies and the independent verification read meshes here; the digest shows 
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,14 @@ DOUBLE = 4.0 * np.finfo(float).eps  # relative error of a scaled coordinate
 DIGITS = 9  # significant decimal digits up to which a coordinate counts as decimal
 SMALLEST = 1e-300  # against division by zero
 LARGE = 3.0  # m, length above which another unit is suspected
+IN_METRES = (".glb", ".gltf", ".step", ".stp")  # glTF by its specification, STEP as its reader converts it
+WITH_UNIT = (".3mf", ".dae", ".zae", ".3dxml")  # formats that state a unit, or have one by default
+HEAD, STL_HEADER = 8192, 80  # bytes in which comments are looked at
+# a comment of an OBJ or PLY file that is nothing but a unit; the header of an STL file as Materialise writes it
+UNIT_COMMENT = re.compile(
+    rb"^(?:#|comment|obj_info)[ \t]*(?:file )?units?[ \t]*[:=][ \t]*([a-z]+)[ \t\r]*$", re.I | re.M
+)
+STL_UNIT = re.compile(rb"\bUNITS=[ \t]*([a-z]+)", re.I)
 
 
 def coarse_rounding_warning(vertices: FloatArray) -> str | None:
@@ -68,24 +77,27 @@ def _is_decimal(coordinates: FloatArray) -> bool:
     return bool(np.all(np.abs(coordinates * scale - np.round(coordinates * scale)) <= DOUBLE * scale * largest))
 
 
-def read_mesh(path: str | Path, unit: str, scale: float = 1.0) -> trimesh.Trimesh:
-    """Return the mesh in a file, scaled to metres.
+def read_mesh(path: str | Path, unit: str | None = None, scale: float = 1.0) -> tuple[trimesh.Trimesh, str]:
+    """Return the mesh in a file, scaled to metres, and the unit of its coordinates.
 
-    The file's coordinates are in ``unit``, and are multiplied by ``scale``.
+    The coordinates are multiplied by ``scale``. Without a ``unit`` it is the one that the file states, else metres.
 
     Raises
     ------
     InputError
-        When the file does not exist, trimesh cannot read it, it has no triangles, or the unit is unknown.
+        When the file does not exist, trimesh cannot read it, it has no triangles, or the unit is unknown or another one
+        than the file states.
     """
     import trimesh
 
     file = Path(path)
-    factor = scale * metres_per("Mesh.unit", unit)
+    if unit is not None:
+        metres_per("Mesh.unit", unit)
     if not file.is_file():
         raise InputError("Mesh.path", str(path), "a mesh file that exists")
     try:
-        loaded = _one_mesh(trimesh.load(file, force="scene", process=False))  # processing drops NaN vertices unseen
+        scene = trimesh.load(file, force="scene", process=False)  # processing drops NaN vertices unseen
+        loaded = _one_mesh(scene)
     except ImportError:
         if file_kind(file) == "a CAD file":
             cure = "a mesh: export an STL from the CAD system; STEP files alone are read with pip install cascadio"
@@ -97,10 +109,80 @@ def read_mesh(path: str | Path, unit: str, scale: float = 1.0) -> trimesh.Trimes
         raise InputError("Mesh.path", reason, "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)") from None
     if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
         raise InputError("Mesh.path", f"{path} without triangles", "a triangle mesh")
+    stated = stated_unit(file, scene)
+    if stated is not None and unit not in (None, stated):
+        factor = metres_per("Mesh.unit", unit) / metres_per("Mesh.unit", stated)
+        allowed = f"none: {file.name} states {stated}; scale={factor:g} makes up for a file that states a wrong one"
+        raise InputError("Mesh.unit", unit, allowed)
+    used = stated or unit or "m"
+    factor = scale * metres_per("Mesh.unit", used)
     longest = factor * _longest_side(loaded)
-    if unit == "m" and LARGE < longest <= LONGEST_BODY:
+    if used == "m" and stated is None and LARGE < longest <= LONGEST_BODY:
         warn_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
-    return scale_mesh(loaded, factor)
+    return scale_mesh(loaded, factor), used
+
+
+def stated_unit(file: Path, geometry: trimesh.Scene | trimesh.Trimesh) -> str | None:
+    """Return the unit that a mesh file states, by its format or in a comment; None if it states none.
+
+    It is a name of ``UNITS``, or metres as ``"0.9144 m"``.
+
+    Raises
+    ------
+    InputError
+        On a unit that is no length, and on parts in different units.
+    """
+    factor = metres_of_format(file, geometry) or _metres_in_comment(file)
+    if factor is None:
+        return None
+    return next((name for name, metres in UNITS.items() if np.isclose(factor, metres, 1e-9, 0.0)), f"{factor!r} m")
+
+
+def states_unit(file: Path) -> bool:
+    """Return whether a mesh file states its unit, by its format or in a comment."""
+    return file.suffix.lower() in (*IN_METRES, *WITH_UNIT) or _metres_in_comment(file) is not None
+
+
+def _metres_in_comment(file: Path) -> float | None:
+    """Return the length in metres of the one unit that a file's comments state; None without one, or with two."""
+    pattern = {".obj": UNIT_COMMENT, ".ply": UNIT_COMMENT, ".stl": STL_UNIT}.get(file.suffix.lower())
+    if pattern is None:
+        return None
+    with file.open("rb") as stream:
+        head = stream.read(HEAD if pattern is UNIT_COMMENT else STL_HEADER)
+    lengths = {_metres_of_name(name.decode()) for name in pattern.findall(head.partition(b"end_header")[0])}
+    return lengths.pop() if len(lengths) == 1 else None
+
+
+def metres_of_format(file: Path, geometry: trimesh.Scene | trimesh.Trimesh) -> float | None:
+    """Return the length of a file's unit in metres, where its format states one; None for other formats.
+
+    Raises
+    ------
+    InputError
+        On a unit that is no length, and on parts in different units.
+    """
+    if file.suffix.lower() in IN_METRES:
+        return 1.0
+    if file.suffix.lower() not in WITH_UNIT:
+        return None
+    names = {part.units for part in getattr(geometry, "geometry", {"": geometry}).values()}
+    lengths = {_metres_of_name(str(name)) for name in names}
+    factor = lengths.pop() if len(lengths) == 1 else None
+    if factor is None:
+        raise InputError("Mesh.path", f"{file.name} in units of {', '.join(map(repr, names))}", "one unit of length")
+    return factor
+
+
+def _metres_of_name(name: str) -> float | None:
+    """Return the length of a unit in metres, by a name that trimesh knows; None for any other."""
+    from trimesh.units import unit_conversion
+
+    try:
+        factor = float(unit_conversion(name, "meters"))
+    except ValueError:
+        return None
+    return factor if np.isfinite(factor) and factor > 0.0 else None
 
 
 def _one_mesh(scene: trimesh.Scene) -> object:
