@@ -73,6 +73,7 @@ def quality_command(
     """
     from nlpgrasp.interop import ReadOptions
     from nlpgrasp.interop.registry import SOLUTION, reader_of
+    from nlpgrasp.quality.grasp import check_spans
 
     reader = reader_of(file)
     import_options = {"friction": friction, "task": task, "problem": script, "unit": None if unit == "m" else unit}
@@ -87,6 +88,7 @@ def quality_command(
     readings = [list(reader.read(file, ReadOptions(f, by_file, problem, unit))) for f in frictions]
     if measures is None and out is None and len(readings[0]) == 1 and len(readings) == 1 and len(tasks) <= 1:
         item = readings[0][0]
+        check_spans(file.name, item.grasp.points[None])
         if tasks and by_file is None:
             item = replace(item, task=tasks[0].task, budget=common_budget(tasks, item.budget))
         _print_measures(item, PAGE_RTOL if rtol is None else rtol, torque_scale, as_json)

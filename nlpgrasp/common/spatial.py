@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, array, check_angles
 from nlpgrasp.errors import InputError
 
 UNIT_TOLERANCE = 1e-6  # tolerance of unit vectors and rotations
@@ -246,7 +246,7 @@ def pose_from_text(field: str, text: str) -> FloatArray:
     Raises
     ------
     InputError
-        On any other text, and on what is no rigid transform.
+        On any other text, on what is no rigid transform, and on a rotation vector longer than a turn.
     """
     try:
         value = json.loads(text.strip().removeprefix("p"))
@@ -254,6 +254,7 @@ def pose_from_text(field: str, text: str) -> FloatArray:
         raise InputError(field, text, POSE_TEXT) from None
     if isinstance(value, list) and len(value) == 6:
         coordinates = array(field, value, (6,))
+        check_angles(f"{field}, length of (rx, ry, rz)", np.asarray(np.linalg.norm(coordinates[3:])))
         quaternion = Rotation.from_rotvec(coordinates[3:]).as_quat(scalar_first=True)
         return pose_matrix(field, {"position": coordinates[:3], WXYZ: quaternion})
     if not isinstance(value, list | dict) or not value:
@@ -277,6 +278,15 @@ def pose_matrix(field: str, value: Pose) -> FloatArray:
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = rigid_transform(field, value, 3)
     return result
+
+
+def check_cell_positions(field: str, positions: ArrayLike) -> None:
+    """Raise if positions (..., 3) in a robot's cell, metres, are too far from its origin: a pose in millimetres."""
+    farthest = float(np.max(np.linalg.norm(positions, axis=-1), initial=0.0))
+    if farthest > LONGEST_BODY:
+        cure = f"if the position is in millimetres, divide it by 1000: {farthest:.4g} mm are {farthest / 1000.0:.4g} m"
+        allowed = f"a pose that puts it at most {LONGEST_BODY:g} m from the cell's origin; {cure}"
+        raise InputError(field, f"a pose that puts the hand {farthest:.4g} m from the cell's origin", allowed)
 
 
 def quaternion_wxyz(rotation: FloatArray) -> FloatArray:

@@ -21,6 +21,7 @@ from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_m
 
 # namespaces of elements that are macros
 XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
+LARGEST_RPY = 4.0 * np.pi  # rad, angle of an origin above which degrees are suspected: exporters round and add turns
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
 
@@ -117,8 +118,9 @@ def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
         )
         if mass <= 0.0:
             continue
-        pose = [None if origin is None else origin.get(key) for key in ("xyz", "rpy")]
-        center, rpy = (attribute_numbers(source, f"{label}, origin", value, np.zeros(3)) for value in pose)
+        xyz = None if origin is None else origin.get("xyz")
+        center = attribute_numbers(source, f"{label}, origin", xyz, np.zeros(3))
+        rpy = _roll_pitch_yaw(source, label, origin)
         components = [None if inertia_element is None else inertia_element.get(key) for key in MOMENTS]
         values = [float(attribute_numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in components]
         turn = Rotation.from_euler("xyz", rpy).as_matrix()
@@ -260,7 +262,7 @@ def _read_joint(source: Path, edge: Edge) -> Joint:
         raise_invalid(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
     origin, axis = element.find("origin"), element.find("axis")
     xyz = attribute_numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
-    rpy = attribute_numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
+    rpy = _roll_pitch_yaw(source, label, origin)
     direction = attribute_numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
     if kind in MOVABLE and np.linalg.norm(direction) < 1e-9:
         raise_invalid(source, f"{label} with axis zero", "a direction")
@@ -374,8 +376,7 @@ def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]
     pose = np.eye(4)
     if origin is not None:
         pose[:3, 3] = attribute_numbers(source, f"{label}, xyz", origin.get("xyz"), np.zeros(3))
-        rpy = attribute_numbers(source, f"{label}, rpy", origin.get("rpy"), np.zeros(3))
-        pose[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+        pose[:3, :3] = Rotation.from_euler("xyz", _roll_pitch_yaw(source, label, origin)).as_matrix()
     kind = None if geometry is None or not len(geometry) else geometry[0]
     tag = "" if kind is None else kind.tag
     if kind is None or tag not in ("sphere", "cylinder", "capsule", "box", "mesh"):
@@ -432,6 +433,16 @@ def _urdf_mesh_shape(
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)
     return CollisionShape("mesh", mesh, file=MeshFile.of(name, path))
+
+
+def _roll_pitch_yaw(source: Path, label: str, origin: ET.Element | None) -> FloatArray:
+    """Return the angles (3,) of an <origin>, radians; raise where they are probably degrees."""
+    rpy = attribute_numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
+    largest = float(np.max(np.abs(rpy)))
+    if largest > LARGEST_RPY:
+        allowed = f"radians: if these are degrees, {largest:g} degrees are {np.radians(largest):.4g}"
+        raise_invalid(source, f"{label}, rpy {rpy.tolist()}", allowed)
+    return rpy
 
 
 def attribute_numbers(source: Path, label: str, text: str | None, default: Iterable[float]) -> FloatArray:

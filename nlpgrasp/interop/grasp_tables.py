@@ -14,7 +14,7 @@ from nlpgrasp.interop.base import ReadGrasp, ReadOptions
 from nlpgrasp.interop.grasp_arrays import grasps_of_arrays
 from nlpgrasp.interop.registry import reader_of
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.grasp import GraspStack, check_distinct_names, warn_of_units_and_normals
+from nlpgrasp.quality.grasp import GraspStack, check_distinct_names, check_spans, warn_of_units_and_normals
 
 
 def read_grasps(
@@ -52,8 +52,8 @@ def read_grasps(
     ------
     InputError
         On a file without such columns or arrays, normals that are not unit vectors within 1 %, ids that are repeated
-        (also by rows of a grasp that are not one after another), and grasps of different contacts:
-        ``read_grasp_stacks`` returns a stack for each kind.
+        (also by rows of a grasp that are not one after another), contacts more than 10 m apart, and grasps of different
+        contacts: ``read_grasp_stacks`` returns a stack for each kind.
 
     Warns
     -----
@@ -124,6 +124,7 @@ def stack_grasps(
     stacks = []
     for models, members in groups.items():
         points, normals = (np.stack([getattr(m.grasp, field) for m in members]) for field in ("points", "normals"))
+        check_spans(name, points)
         warn_of_units_and_normals(name, points, normals)
         stacks.append(GraspStack(points, normals, models, origin, [member.name for member in members]))
     return tuple(stacks)

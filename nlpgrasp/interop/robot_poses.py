@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.spatial import Pose, pose_matrix, quaternion_wxyz
+from nlpgrasp.common.spatial import Pose, check_cell_positions, pose_matrix, quaternion_wxyz
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
@@ -155,7 +155,8 @@ def robot_poses(
     Raises
     ------
     InputError
-        Without such a grasp, on a frame that is no pose, and on lengths below zero.
+        Without such a grasp, on a frame that is no pose or puts the gripper more than 10 m away, and on lengths below
+        zero.
     """
     gripper = require_jaws(solution, JAWS)
     part_pose = np.eye(4) if frame is None else pose_matrix("frame", frame)
@@ -169,6 +170,8 @@ def robot_poses(
             phase.name: ToolPose(part_pose @ phase.palm_frame @ to_tcp)
             for phase in jaw_phases(hand, gripper.opening, *lengths)
         }
+        if frame is not None:
+            check_cell_positions("frame", [tool.position for tool in tools.values()])
         return RobotPoses(
             tools[APPROACH],
             tools[GRASP],

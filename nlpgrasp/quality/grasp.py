@@ -18,7 +18,7 @@ from nlpgrasp.common.spatial import (
     wrench_transform,
 )
 from nlpgrasp.common.user_warnings import is_called_by_user, warn
-from nlpgrasp.common.validation import BoolArray, FloatArray, array, number, read_only
+from nlpgrasp.common.validation import LONGEST_BODY, BoolArray, FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
@@ -119,6 +119,24 @@ def do_all_point_away(points: FloatArray, normals: FloatArray) -> BoolArray:
     return np.asarray(np.all(is_away, axis=-1) & (points.shape[-2] > 1))
 
 
+def _spans(points: FloatArray) -> FloatArray:
+    """Return the distance of the farthest contacts of each grasp (b, k, space), (b,)."""
+    spans = np.zeros(len(points))
+    for i in range(points.shape[1]):
+        spans = np.maximum(spans, np.max(np.linalg.norm(points - points[:, i : i + 1], axis=2), axis=1))
+    return spans
+
+
+def check_spans(name: str, points: FloatArray) -> None:
+    """Raise for grasps (b, k, space) with contacts farther apart than the longest body that is taken."""
+    spans = _spans(points)
+    if len(spans) and spans.max() > LONGEST_BODY:
+        farthest = int(np.argmax(spans))
+        given = f"contacts {spans[farthest]:.3g} m apart (grasp {farthest} of {len(spans)})"
+        allowed = f'at most {LONGEST_BODY:g} m: are these millimetres? unit="mm" (--unit mm) says so'
+        raise InputError(f"{name}: points", given, allowed)
+
+
 def warn_of_units_and_normals(name: str, points: FloatArray, normals: FloatArray) -> None:
     """Warn of grasps (b, k, space) whose points seem not to be in metres, or whose normals seem to point outwards.
 
@@ -130,9 +148,7 @@ def warn_of_units_and_normals(name: str, points: FloatArray, normals: FloatArray
     """
     if not len(points):
         return
-    span = np.zeros(len(points))  # distance of the contacts that are farthest apart
-    for i in range(points.shape[1]):
-        span = np.maximum(span, np.max(np.linalg.norm(points - points[:, i : i + 1], axis=2), axis=1))
+    span = _spans(points)
     median = float(np.median(span))
     indices = np.flatnonzero(span > UNIT_RATIO * median)
     if median > LONG_SPAN:

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nlpgrasp.common.spatial import Pose, pose_matrix
+from nlpgrasp.common.spatial import Pose, check_cell_positions, pose_matrix
 from nlpgrasp.common.validation import FloatArray, IntArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import ParallelJaw
@@ -103,7 +103,8 @@ def trajectory(
     Raises
     ------
     InputError
-        On a solution without phases, numbers that are not above zero, and a frame that is no pose.
+        On a solution without phases, numbers that are not above zero, and a frame that is no pose or puts the hand
+        more than 10 m away.
     """
     frames, default_speed, axes = solution.phases, JOINT_SPEED, {}
     if not frames:
@@ -113,6 +114,7 @@ def trajectory(
     if frame is not None:
         pose = pose_matrix("frame", frame)
         frames = tuple(phase.in_frame(pose) for phase in frames)
+        check_cell_positions("frame", [phase.palm_position for phase in frames])
     rate, speed = number("rate", rate, above=0.0), number("speed", speed, above=0.0)
     names = tuple(frames[0].joints)
     fastest = _speeds(default_speed if joint_speed is None else joint_speed, names)

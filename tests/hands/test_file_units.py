@@ -177,6 +177,19 @@ def test_few_limits_beyond_a_turn_are_of_geared_joints(tmp_path):
     assert questions(path) == []
 
 
+@pytest.mark.parametrize("place", ["joint", "collision"])
+def test_origins_turned_by_degrees_are_asked_about(tmp_path, place):
+    trimesh.creation.box([0.02, 0.02, 0.06]).export(tmp_path / "finger.stl")
+    turned = finger("left", -0.05, 1, "")
+    if place == "joint":
+        turned = turned.replace('xyz="0 -0.05 0.02"', 'xyz="0 -0.05 0.02" rpy="0 0 90"')
+    else:
+        turned = turned.replace("<geometry>", '<origin rpy="90 0 0"/><geometry>')
+    path = write_hand(tmp_path, turned, finger("right", 0.05, -1, ""))
+    with pytest.raises(ng.InputError, match=r"left.*, rpy \[.*90.0.*radians: if these are degrees, 90 degrees"):
+        ng.URDFHand.load(path, ["left_link", "right_link"])
+
+
 def test_followers_in_degrees(tmp_path):
     """A slide that follows a hinge: metres per degree, and an offset in metres."""
     trimesh.creation.box([0.02, 0.02, 0.06]).export(tmp_path / "finger.stl")

@@ -124,12 +124,14 @@ def test_bad_arrays_are_refused(arrays, change, message):
 
 
 def test_what_is_suspicious_is_noticed(arrays):
-    with pytest.warns(UserWarning, match="in metres, not millimetres"):
-        ng.read_grasps(arrays | {"points": 1000 * arrays["points"]}, friction=0.5)
-    for factor in (100, 1000):
-        mixed = arrays["points"] * np.where(np.arange(6) == 2, factor, 1)[:, None, None]
-        with pytest.warns(UserWarning, match="units seem to be mixed, in 1 of 6 grasps: grasp 2"):
-            ng.read_grasps(arrays | {"points": mixed}, friction=0.5)
+    one = np.where(np.arange(6) == 2, 100.0, 1.0)[:, None, None]
+    with pytest.warns(UserWarning, match="units seem to be mixed, in 1 of 6 grasps: grasp 2"):
+        ng.read_grasps(arrays | {"points": one * arrays["points"]}, friction=0.5)
+    with pytest.warns(UserWarning, match="m apart, in the median; they have to be in metres"):
+        ng.read_grasps(arrays | {"points": 120.0 * arrays["points"]}, friction=0.5)
+    for factor in (1000.0, np.where(np.arange(6) == 2, 1000.0, 1.0)[:, None, None]):
+        with pytest.raises(ng.InputError, match=r'arrays: points: got contacts .* m apart .*unit="mm" .* says so'):
+            ng.read_grasps(arrays | {"points": factor * arrays["points"]}, friction=0.5)
     with pytest.warns(UserWarning, match="arrays: no friction stated: taken to be frictionless"):
         ng.read_grasps(arrays)
 
@@ -269,6 +271,18 @@ def test_the_command_writes_one_table(arrays, tmp_path):
 def test_wrong_use_of_a_table_is_one_line(arrays, tmp_path, drop, options, message):
     (tmp_path / "grasps.csv").write_text(table_text(arrays, drop))
     assert message in refused(run_here("quality", "grasps.csv", "--friction", "0.5", *options, cwd=tmp_path))
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_a_table_in_millimetres_ends_the_command_with_a_question(arrays, tmp_path, count):
+    """Contacts 59 m apart were measured for ten minutes, and certified."""
+    few = {name: values[:count] for name, values in arrays.items()}
+    (tmp_path / "grasps.csv").write_text(table_text(few, counts=(4,) * count, factor=1000.0))
+    line = ["quality", "grasps.csv", "--friction", "0.5", "--task", "any small disturbance"]
+    text = refused(run_here(*line, cwd=tmp_path))
+    assert "m apart" in text
+    assert "(--unit mm) says so" in text
+    assert run_here(*line, "--unit", "mm", cwd=tmp_path).returncode == 0
 
 
 def test_coefficients_of_a_table_that_states_its_own_are_refused(arrays, tmp_path):

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.cli.main import command_line
-from nlpgrasp.common.spatial import pose_from_text
+from nlpgrasp.common.spatial import pose_from_text, pose_matrix
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import ExportOptions, moveit
 from nlpgrasp.interop.registry import format_named
@@ -144,6 +144,11 @@ BAD_FRAMES = {
     "seven": ("[0, 0, 0, 1, 0, 0, 0]", "do not say where the scalar is"),
     "no rotation": ("[[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "a rigid transform"),
     "nothing": ("", "expected"),
+    "degrees": (
+        "p[0.4, -0.1, 0.2, 0, 0, 90]",
+        r"length of \(rx, ry, rz\): got 90.0, expected radians: 90 degrees",
+    ),
+    "quaternion": ('{"position": [0, 0, 0], "quaternion_wxyz": [1, 1, 0, 0]}', "length 1.41421, expected unit quat"),
 }
 
 
@@ -151,6 +156,28 @@ BAD_FRAMES = {
 def test_bad_frames_are_refused(text, message):
     with pytest.raises(InputError, match=message):
         pose_from_text("--frame", text)
+
+
+def in_millimetres(frame):
+    """Return a pose (4, 4) in metres with its position in millimetres, in every spelling that is taken."""
+    moved = np.array(frame, dtype=float)
+    moved[:3, 3] *= 1000.0
+    quaternion = Rotation.from_matrix(moved[:3, :3]).as_quat()
+    return moved, {"position": moved[:3, 3], "quaternion_xyzw": quaternion}
+
+
+@pytest.mark.parametrize("spelling", [0, 1])
+def test_a_frame_in_millimetres_is_asked_about(block, spelling, tmp_path):
+    frame = in_millimetres(pose_matrix("cell", CELL))[spelling]
+    for take in (ng.robot_poses, ng.trajectory):
+        with pytest.raises(InputError, match=r"^frame: .* m from the cell's origin, .* in millimetres"):
+            take(block, frame=frame)
+    file = block.save(tmp_path / "block.json")
+    text = json.dumps(frame.tolist() if spelling == 0 else {key: value.tolist() for key, value in frame.items()})
+    arguments = ["export", str(file), "--to", "poses", "--frame", text]
+    with pytest.raises(InputError, match="in millimetres"):
+        command_line(arguments)(arguments, standalone_mode=False)
+    assert not (tmp_path / "block.poses.csv").exists()
 
 
 def test_a_frame_is_refused_by_formats_in_the_parts_frame(block, tmp_path):
