@@ -19,7 +19,8 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     import trimesh
 
-LARGEST_FILL = 0.05  # of the surface area: holes larger in total are refused
+LARGEST_FILL = 0.05  # of the surface area: holes larger in total, and a larger share off the body, are refused
+OFF_BODY = 3000  # points of a mesh's own surface of which the share off the body is taken
 SAME_AREA = 1e-9  # of the surface area: difference within which two areas are equal
 TOUCHING = 1e-6  # of the diagonal: distance within which pieces touch, and depth at which crossings are rounding
 SLIT = 3e-3  # of the diagonal: distance within which pieces of an open mesh touch (removed triangles leave slits)
@@ -31,15 +32,17 @@ MOST_INVERTED = 0.01  # of the samples may fail the ray test
 FEW = 1000  # triangles: below, the cache saves no time
 
 
-def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
-    """Raise if repairing a mesh would invent surface: large holes, or triangles with reversed copies.
+def refuse_guessed_surface(mesh: trimesh.Trimesh, repaired: trimesh.Trimesh) -> None:
+    """Raise if repairing a mesh invented surface, or left much of it out: large holes, reversed copies, sheets.
 
     Raises
     ------
     InputError
-        When filled holes exceed ``LARGEST_FILL`` of the surface; or when pairs of opposite triangles are a part of the
-        surface, and filling the hole that their removal leaves gives a different area.
+        When filled holes exceed ``LARGEST_FILL`` of the surface; when pairs of opposite triangles are a part of the
+        surface, and filling the hole that their removal leaves gives a different area; or when more than that share of
+        the mesh's surface is neither on nor in the repaired one.
     """
+    _check_sheets(mesh, repaired)
     coordinates = np.asarray(mesh.vertices, dtype=float)
     origin = local_origin(coordinates)
     filled = merge_mesh_vertices(relative_to(coordinates, origin), np.asarray(mesh.faces))
@@ -62,6 +65,21 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
             "each triangle of the surface once, facing outwards",
         )
     _check_holes(vertices, fill[~restored], area, origin)
+
+
+def _check_sheets(mesh: trimesh.Trimesh, repaired: trimesh.Trimesh) -> None:
+    """Raise if much of a mesh's surface is off the repaired one, because it encloses nothing."""
+    points, _ = _surface_samples(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces), OFF_BODY)
+    tree = SearchTree(np.asarray(repaired.vertices), np.asarray(repaired.faces))
+    size = float(np.linalg.norm(np.ptp(np.asarray(mesh.vertices), axis=0)))
+    is_off = tree.exact_signed_distance(points) > SLIT * size
+    if np.mean(is_off) > LARGEST_FILL:
+        raise InputError(
+            "Mesh.mesh",
+            f"{format_percent(float(np.mean(is_off)))} of the surface, around "
+            f"{_format_mean(points[is_off], np.zeros(3))}, that encloses nothing: sheets without thickness",
+            "walls with a thickness, whose triangles face outwards",
+        )
 
 
 def _check_holes(vertices: FloatArray, fill: IntArray, area: float, origin: FloatArray) -> None:
@@ -177,7 +195,7 @@ def _inverted_samples(vertices: FloatArray, faces: IntArray, rays: _RayCaster, s
     They do not if the outer side is inside the body, or the inner side outside. A fraction of at most ``MOST_INVERTED``
     of the samples counts as none.
     """
-    points, normals = _surface_samples(vertices, faces)
+    points, normals = _surface_samples(vertices, faces, SAMPLES)
     inverted = np.zeros(len(points), dtype=bool)
     for side in (1.0, -1.0):
         triangles, _ = rays.first_hits(points + side * TOUCHING * size * normals, side * size * normals, np.inf)
@@ -186,11 +204,11 @@ def _inverted_samples(vertices: FloatArray, faces: IntArray, rays: _RayCaster, s
     return points[inverted] if np.mean(inverted) > MOST_INVERTED else points[:0]
 
 
-def _surface_samples(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return random surface points (SAMPLES, 3), uniform by area, and their triangles' unit normals."""
+def _surface_samples(vertices: FloatArray, faces: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return random surface points (count, 3), uniform by area, and their triangles' unit normals."""
     total = np.cumsum(_areas(vertices, faces))
-    sampled = faces[np.searchsorted(total, (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1])]
-    weights = np.random.default_rng(0).dirichlet(np.ones(3), SAMPLES)
+    sampled = faces[np.searchsorted(total, (np.arange(count) + 0.5) / count * total[-1])]
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), count)
     return np.einsum("ij,ijk->ik", weights, vertices[sampled]), normals_of(vertices[sampled])
 
 

@@ -109,7 +109,7 @@ class Mesh(Body):
         scaled = scale_mesh(mesh, number("Mesh.scale", scale, above=0.0) * metres_per("Mesh.unit", unit))
         self.mesh, repairs = repaired_mesh(scaled)
         if repairs:
-            refuse_guessed_surface(scaled)
+            refuse_guessed_surface(scaled, self.mesh)
         warnings = defect_warnings(self.mesh)
         for text in warnings:
             warn_once(text)

@@ -301,6 +301,11 @@ def _repair_mesh(mesh: trimesh.Trimesh) -> list[str]:
     notes = []
     is_needed, copies, walls = drop_duplicates(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if not np.all(is_needed):
+        if copies and not count_open_edges(mesh):  # parts of which one is inside out share a wall
+            needed = mesh.copy()
+            needed.update_faces(is_needed)
+            if count_open_edges(needed):
+                return notes
         mesh.update_faces(is_needed)
     if copies:
         notes.append(f"triangles left out that were there more than once: {copies}")

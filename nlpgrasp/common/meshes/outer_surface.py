@@ -33,6 +33,8 @@ SMALL = 1e-3  # of the size: length below which triangles are not bisected
 MOST_PIECES = 1_000_000  # of bisected triangles
 GROWN = 2e-6  # of the size: outward offset that makes touching parts overlap
 MOST_BURIED = 5e-4  # of the surface area: buried share that is tolerated
+MOST_LEFT = 0.01  # of the surface area: share that may seem buried beside the slits of triangles left out
+OVERLAP = 0.5  # rise of the winding number through a wall above which it is no wall of a slit
 
 
 Triangles = tuple[FloatArray, IntArray]
@@ -67,12 +69,22 @@ def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, Fl
     Vertices and faces are left out if the mesh is its outer surface already.
     """
     notes: list[str] = []
-    parts = MeshParts(vertices, faces)
+    parts = _remove_sheets(MeshParts(vertices, faces), notes)
     hollows = parts.cavities()
     parts = _orient_outwards(parts, hollows, notes)
     parts = _remove_buried(_unite_parts(parts, hollows, notes), notes)
     text = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
     return {"notes": text, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": text}
+
+
+def _remove_sheets(parts: MeshParts, notes: list[str]) -> MeshParts:
+    """Return the parts without closed ones that have no volume, if others have one."""
+    sheets = np.setdiff1d(parts.closed, parts.solid)
+    if not len(sheets) or not len(parts.solid):
+        return parts
+    is_sheet = np.isin(parts.labels, sheets)
+    notes.append(f"triangles of sheets without volume left out: {np.count_nonzero(is_sheet)}")
+    return MeshParts(*drop_unused_vertices(parts.vertices, parts.faces[~is_sheet]))
 
 
 def _orient_outwards(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
@@ -101,10 +113,11 @@ def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshP
     Touching parts are offset outwards so that they overlap.
     """
     united, remark = outer_union(parts), ""
-    if len(parts.volumes) > 1 and _buried_fraction(MeshParts(*united[0]) if united else parts) > MOST_BURIED:
+    fraction = buried_fraction(*united[0]) if united else buried_fraction(parts.vertices, parts.faces)
+    if len(parts.volumes) > 1 and fraction > MOST_BURIED:
         offset = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
         enlarged = outer_union(parts, offset)
-        if enlarged is not None and _buried_fraction(MeshParts(*enlarged[0])) <= MOST_BURIED:
+        if enlarged is not None and buried_fraction(*enlarged[0]) < fraction:
             united, remark = enlarged, f", grown by {offset:.1g} m so that those that touch overlap"
     if united is None:
         return parts
@@ -122,16 +135,17 @@ def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshP
 def _remove_buried(parts: MeshParts, notes: list[str]) -> MeshParts:
     """Return the mesh without triangles buried in the body.
 
-    Raise ``InputError`` if the inside is then ambiguous.
+    Of a closed surface the walls of slits count as outside, however thin the slits between its parts are. Raise
+    ``InputError`` if the inside is ambiguous without the buried triangles.
     """
-    fraction = _buried_fraction(parts)
+    fraction = buried_fraction(parts.vertices, parts.faces, -np.inf if parts.open_edges else OVERLAP)
     if fraction <= MOST_BURIED:
         return parts
     exposed = MeshParts(*exposed_surface(parts.vertices, parts.faces))
     if (
         not len(exposed.faces)
         or unclear_fraction(exposed.vertices, exposed.faces) > OPEN_SHARE
-        or _buried_fraction(exposed) > MOST_BURIED
+        or buried_fraction(exposed.vertices, exposed.faces) > MOST_LEFT
     ):
         raise InputError(
             "Mesh.mesh",
@@ -140,11 +154,6 @@ def _remove_buried(parts: MeshParts, notes: list[str]) -> MeshParts:
         )
     notes.append(f"left out triangles inside the body: {fraction:.2g} of the area was buried")
     return exposed
-
-
-def _buried_fraction(parts: MeshParts) -> float:
-    """Return the fraction of a mesh's area that is buried in the body."""
-    return buried_fraction(parts.vertices, parts.faces)
 
 
 def outer_union(parts: MeshParts, offset: float = 0.0) -> tuple[Triangles, int] | None:

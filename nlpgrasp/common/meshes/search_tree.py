@@ -119,18 +119,26 @@ def unclear_fraction(vertices: FloatArray, faces: IntArray) -> float:
     return float(np.mean(np.abs(winding - np.round(winding)) > UNCLEAR))
 
 
-def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> BoolArray:
-    """Return whether the body is on both sides of surface points (m, 3) with unit normals (m, 3), (m,)."""
+def is_buried(
+    vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray, least_step: float = -np.inf
+) -> BoolArray:
+    """Return whether the body is on both sides of surface points (m, 3) with unit normals (m, 3), (m,).
+
+    With ``least_step`` the winding number also has to rise by more than that from the outer to the inner side: it does
+    in a solid that overlaps the body, and not across a slit that is thinner than the step.
+    """
     step = TEST_OFFSET * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
     tree = SearchTree(vertices, faces)
-    result = tree.winding_numbers(points + step) > 0.5
+    outer = tree.winding_numbers(points + step)
+    result = outer > 0.5
     indices = np.flatnonzero(result)
-    result[indices] = tree.winding_numbers(points[indices] - step[indices]) > 0.5
+    inner = tree.winding_numbers(points[indices] - step[indices])
+    result[indices] = (inner > 0.5) & (inner - outer[indices] > least_step)
     return result
 
 
-def buried_fraction(vertices: FloatArray, faces: IntArray) -> float:
-    """Return the fraction of a mesh's area that is buried in the body, from evenly sampled points."""
+def buried_fraction(vertices: FloatArray, faces: IntArray, least_step: float = -np.inf) -> float:
+    """Return the fraction of a mesh's area that ``is_buried`` in the body, from evenly sampled points."""
     corners = vertices[faces]
     products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(products, axis=1)
@@ -138,7 +146,7 @@ def buried_fraction(vertices: FloatArray, faces: IntArray) -> float:
     triangles = np.searchsorted(total, (np.arange(SPREAD) + 0.5) / SPREAD * total[-1])
     weights = np.random.default_rng(0).dirichlet(np.ones(3), SPREAD)
     points = np.einsum("ij,ijk->ik", weights, corners[triangles])
-    return float(np.mean(is_buried(vertices, faces, points, products[triangles] / area[triangles, None])))
+    return float(np.mean(is_buried(vertices, faces, points, products[triangles] / area[triangles, None], least_step)))
 
 
 def local_origin(points: FloatArray, limit: float = FAR) -> FloatArray:

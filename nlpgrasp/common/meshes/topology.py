@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, SearchTree, unclear_fraction
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 FLAT = 1e-9  # of the bounding box's volume: volume below which a part is a sheet
 NEGLIGIBLE = 1e-4  # of the surface area: share of opposite triangle pairs that is tolerated
 TESTED_VERTICES = 16  # vertices of a part tested for being inside another
+LEAST_SOLID = 3  # triangles: fewer enclose no volume, with a hole of one triangle
 SEAM = 1e-6  # of the longest side: distance within which open edges merge (exporters use single precision)
 
 
@@ -85,15 +86,20 @@ class MeshParts:
         return np.asarray(np.bincount(self.labels, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0))
 
     @cached_property
-    def solid(self) -> IntArray:
-        """Indices of the parts that have a volume and no open edges."""
+    def closed(self) -> IntArray:
+        """Indices of the parts without open edges."""
         edges, directions = self._edges, self._edge_directions
         count = edges.max() + 1
         keys, key = np.unique((self.labels[:, None] * count + edges).ravel(), return_inverse=True)
         is_closed = np.ones(len(self.volumes), dtype=bool)
         is_closed[keys[np.bincount(np.asarray(key).ravel(), directions.ravel()) != 0] // count] = False
+        return np.flatnonzero(is_closed)
+
+    @cached_property
+    def solid(self) -> IntArray:
+        """Indices of the parts that have a volume and no open edges."""
         box = float(np.prod(np.ptp(self.vertices, axis=0)))
-        return np.flatnonzero(is_closed & (np.abs(self.volumes) > FLAT * box))
+        return self.closed[np.abs(self.volumes[self.closed]) > FLAT * box]
 
     @cached_property
     def _order(self) -> tuple[IntArray, IntArray]:
@@ -157,8 +163,9 @@ def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
 def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int, int]:
     """Return the mask (f,) of triangles to keep, and the numbers of dropped copies and dropped opposite triangles.
 
-    Pairs of opposite triangles bound no volume. They are dropped unless their area is negligible or all there is; where
-    the rest is open without them, the triangle of a pair that closes it stays.
+    Pairs of opposite triangles bound no volume. They are dropped unless their area is negligible. Where the rest is
+    open without them, the triangle of a pair that closes it stays. Of a connected part that consists of such pairs
+    alone, a surface drawn from both sides, one side stays if it has an inside.
     """
     ordered = np.argsort(faces, axis=1, kind="stable")
     orientation = np.where(
@@ -170,14 +177,55 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, i
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     balanced = net[group] == 0
-    if area[balanced].sum() <= NEGLIGIBLE * area.sum() or np.all(balanced):
+    if area[balanced].sum() <= NEGLIGIBLE * area.sum():
         balanced[:] = False
     first = np.full(len(net), len(faces), dtype=np.int64)
     candidates = np.flatnonzero((net[group] == 0) | (orientation == np.sign(net[group])))
     np.minimum.at(first, group[candidates], candidates)
-    copies = (net[group] != 0) & (first[group] != np.arange(len(faces)))
-    closing = _closing_triangles(faces, group, ~(copies | balanced), balanced)
-    return ~(copies | balanced) | closing, int(copies.sum()), int((balanced & ~closing).sum())
+    is_first = first[group] == np.arange(len(faces))
+    copies = (net[group] != 0) & ~is_first
+    sides = _one_side_of_double(vertices, faces, balanced, is_first)
+    closing = sides | _closing_triangles(faces, group, ~(copies | balanced), balanced)
+    is_kept = ~(copies | balanced) | closing
+    if not np.any(is_kept):
+        return ~is_kept, 0, 0
+    return is_kept, int(copies.sum()), int((balanced & ~closing).sum())
+
+
+def _one_side_of_double(vertices: FloatArray, faces: IntArray, balanced: BoolArray, is_first: BoolArray) -> BoolArray:
+    """Return the mask (f,) of one triangle of each pair of connected parts of pairs alone, where these have an inside.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+    faces : (f, 3) int array
+    balanced : (f,) array
+        Whether as many triangles with the same vertices face one way as the other.
+    is_first : (f,) array
+        Whether a triangle is the one of its group that may stay.
+    """
+    import trimesh
+
+    result = np.zeros(len(faces), dtype=bool)
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2) @ np.array([faces.max() + 1, 1])
+    edges = np.unique(ends, return_inverse=True)[1].reshape(-1)
+    owners = np.repeat(np.arange(len(faces)), 3)
+    graph = coo_matrix((np.ones(len(edges), dtype=bool), (owners, len(faces) + edges)))
+    graph.resize(len(faces) + edges.max() + 1, len(faces) + edges.max() + 1)
+    part = connected_components(graph, directed=False)[1][: len(faces)]
+    candidates = np.flatnonzero(is_first & ~np.isin(part, part[~balanced]))
+    candidates = candidates[np.argsort(part[candidates], kind="stable")]
+    for chosen in np.split(candidates, np.flatnonzero(np.diff(part[candidates])) + 1):
+        if len(chosen) < LEAST_SOLID:
+            continue
+        side = trimesh.Trimesh(*drop_unused_vertices(vertices, faces[chosen]), process=False)
+        side.fill_holes()
+        trimesh.repair.fix_normals(side)
+        closed = MeshParts(np.asarray(side.vertices), np.asarray(side.faces))
+        has_volume = abs(closed.volumes.sum()) > FLAT * float(np.prod(np.ptp(side.vertices, axis=0)))
+        if has_volume and (not closed.open_edges or unclear_fraction(closed.vertices, closed.faces) <= OPEN_SHARE):
+            result[chosen] = True
+    return result
 
 
 def _closing_triangles(faces: IntArray, group: IntArray, is_kept: BoolArray, pairs: BoolArray) -> BoolArray:
