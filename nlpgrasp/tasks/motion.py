@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
+from nlpgrasp.common.meshes.mesh_file import repaired_mesh
 from nlpgrasp.common.spatial import Pose, pose_matrix, rotation_matrices
 from nlpgrasp.common.validation import FloatArray, array, number, prefix_errors, read_only
 from nlpgrasp.errors import InputError
@@ -225,12 +226,11 @@ class MassProperties:
 
     @classmethod
     def of_mesh(cls, mesh: trimesh.Trimesh, density: float) -> MassProperties:
-        """Return the mass properties of a closed mesh (``body.mesh``) of uniform density, kg / m^3."""
-        import trimesh
+        """Return the mass properties of a mesh of uniform density, kg / m^3.
 
-        if not isinstance(mesh, trimesh.Trimesh) or not mesh.is_volume:
-            raise InputError("mesh", mesh, "a closed trimesh.Trimesh, such as the mesh of an ng.Mesh")
-        density, integrals = number("density", density, above=0.0), volume_integrals(mesh)
+        Every mesh that ``ng.Mesh`` takes is taken, and measured after the same repairs; ``body.mesh`` had them.
+        """
+        density, integrals = number("density", density, above=0.0), volume_integrals(repaired_mesh(mesh)[0])
         return cls(density * integrals.volume, integrals.centre, density * integrals.inertia)
 
     def wrenches(

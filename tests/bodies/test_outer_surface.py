@@ -7,7 +7,17 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, repaired_mesh
 from tests.bodies.forty_meshes import ACROSS, INNER, A, forty
-from tests.bodies.made_meshes import JOINED, ball, box, invert_mesh, is_off_outer_surface, join_meshes, soup, winding
+from tests.bodies.made_meshes import (
+    JOINED,
+    ball,
+    box,
+    invert_mesh,
+    is_off_outer_surface,
+    join_meshes,
+    round_to_single,
+    soup,
+    winding,
+)
 from tests.quick import every
 
 pytestmark = pytest.mark.filterwarnings("ignore:the mesh is 2 pieces")
@@ -88,6 +98,99 @@ def test_the_union_has_the_volume_of_inclusion_and_exclusion():
     assert body.mesh.volume == pytest.approx(A.volume + ACROSS.volume - np.prod(high - low), rel=1e-12)
     assert body.mesh.is_volume
     assert coarse_body(join_meshes(A, invert_mesh(INNER))).mesh.volume == pytest.approx(A.volume, rel=1e-12)
+
+
+def tube(count, inner, outer, low, high, turn=0.0):
+    """A ring of ``count`` facets about z, or a prism where the inner radius is zero, as single precision has it."""
+    make = trimesh.creation
+    mesh = make.annulus(inner, outer, high - low, count) if inner else make.cylinder(outer, high - low, count)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(turn, [0.0, 0.0, 1.0]))
+    return round_to_single(mesh.apply_translation([0.0, 0.0, (low + high) / 2.0]))
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-7, 1e-5])
+@pytest.mark.parametrize(("count", "turn"), [(24, 0.003), (36, 0.05), (48, 0.0)])
+def test_a_sleeve_on_a_pin_of_its_bore_is_their_union(count, turn, gap, rng):
+    """Slits between the facets are thinner than what tells inside from outside."""
+    parts = tube(count, 0.00333, 0.00667, 0.0133, 0.0267), tube(count, 0.0, 0.00333 - gap, 0.0, 0.0267, turn)
+    body = coarse_body(soup(join_meshes(*parts)))
+    assert body.mesh.volume == pytest.approx(trimesh.boolean.union(parts, engine="manifold").volume, rel=1e-4)
+    points = rng.uniform(*body.bounds, (2000, 3))
+    points = points[body.closest(points)[2] > 1e-4]
+    is_inside = np.any([winding(part, points) != 0.0 for part in parts], axis=0)
+    np.testing.assert_array_equal(body.signed_distance(points) < 0.0, is_inside)
+
+
+def both_sides(mesh):
+    """A mesh with each triangle also the other way round."""
+    return trimesh.Trimesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:, ::-1]]), process=False)
+
+
+def holed(count):
+    """A block of 72 cm^3 of 768 triangles without the first ones."""
+    block = box([0.06, 0.04, 0.03]).subdivide().subdivide().subdivide()
+    return trimesh.Trimesh(block.vertices, block.faces[count:], process=False)
+
+
+@pytest.mark.parametrize("at", [-0.019, -0.04])
+@pytest.mark.parametrize("double", ["block", "both", "foot"])
+@pytest.mark.filterwarnings("ignore:the mesh crosses itself")
+def test_a_surface_drawn_from_both_sides_counts_once(double, at):
+    """Beside a closed part it was a sheet without thickness, and volume and centroid were the closed part's."""
+    block, foot = holed(1), box([0.008, 0.008, 0.008], (0.0, 0.0, at))
+    expected = coarse_body(join_meshes(block, foot))
+    parts = {
+        "block": join_meshes(both_sides(block), foot),
+        "both": both_sides(join_meshes(block, foot)),
+        "foot": join_meshes(block, both_sides(foot)),
+    }
+    body = coarse_body(soup(parts[double]))
+    assert body.mesh.volume == pytest.approx(expected.mesh.volume, rel=1e-9)
+    np.testing.assert_allclose(body.centroid, expected.centroid, atol=1e-9)
+    assert body.signed_distance(np.zeros((1, 3)))[0] < 0.0
+
+
+def test_sheets_are_no_body():
+    """A surface that encloses nothing is refused where it is much of the whole, and else left out."""
+    cup, block = both_sides(holed(130)), box([0.01, 0.01, 0.01])
+    square = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
+    folded = trimesh.Trimesh(  # its back has the other diagonal
+        square.vertices, [[0, 1, 2], [0, 2, 3], [1, 0, 3], [1, 3, 2]], process=False
+    )
+    for sheet in (both_sides(square), folded):
+        small, large = sheet.copy().apply_scale(0.002), sheet.copy().apply_scale(0.02)
+        body = coarse_body(join_meshes(block, small))
+        assert body.mesh.volume == pytest.approx(1e-6, rel=1e-9)
+        assert len(body.mesh.faces) == 12
+        assert len(body.repairs) == 1
+        with pytest.raises(ng.InputError, match="that encloses nothing: sheets without thickness"):
+            coarse_body(join_meshes(block, large))
+    for at in ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)):
+        with pytest.raises(ng.InputError, match="that encloses nothing: sheets without thickness"):
+            coarse_body(join_meshes(cup, block.copy().apply_translation(at)))
+
+
+def test_a_half_and_its_mirror_image_share_a_wall():
+    """A reflection turns triangles round: the wall is there twice the same way, and both halves need it."""
+    half = box([0.03, 0.04, 0.03], (0.015, 0.0, 0.0))
+    mirrored = trimesh.Trimesh(half.vertices * [-1.0, 1.0, 1.0], half.faces, process=False)
+    body = coarse_body(soup(join_meshes(half, mirrored)))
+    assert body.mesh.volume == pytest.approx(2.0 * half.volume, rel=1e-9)
+    assert body.mesh.is_volume
+
+
+@pytest.mark.filterwarnings("ignore:the mesh crosses itself")
+@pytest.mark.filterwarnings("ignore:the mesh is ")
+def test_small_folds_of_a_closed_surface_are_taken():
+    """A rough scan whose triangles cross here and there."""
+    smooth = ball(0.03, subdivisions=4)
+    noise = np.random.default_rng(2).normal(size=(len(smooth.vertices), 3))
+    rough = trimesh.Trimesh(
+        smooth.vertices + 0.4 * smooth.edges_unique_length.mean() * noise, smooth.faces, process=False
+    )
+    body = coarse_body(rough)
+    assert body.mesh.volume == pytest.approx(rough.volume, rel=0.01)
+    assert np.linalg.norm(body.centroid - rough.center_mass) < 1e-4
 
 
 def test_the_order_of_parts_plays_no_part_for_the_surface():

@@ -77,6 +77,24 @@ def test_mass_properties_of_a_mesh():
     np.testing.assert_allclose(properties.inertia, 0.5 * np.diag([b + c, a + c, a + b]), atol=1e-12)
 
 
+def test_mass_properties_of_what_a_body_is_made_of():
+    """Meshes that stay open, face inwards, overlap or are drawn from both sides."""
+    box = trimesh.creation.box([0.05, 0.05, 0.05])
+    aside = box.copy().apply_translation([0.025, 0.0, 0.0])
+    both = trimesh.Trimesh(box.vertices, np.concatenate([box.faces, box.faces[:, ::-1]]), process=False)
+    cases = {
+        "T-junctions": (box.subdivide(face_index=[0, 1, 2]), 0.125),
+        "inwards": (trimesh.Trimesh(box.vertices, box.faces[:, ::-1]), 0.125),
+        "overlap": (trimesh.util.concatenate([box, aside]), 0.1875),
+        "from both sides": (both, 0.125),
+    }
+    for name, (mesh, mass) in cases.items():
+        for given in (mesh, ng.Mesh(mesh).mesh):
+            properties = ng.MassProperties.of_mesh(given, 1000.0)
+            assert properties.mass == pytest.approx(mass, rel=1e-5), name
+            np.testing.assert_allclose(properties.center_of_mass, ng.Mesh(mesh).centroid, atol=1e-6)
+
+
 MASS = ng.MassProperties(1.0)
 FOUR = np.arange(4.0)
 
@@ -95,7 +113,7 @@ FOUR = np.arange(4.0)
         (lambda: ng.MassProperties(1.0, inertia=np.triu(np.ones((3, 3)))), "symmetric"),
         (
             lambda: ng.MassProperties.of_mesh(trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 1.0),
-            "closed",
+            "a mesh with volume",
         ),
     ],
 )
