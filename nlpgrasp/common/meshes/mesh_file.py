@@ -298,7 +298,7 @@ def _repair_mesh(mesh: trimesh.Trimesh) -> list[str]:
     """Repair duplicate triangles, holes and winding of a mesh in place, and return a list of the repairs."""
     import trimesh
 
-    notes = []
+    notes: list[str] = []
     is_needed, copies, walls = drop_duplicates(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if not np.all(is_needed):
         if copies and not count_open_edges(mesh):  # parts of which one is inside out share a wall

@@ -210,8 +210,8 @@ def _one_side_of_double(vertices: FloatArray, faces: IntArray, balanced: BoolArr
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2) @ np.array([faces.max() + 1, 1])
     edges = np.unique(ends, return_inverse=True)[1].reshape(-1)
     owners = np.repeat(np.arange(len(faces)), 3)
-    graph = coo_matrix((np.ones(len(edges), dtype=bool), (owners, len(faces) + edges)))
-    graph.resize(len(faces) + edges.max() + 1, len(faces) + edges.max() + 1)
+    count = len(faces) + int(edges.max()) + 1
+    graph = coo_matrix((np.ones(len(edges), dtype=bool), (owners, len(faces) + edges)), shape=(count, count))
     part = connected_components(graph, directed=False)[1][: len(faces)]
     candidates = np.flatnonzero(is_first & ~np.isin(part, part[~balanced]))
     candidates = candidates[np.argsort(part[candidates], kind="stable")]
