@@ -121,7 +121,7 @@ def writable_place(field: str, target: Path, ending: str = "") -> Path:
     return path
 
 
-def read_text(path: str | Path, content: str, largest: int) -> str:
+def read_text(path: str | Path, content: str, largest: int, written_in: str = "JSON") -> str:
     """Return the text of a file, after checks of its kind and size.
 
     Parameters
@@ -131,6 +131,8 @@ def read_text(path: str | Path, content: str, largest: int) -> str:
         Expected content, for messages: ``"a solution file"``.
     largest : int
         Largest size, bytes; whole mebibytes.
+    written_in : str
+        Format, for messages.
 
     Raises
     ------
@@ -143,7 +145,7 @@ def read_text(path: str | Path, content: str, largest: int) -> str:
         if not file.is_file():
             raise InputError(str(path), "not a regular file", content)
         if (kind := file_kind(file)) is not None:
-            raise InputError(str(path), kind, f"{content} (JSON)")
+            raise InputError(str(path), kind, f"{content} ({written_in})")
         if size > largest:
             raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {largest // 2**20} MiB")
         return file.read_text(encoding="utf-8")
@@ -151,7 +153,7 @@ def read_text(path: str | Path, content: str, largest: int) -> str:
         reason = "no file of that name" if isinstance(error, FileNotFoundError) else error.strerror or "unreadable"
         raise InputError(str(path), reason, f"{content} that exists") from None
     except UnicodeDecodeError:
-        raise InputError(str(path), "bytes that are not UTF-8", f"{content} (JSON)") from None
+        raise InputError(str(path), "bytes that are not UTF-8", f"{content} ({written_in})") from None
 
 
 def file_name(name: str) -> str:
@@ -212,6 +214,23 @@ def hold_lock(path: Path) -> Iterator[None]:
         yield
 
 
+def parse_json(text: str) -> Any:
+    """Return the data in a JSON text.
+
+    Raises
+    ------
+    ValueError
+        When the text is invalid or truncated JSON, nests too deep, states a key of an object twice, or contains NaN,
+        infinity or too long numbers.
+    """
+    try:
+        return json.loads(
+            text, parse_constant=_refuse_constant, parse_int=_bounded_int, object_pairs_hook=_distinct_keys
+        )
+    except RecursionError:
+        raise ValueError("nesting without end") from None
+
+
 def read_object(text: str, name: str) -> Json:
     """Return the object in a JSON text, or raise ``InputError`` if the text is not one.
 
@@ -224,14 +243,14 @@ def read_object(text: str, name: str) -> Json:
     Raises
     ------
     InputError
-        When the text is invalid or truncated JSON, contains NaN, infinity or too long numbers, or is no object.
+        When ``parse_json`` refuses the text, or it is no object.
     """
     try:
-        data = json.loads(text, parse_constant=_refuse_constant, parse_int=_bounded_int)
+        data = parse_json(text)
     except json.JSONDecodeError as error:
         raise InputError(name, f"not valid JSON at line {error.lineno}: {error.msg}", "a complete JSON file") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(name, str(error), "a JSON file with finite numbers") from None
+    except ValueError as error:
+        raise InputError(name, str(error), "a JSON file with finite numbers, and each key once") from None
     if not isinstance(data, dict):
         raise InputError(name, type(data).__name__, "a JSON object")
     return data
@@ -262,6 +281,15 @@ def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: s
 def _refuse_constant(text: str) -> NoReturn:
     """Raise ``ValueError`` for NaN and infinities, which JSON does not have."""
     raise ValueError(f"{text} is not a number in JSON")
+
+
+def _distinct_keys(pairs: list[tuple[str, Any]]) -> Json:
+    """Return the object of keys and values; raise ``ValueError`` on a repeated key, of which readers choose any."""
+    result = dict(pairs)
+    if len(result) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r} twice in one object")
+    return result
 
 
 def _bounded_int(text: str) -> int:

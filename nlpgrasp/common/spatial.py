@@ -8,13 +8,13 @@ grasping by multifingered robot hands", 1988 (doi:10.1109/56.769).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.files import parse_json
 from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, array, check_angles
 from nlpgrasp.errors import InputError
 
@@ -249,8 +249,8 @@ def pose_from_text(field: str, text: str) -> FloatArray:
         On any other text, on what is no rigid transform, and on a rotation vector longer than a turn.
     """
     try:
-        value = json.loads(text.strip().removeprefix("p"))
-    except (ValueError, RecursionError):
+        value = parse_json(text.strip().removeprefix("p"))
+    except ValueError:
         raise InputError(field, text, POSE_TEXT) from None
     if isinstance(value, list) and len(value) == 6:
         coordinates = array(field, value, (6,))

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NotRequired, TextIO, TypedDict
 
-from nlpgrasp.common.files import file_name, json_round_trip, try_lock, write_text
+from nlpgrasp.common.files import file_name, json_round_trip, parse_json, try_lock, write_text
 from nlpgrasp.common.formatting import error_line, single_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import CaseData, Experiment, SolveId, check_names, check_seeds
@@ -68,7 +68,7 @@ def read_plan(text: str, source: str) -> Plan:
     if depth(text) > DEEPEST:
         raise InputError(source, f"nesting deeper than {DEEPEST}", allowed)
     try:
-        plan: Plan = json.loads(text)
+        plan: Plan = parse_json(text)
         if plan["schema"] != PLAN_SCHEMA or not isinstance(plan["variations"], dict):
             raise ValueError("another schema")
         check_names(list(plan["variations"]))
@@ -76,7 +76,7 @@ def read_plan(text: str, source: str) -> Plan:
         if not all(isinstance(v, dict) and isinstance(v.get("problem", {}), dict) for v in plan["variations"].values()):
             raise ValueError("variations that are none")
         plan["name"] = single_line(str(plan.get("name", "")))
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError) as error:
         raise InputError(source, f"no plan ({error_line(error)})", allowed) from None
     return plan
 
@@ -309,11 +309,11 @@ class OutputFolder:
     def failure(self, solve: SolveId) -> str | None:
         """Read the reason why a solve failed, or return ``None`` if it did not fail."""
         try:
-            data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
+            data = parse_json(self.failure_file(solve).read_text(encoding="utf-8"))
             return single_line(str(data["message"])) or "failed"
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        except (OSError, ValueError, KeyError, TypeError) as error:
             return f"its failure file cannot be read: {type(error).__name__}"
 
     def remove_partial_files(self) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nlpgrasp.common.files import read_text
+from nlpgrasp.common.files import parse_json, read_text
 from nlpgrasp.common.formatting import format_headroom, format_lower, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
@@ -87,7 +86,7 @@ class BestPossible:
         """
         text = read_text(path, "a bound file", LARGEST)
         try:
-            data = json.loads(text)
+            data = parse_json(text)
         except ValueError as error:
             raise InputError(str(path), f"no JSON: {error}", "a bound file") from None
         if not isinstance(data, Mapping) or data.get("schema") != SCHEMA:

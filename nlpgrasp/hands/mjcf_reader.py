@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.mjcf_model import compile_model
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
 from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, joint_motion, raise_invalid
@@ -120,12 +120,9 @@ def mjcf_inertials(path: Path) -> dict[str, Inertial]:
 
 def _compile_model(path: Path) -> MjModel:
     """Return the compiled MuJoCo model of a file, with every body as a link."""
-    mujoco = import_mujoco(f"{path.name}: reading MJCF")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compiler.fusestatic = False  # every body stays a separate link
-        return spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+        return compile_model(path)
+    except (ValueError, OSError) as error:
         raise_invalid(path, " ".join(str(error).split()), "an MJCF file that MuJoCo reads, with its meshes")
 
 

@@ -1,17 +1,17 @@
-"""Import of grasps from npz files, npy records of public benchmarks, and mappings of arrays."""
+"""Import of grasps from npz files and mappings of arrays."""
 
 from __future__ import annotations
 
-import pickle
-import zipfile
+import json
+import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets import force_budget
+from nlpgrasp.common.array_files import read_arrays
 from nlpgrasp.common.validation import FloatArray, array, in_metres, number, prefix_errors
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -26,15 +26,19 @@ from nlpgrasp.quality.grasp import Grasp
 # names of arrays
 POINTS, NORMALS = ("points", "contact_points", "contact_point"), ("normals", "contact_normals", "contact_normal")
 IDS, COEFFICIENTS, POSTURES = ("ids", "id"), ("friction", "torsional_friction"), "grasp_qpos"
-ALLOWED_PICKLED = {  # what plain numpy records consist of
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    ("numpy.core.multiarray", "_reconstruct"),
-    ("numpy.core.multiarray", "scalar"),
-    ("numpy._core.multiarray", "_reconstruct"),
-    ("numpy._core.multiarray", "scalar"),
-    ("_codecs", "encode"),
-    ("builtins", "bytes"),
+NAMES = (*POINTS, *NORMALS, *IDS, *COEFFICIENTS, POSTURES, "joint_names", "obj_pose")  # all arrays that are read
+CONVERTED = {  # endings of files that are not read: what they hold, and the program that makes an npz file of it
+    ".npy": (
+        "an npy file: an array without names, or a pickled record, which can execute code (for a file you trust)",
+        "import numpy as np; np.savez({target}, **np.load({source}, allow_pickle=True).item())",
+    ),
+    **dict.fromkeys(
+        (".h5", ".hdf5"),
+        (
+            "an HDF5 file",
+            "import h5py, numpy as np; np.savez({target}, **{{k: v[()] for k, v in h5py.File({source}).items()}})",
+        ),
+    ),
 }
 
 Arrays = Mapping[str, ArrayLike]
@@ -161,47 +165,21 @@ def _grasps_of_postures(name: str, arrays: Arrays, options: ReadOptions) -> Iter
         yield ReadGrasp(grasp_id, grasp_of_posture(problem, posture), problem.task, problem.budget)
 
 
-class _RecordUnpickler(pickle.Unpickler):
-    """Unpickler restricted to plain data and numpy arrays, which executes no code."""
-
-    def find_class(self, module: str, name: str) -> object:
-        """Return a constructor of arrays; raise for every other name."""
-        if (module, name) not in ALLOWED_PICKLED:
-            raise pickle.UnpicklingError(f"it refers to {module}.{name}")
-        return super().find_class(module, name)
-
-
-def _read_record(name: str, file: BinaryIO) -> Arrays:
-    """Read the mapping of arrays in an npy file without executing code."""
-    version = np.lib.format.read_magic(file)
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    _, _, kind = read_header(file)
-    if not kind.hasobject:
-        raise InputError(name, "an array without names", "a record with arrays points and normals, or grasp_qpos")
-    record: NDArray[np.object_] = _RecordUnpickler(file).load()
-    items = record.ravel().tolist()
-    if len(items) != 1 or not isinstance(items[0], Mapping):
-        raise InputError(name, f"{len(items)} objects", "one record: a dictionary of arrays")
-    return items[0]
-
-
-def _read_file(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps of an npz or npy file."""
-    name = path.name
+def _read_npz(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+    """Yield the grasps of an npz file."""
     try:
-        if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                arrays: Arrays = {key: file[key] for key in file.files}
-        else:
-            with path.open("rb") as opened:
-                arrays = _read_record(name, opened)
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), "a file of arrays that exists") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, pickle.UnpicklingError, AttributeError, IndexError) as error:
-        raise InputError(str(path), f"no arrays ({error})", "an npz file, or an npy file of a benchmark") from None
-    yield from grasps_of_arrays(name, arrays, options)
+        arrays = read_arrays(path, NAMES, "an npz file of arrays points and normals, or grasp_qpos")
+    except FileNotFoundError as error:
+        raise InputError(str(path), error.strerror, "a file of arrays that exists") from None
+    yield from grasps_of_arrays(path.name, arrays, options)
 
 
-ARRAYS = ReadFormat((".npz", ".npy"), ("friction", "problem", "unit"), _read_file)
+def _refuse(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+    """Raise for a file that this package does not read, with the command that converts it."""
+    given, cure = CONVERTED[path.suffix.lower()]
+    command = cure.format(source=json.dumps(str(path)), target=json.dumps(path.with_suffix(".npz").name))
+    raise InputError(path.name, given, f"an npz file, which this makes: python -c {shlex.quote(command)}")
+
+
+ARRAYS = ReadFormat((".npz",), ("friction", "problem", "unit"), _read_npz)
+CONVERTED_FILES = ReadFormat(tuple(CONVERTED), ARRAYS.options, _refuse)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from nlpgrasp.common.files import read_text
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
@@ -26,6 +27,8 @@ from nlpgrasp.version import __version__
 
 FORMAT, VERSION = "isaac_grasp", 1.0
 LARGEST_FILE = 16 * 1024 * 1024  # bytes of a file that is read
+DEEPEST, MOST_VALUES, LONGEST_VALUE = 50, 1_000_000, 2048  # levels, values and characters of a value that are read
+LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 UNIT_TOLERANCE = 1e-2  # tolerance of unit quaternions
 
 
@@ -131,12 +134,12 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     """
     name = str(path)
     try:
-        if Path(path).stat().st_size > LARGEST_FILE:
-            raise InputError(name, "a larger file", f"at most {LARGEST_FILE // 2**20} MiB")
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(name, error.strerror, "an isaac_grasp file that exists") from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        text = read_text(path, "an isaac_grasp file", LARGEST_FILE, "YAML")
+        _check_expansion(name, text)
+        data = yaml.load(text, LOADER)  # noqa: S506  (a safe loader)
+    except InputError:
+        raise
+    except (yaml.YAMLError, ValueError) as error:
         raise InputError(name, f"no YAML ({type(error).__name__})", "an isaac_grasp file") from None
     if not isinstance(data, Mapping) or data.get("format") != FORMAT:
         raise InputError(f"{name}: format", data.get("format") if isinstance(data, Mapping) else data, FORMAT)
@@ -147,6 +150,33 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
         raise InputError(f"{name}: grasps", grasps, "a mapping of names to grasps, not empty")
     frame = str(data.get("gripper_frame") or data.get("gripper_frame_link") or "")
     return tuple(_read_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
+
+
+def _check_expansion(name: str, text: str) -> None:
+    """Raise ``InputError`` if a YAML text nests too deep or has too many values, each alias counted as its content."""
+    anchored: dict[str, int] = {}  # number of values of each anchor
+    nested: list[tuple[str | None, int]] = [(None, 0)]  # of each open collection: anchor, number of values so far
+    for event in yaml.parse(text, LOADER):
+        if isinstance(event, yaml.CollectionStartEvent):
+            nested.append((event.anchor, 1))
+            if len(nested) > DEEPEST:
+                raise InputError(name, f"YAML nested deeper than {DEEPEST}", "an isaac_grasp file")
+            continue
+        if isinstance(event, yaml.AliasEvent):
+            anchor, count = None, anchored.get(event.anchor, MOST_VALUES + 1)  # an alias inside of its own anchor
+        elif isinstance(event, yaml.ScalarEvent):
+            anchor, count = event.anchor, 1 + len(event.value) // LONGEST_VALUE * MOST_VALUES
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, count = nested.pop()
+        else:
+            continue
+        if anchor is not None:
+            anchored[anchor] = count
+        outer, others = nested[-1]
+        nested[-1] = outer, others + count
+        if others + count > MOST_VALUES:
+            allowed = f"at most {MOST_VALUES} of at most {LONGEST_VALUE} characters"
+            raise InputError(name, "more or longer values, with its aliases expanded", allowed)
 
 
 def _read_grasp(field: str, name: str, data: object, frame: str) -> IsaacGrasp:

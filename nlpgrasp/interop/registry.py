@@ -12,7 +12,7 @@ from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat,
 from nlpgrasp.interop.benchmark_arrays import DEXGRASPBENCH, HDF5, NPZ
 from nlpgrasp.interop.contacts_csv import CONTACTS_TABLE, CSV
 from nlpgrasp.interop.glb import GLB
-from nlpgrasp.interop.grasp_arrays import ARRAYS
+from nlpgrasp.interop.grasp_arrays import ARRAYS, CONVERTED, CONVERTED_FILES
 from nlpgrasp.interop.hand_postures import POSTURES
 from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
 from nlpgrasp.interop.moveit import MOVEIT
@@ -123,21 +123,23 @@ def format_named(name: str) -> ExportFormat:
 def reader_of(path: str | Path) -> ReadFormat:
     """Return the import format of a file by its extension.
 
-    The default is the format of solution files.
-
     Raises
     ------
     InputError
-        On a folder.
+        On a folder, and on an extension that no format has.
     """
     if Path(path).is_dir():
         allowed = "a file; ng.open_set(folder).stack(problem) returns the grasps of a set"
         raise InputError(str(path), "a folder", allowed)
-    return _readers.get(Path(path).suffix.lower(), SOLUTION)
+    ending = Path(path).suffix.lower()
+    if ending not in _readers:
+        endings = ", ".join(known for known in _readers if known not in CONVERTED)
+        raise InputError(str(path), f"the ending {ending}" if ending else "no ending", f"one of {endings}")
+    return _readers[ending]
 
 
 _robots = POSES, POSES_JSON, TRAJECTORY, TRAJECTORY_JSON
 for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, HDF5, DEXGRASPBENCH, *_robots):
     register(_format)
-for _reader in (SOLUTION, CONTACTS_TABLE, ARRAYS, POSTURES):
+for _reader in (SOLUTION, CONTACTS_TABLE, ARRAYS, CONVERTED_FILES, POSTURES):
     register_reader(_reader)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.files import json_round_trip
+from nlpgrasp.common.files import json_round_trip, parse_json
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.file import SCHEMA_NAME
@@ -70,10 +70,10 @@ def unpack_solution(record: Record, problem: Json, name: str, field: str) -> Gra
     """
     try:
         numbers = iter(np.frombuffer(_bytes(record["numbers"]), "<f8").tolist())
-        data: dict[str, Any] = _with_numbers(json.loads(str(record["outline"])), numbers)
+        data: dict[str, Any] = _with_numbers(parse_json(str(record["outline"])), numbers)
         values = np.frombuffer(_bytes(record["constraint_values"]), "<f4").astype(float).tolist()
         active, multipliers = set(data.pop("active")), data.pop("multipliers")
-        entries = zip(json.loads(str(record["constraint_names"])), values, strict=True)
+        entries = zip(parse_json(str(record["constraint_names"])), values, strict=True)
         data["constraints"] = [
             {**entry, "value": value, "multiplier": multipliers.get(str(i), 0.0), "active": i in active}
             for i, (entry, value) in enumerate(entries)

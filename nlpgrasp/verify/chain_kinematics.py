@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.mjcf_model import compile_model
 from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
@@ -125,14 +125,10 @@ def compile_mjcf(path: Path) -> MjModel:
         Where MuJoCo is missing or cannot read the file.
     """
     try:
-        mujoco = import_mujoco(f"{path.name}: reading MJCF")
+        return compile_model(path)
     except MissingExtraError as error:
         raise NotCheckedError(str(error)) from None
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compiler.fusestatic = False
-        return spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, OSError) as error:
         raise NotCheckedError(f"MuJoCo cannot read {path.name}: {' '.join(str(error).split())}") from None
 
 

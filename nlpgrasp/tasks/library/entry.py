@@ -12,10 +12,10 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
-from zipfile import BadZipFile
 
 import numpy as np
 
+from nlpgrasp.common.array_files import read_arrays
 from nlpgrasp.common.files import check_schema, read_object, read_text, write_bytes, write_text
 from nlpgrasp.common.formatting import FORCE_UNIT, MOMENT_UNIT
 from nlpgrasp.common.spatial import space_dimension
@@ -272,11 +272,8 @@ def read_wrenches(path: Path, dimension: int) -> FloatArray:
         When it does not exist.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            wrenches = arrays["wrenches"]
-    except FileNotFoundError:
-        raise
-    except (OSError, EOFError, ValueError, KeyError, BadZipFile):
+        wrenches = read_arrays(path, ("wrenches",), "an npz file with wrenches")["wrenches"]
+    except (InputError, KeyError):
         raise InputError("fit.wrenches", f"{path.name}, which cannot be read", "an npz file with wrenches") from None
     return array("fit.wrenches", wrenches, (None, dimension))
 

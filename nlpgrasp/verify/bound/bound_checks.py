@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from nlpgrasp.budgets import budget_from_dict
-from nlpgrasp.common.files import read_text
+from nlpgrasp.common.files import parse_json, read_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
@@ -45,7 +44,7 @@ def read_bound_file(path: Path) -> Json | None:
     if '"nlpgrasp-bound/' not in text:
         return None
     try:
-        data = json.loads(text)
+        data = parse_json(text)
     except ValueError:
         return None
     schema = data.get("schema") if isinstance(data, Mapping) else None
