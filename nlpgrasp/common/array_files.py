@@ -55,7 +55,7 @@ def read_arrays(path: Path, names: Collection[str], content: str) -> dict[str, N
 
 
 def _array(content: bytes) -> NDArray[Any]:
-    """Return the array in the bytes of an npy file; raise ``ValueError`` unless it is a plain one of the size stated."""
+    """Return the array in the bytes of an npy file; raise ``ValueError`` unless it is plain and of the size stated."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

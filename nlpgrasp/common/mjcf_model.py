@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.robot_files import LARGEST_XML
 
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-LARGEST_XML = 32 * 1024 * 1024  # bytes of a robot's file
 MEMORY, SECONDS = 1024**3, 20  # bytes and time of the process
 ERROR = "nlpgrasp: "  # begins a message of the process
 PROGRAM = f"""

@@ -1,4 +1,4 @@
-"""Files that describe robots: units, expansion of xacro, search for mesh files."""
+"""Files that describe robots: their XML, units, search for mesh files."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from nlpgrasp.errors import InputError
 
+LARGEST_XML = 32 * 1024 * 1024  # bytes of a robot's file
 RADIANS_PER_DEGREE = float(np.pi / 180.0)
 
 
@@ -81,24 +80,28 @@ def _times(text: str, factor: float) -> str:
         return text
 
 
-def expand_xacro(source: Path) -> bytes:
-    """Return the URDF to which a xacro file expands.
+def parse_robot(source: Path) -> ET.Element:
+    """Return the root element of a robot's file.
 
     Raises
     ------
     InputError
-        Without the package ``xacro``, or when it cannot process the file.
+        When it is too large, or no XML, or a xacro file: expansion runs the Python expressions of a file.
+    OSError
+        When it cannot be read.
     """
-    field, plain = f"URDFHand.path: {source.name}", source.name.removesuffix(".xacro").removesuffix(".urdf")
-    by_hand = f"the URDF that it makes: xacro {source.name} > {plain}.urdf"
-    if find_spec("xacro") is None:
-        by_hand = f"the URDF that it makes: pip install xacro, then xacro {source.name} > {plain}.urdf"
-        raise InputError(field, "a xacro file", f"{by_hand}; or this file, with xacro installed")
+    field = f"URDFHand.path: {source.name}"
+    if source.stat().st_size > LARGEST_XML:
+        raise InputError(field, f"more than {LARGEST_XML // 2**20} MiB", "a smaller file")
     try:
-        return bytes(import_module("xacro").process_file(str(source)).toxml(encoding="utf-8"))
-    except Exception as error:  # whatever its macros, packages and arguments raise
-        problem = f"a xacro file that xacro cannot process ({type(error).__name__}: {error})"
-        raise InputError(field, problem, by_hand) from None
+        root = ET.fromstring(source.read_bytes())  # noqa: S314  (expat refuses entity bombs)
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise InputError(field, f"broken XML ({error})", "a URDF file") from None
+    if any("/xacro}" in element.tag for element in root.iter()):
+        plain = source.name.removesuffix(".xacro").removesuffix(".urdf")
+        by_hand = f"the URDF that it makes: pip install xacro, then xacro {source.name} > {plain}.urdf"
+        raise InputError(field, "a xacro file, which runs Python", f"{by_hand}, if you trust it")
+    return root
 
 
 def find_mesh(source: Path, name: str) -> Path | None:

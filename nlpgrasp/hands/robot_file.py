@@ -1,4 +1,4 @@
-"""Reader of robot files in URDF, xacro or MJCF."""
+"""Reader of robot files in URDF or MJCF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def read_robot(path: str | Path, palm: str | None = None, units: UrdfUnits = SI)
     Parameters
     ----------
     path : str or Path
-        A URDF, xacro or MJCF file; its root element says which.
+        A URDF or MJCF file; its root element says which.
     palm : str, optional
         The link that everything else hangs from; the topmost when left out.
     units : UrdfUnits

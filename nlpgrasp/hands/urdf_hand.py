@@ -157,7 +157,7 @@ class URDFHand(LinkedHand):
         Parameters
         ----------
         path : str or Path
-            A URDF, a xacro file (with the package ``xacro``) or MuJoCo's MJCF (extra ``sim``); the root element says
+            A URDF or MuJoCo's MJCF (extra ``sim``); the root element says
             which. Bodies of an MJCF are links, hinges and slides are joints.
         fingertips : mapping or sequence of str
             Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or

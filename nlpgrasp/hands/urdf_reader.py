@@ -13,14 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.meshes.mesh_file import metres_of_format
-from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro, find_mesh
+from nlpgrasp.common.meshes.mesh_loader import load_scene
+from nlpgrasp.common.robot_files import SI, UrdfUnits, find_mesh, parse_robot
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
 from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, raise_invalid
 
-# namespaces of elements that are macros
-XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
 LARGEST_RPY = 4.0 * np.pi  # rad, angle of an origin above which degrees are suspected: exporters round and add turns
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
@@ -131,7 +130,7 @@ def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
 
 
 def urdf_root(source: Path) -> ET.Element:
-    """Return the <robot> element of a URDF, with macros expanded.
+    """Return the <robot> element of a URDF.
 
     Raises
     ------
@@ -139,22 +138,18 @@ def urdf_root(source: Path) -> ET.Element:
         When the file is missing, or is not a URDF.
     """
     try:
-        text = source.read_bytes()
+        root = parse_robot(source)
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError("URDFHand.path", str(source), f"a URDF file that can be read ({reason})") from None
-    try:
-        root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs; a URDF is the user's own file)
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
     if root.tag == "sdf":
         plain = source.with_suffix(".xml").name
         cure = f"a URDF or MJCF: sdf2mjcf {source.name} {plain}, of the package sdformat-mjcf, makes an MJCF"
         raise_invalid(source, "an SDF file", cure)
     if root.tag != "robot":
         raise_invalid(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
-    if any(element.tag.startswith(XACRO) for element in root.iter()):
-        return ET.fromstring(expand_xacro(source))  # noqa: S314
     return root
 
 
@@ -417,7 +412,7 @@ def _urdf_mesh_shape(
         given = f"collision of link {link}, scale {scale.tolist()}"
         raise InputError(f"URDFHand.path: {source.name}", given, "a scale that is not zero")
     try:
-        mesh = trimesh.load(path, force="mesh")
+        mesh = load_scene(path, process=True).to_mesh()
     except ImportError as error:
         if path.suffix.lower() == ".dae":
             raise MissingExtraError(f"{source.name}: reading {path.name} (link {link}, pycollada)", "hands") from None

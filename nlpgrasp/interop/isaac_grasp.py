@@ -163,7 +163,7 @@ def _check_expansion(name: str, text: str) -> None:
                 raise InputError(name, f"YAML nested deeper than {DEEPEST}", "an isaac_grasp file")
             continue
         if isinstance(event, yaml.AliasEvent):
-            anchor, count = None, anchored.get(event.anchor, MOST_VALUES + 1)  # an alias inside of its own anchor
+            anchor, count = None, anchored.get(str(event.anchor), MOST_VALUES + 1)  # an alias inside of its own anchor
         elif isinstance(event, yaml.ScalarEvent):
             anchor, count = event.anchor, 1 + len(event.value) // LONGEST_VALUE * MOST_VALUES
         elif isinstance(event, yaml.CollectionEndEvent):

@@ -110,7 +110,7 @@ def _variation_row(variation: VariationResult, rank: int, ties: Sequence[str], a
 def _figure(picture: Path) -> str:
     """Return a picture with its caption as HTML."""
     caption = CAPTIONS.get(picture.stem, picture.stem)
-    return f"<figure>{embedded_picture(picture, caption)}<figcaption>{caption}</figcaption></figure>"
+    return f"<figure>{embedded_picture(picture, caption)}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def _price_table(result: ExperimentResult) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -20,6 +21,11 @@ class Html(str):
     """Text that is already HTML, shown without escaping."""
 
     __slots__ = ()
+
+
+def file_link(name: str) -> str:
+    """Return a link to a file beside the page; any name is a path there, none a scheme, a query or an anchor."""
+    return f'<a href="{quote(name, safe="", errors="surrogateescape")}">{escape(name)}</a>'
 
 
 def embedded_picture(picture: Path, text: str) -> str:

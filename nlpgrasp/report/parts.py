@@ -27,7 +27,7 @@ from nlpgrasp.interop.robot_poses import POSES
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.report.html_parts import Html, embedded_picture, html_table
+from nlpgrasp.report.html_parts import Html, embedded_picture, file_link, html_table
 from nlpgrasp.report.page_builder import page, style
 from nlpgrasp.report.pictures import draw_grasp
 from nlpgrasp.solution.records import Status
@@ -368,7 +368,7 @@ def _row(part: PartResult, folder: Path) -> list[str]:
     clearance = ((solution.hand or {}).get("approach") or {}).get("clearance")
     free_count = sum(grasp.has_free_way for grasp in solution.grasps)
     endings = [ending for ending in (".json", POSES.ending) if (folder / f"{part.name}{ending}").is_file()]
-    links = [f'<a href="{escape(part.name + ending)}">{escape(part.name + ending)}</a>' for ending in endings]
+    links = [file_link(part.name + ending) for ending in endings]
     return [
         part.name,
         Html(embedded_picture(picture, f"{part.name} with the gripper")) if picture.is_file() else "",

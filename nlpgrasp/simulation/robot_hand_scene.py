@@ -83,7 +83,7 @@ def mjcf_with_hand(
     solution : GraspSolution
         Of a problem with an ``URDFHand``, with a squeeze.
     urdf : path
-        The hand's file that the problem was solved with: URDF, xacro or MJCF.
+        The hand's file that the problem was solved with: URDF or MJCF.
     options : HandSceneOptions, optional
         Servo gains, frictions and the object's mass.
     progress : callable, optional

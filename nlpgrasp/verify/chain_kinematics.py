@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.mjcf_model import compile_model
-from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro
+from nlpgrasp.common.robot_files import SI, UrdfUnits, parse_robot
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.verify.check import NotCheckedError
@@ -98,22 +98,18 @@ def links_in(path: Path, palm: str, units: UrdfUnits = SI) -> tuple[Link, ...]:
 
 
 def read_root_element(path: Path, units: UrdfUnits = SI) -> ET.Element:
-    """Return the root element of a URDF or an expanded xacro file, in metres and radians, or of an MJCF.
+    """Return the root element of a URDF, in metres and radians, or of an MJCF.
 
     Raises
     ------
     NotCheckedError
-        Where xacro is missing or cannot expand the file.
+        Where the file cannot be read.
     """
-    root = ET.fromstring(path.read_bytes())  # noqa: S314  (expat refuses entity bombs)
-    if root.tag == "mujoco":
-        return root
-    if not any("/xacro}" in element.tag for element in root.iter()):
-        return units.convert(root)
     try:
-        return units.convert(ET.fromstring(expand_xacro(path)))  # noqa: S314
-    except InputError as error:
+        root = parse_robot(path)
+    except (OSError, InputError) as error:
         raise NotCheckedError(str(error)) from None
+    return root if root.tag == "mujoco" else units.convert(root)
 
 
 def compile_mjcf(path: Path) -> MjModel:

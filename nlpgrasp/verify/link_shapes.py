@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
@@ -14,12 +13,13 @@ from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.meshes.mesh_file import metres_of_format
+from nlpgrasp.common.meshes.mesh_loader import load_scene
 from nlpgrasp.common.robot_files import SI, UrdfUnits, find_mesh
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
-from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.sources import SourceFolders, sha256_of
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -56,12 +56,12 @@ class _MeshFiles:
 
     Parameters
     ----------
-    digests : mapping of str to str, or None
-        Digest by the mesh's name in the hand's file; None in files of earlier versions.
+    digests : mapping of str to str
+        Digest by the mesh's name in the hand's file.
     sources : SourceFolders
     """
 
-    digests: Mapping[str, str] | None
+    digests: Mapping[str, str]
     sources: SourceFolders
 
     def find(self, hand_file: Path, name: str, link: str) -> Path:
@@ -76,18 +76,16 @@ class _MeshFiles:
 
     def compare(self, name: str, path: Path) -> None:
         """Raise ``NotCheckedError`` unless the SHA-256 of a mesh file is recorded and agrees."""
-        if self.digests is None:
-            return
         if name not in self.digests:
             raise NotCheckedError(f"the file records no sha256 of mesh {name}")
-        if hashlib.sha256(path.read_bytes()).hexdigest() != self.digests[name]:
+        if sha256_of(path) != self.digests[name]:
             raise NotCheckedError(f"mesh {name} has another sha256 than the file records")
 
 
 def link_shapes(
     path: Path,
     links: Container[str],
-    digests: Mapping[str, str] | None,
+    digests: Mapping[str, str],
     sources: SourceFolders,
     units: UrdfUnits = SI,
 ) -> dict[str, list[LinkShape]]:
@@ -96,10 +94,10 @@ def link_shapes(
     Parameters
     ----------
     path : Path
-        The hand's file: URDF, xacro or MJCF, with the recorded sha256.
+        The hand's file: URDF or MJCF, with the recorded sha256.
     links : container of str
-    digests : mapping of str to str, or None
-        The recorded sha256 of each mesh file; None if none are recorded.
+    digests : mapping of str to str
+        The recorded sha256 of each mesh file.
     sources : SourceFolders
         Where the mesh files are searched.
     units : UrdfUnits
@@ -139,7 +137,7 @@ def _geometry_surface(path: Path, link: str, kind: ET.Element, files: _MeshFiles
     if kind.tag == "mesh":
         mesh_path = files.find(path, kind.get("filename", ""), link)
         try:
-            mesh = trimesh.load(mesh_path, force="mesh")
+            mesh = load_scene(mesh_path, process=True).to_mesh()
         except Exception as error:  # trimesh's readers raise what their formats raise
             raise NotCheckedError(f"{mesh_path.name}, the shape of link {link}, cannot be read: {error}") from None
         mesh.apply_scale(metres_of_format(mesh_path, mesh) or 1.0)

@@ -1,4 +1,4 @@
-"""Numeric model of a hand with links, read from the solution file and the hand's URDF, xacro or MJCF.
+"""Numeric model of a hand with links, read from the solution file and the hand's URDF or MJCF.
 
 A contact on a fingertip: at the contact p the outward normal of the fingertip's patch is the body's inward normal n,
 and the point of the patch with that normal is p. Each shape of fingertip states that as scalar constraints (``ROWS``).
@@ -11,7 +11,6 @@ length" states ``q . q``, which gives ``NumericLinkedHand.error``.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -40,7 +39,7 @@ from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.link_shapes import LinkShape, link_shapes
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_hands import UnknownHand
-from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.sources import SourceFolders, sha256_of
 from nlpgrasp.verify.stated_placement import PROMISE, Ball, ConstraintValue, NumericHand, Palm, StatedPlacement
 
 CAPSULE_TOLERANCE = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
@@ -127,8 +126,9 @@ class NumericLinkedHand:
         Raises ``NotCheckedError`` if the hand's file is missing or another one.
         """
         path = self.sources.find(self.data.get("source"))
-        if hashlib.sha256(path.read_bytes()).hexdigest() != self.data["sha256"]:
+        if sha256_of(path) != self.data["sha256"]:
             raise NotCheckedError(f"{path.name} has another sha256 than the file records")
+        self.sources.check_references(path, (self.data.get("meshes") or {}).values())
         return links_in(path, str(self.data["palm"]), UrdfUnits.from_dict(self.data))
 
     @cached_property
@@ -136,7 +136,7 @@ class NumericLinkedHand:
         """Collision shapes of the palm and the links below it, by link."""
         names = {str(self.data["palm"]), *(link.name for link in self.links)}
         path, units = self.sources.find(self.data.get("source")), UrdfUnits.from_dict(self.data)
-        return link_shapes(path, names, self.data.get("meshes"), self.sources, units)
+        return link_shapes(path, names, self.data.get("meshes") or {}, self.sources, units)
 
     def with_posture(self, posture: Json) -> NumericLinkedHand:
         """Return the hand in another posture, given ``joint_positions`` and ``palm_pose``."""

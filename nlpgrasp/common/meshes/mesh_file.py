@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.files import file_kind
+from nlpgrasp.common.meshes.mesh_loader import load_scene
 from nlpgrasp.common.meshes.outer_surface import outer_surface
 from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, local_origin, relative_to, unclear_fraction
 from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
@@ -96,7 +97,7 @@ def read_mesh(path: str | Path, unit: str | None = None, scale: float = 1.0) -> 
     if not file.is_file():
         raise InputError("Mesh.path", str(path), "a mesh file that exists")
     try:
-        scene = trimesh.load(file, force="scene", process=False)  # processing drops NaN vertices unseen
+        scene = load_scene(file)
         loaded = _one_mesh(scene)
     except ImportError:
         if file_kind(file) == "a CAD file":

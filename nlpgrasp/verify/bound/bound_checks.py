@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.bound.proof import BOUND_TOLERANCE, Proof
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, Verification, broken_data_message, guard
 from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
-from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.sources import SourceFolders, sha256_of
 
 SCHEMA = "nlpgrasp-bound/1"  # schema of a bound file
 LARGEST_FILE = 512 * 2**20  # bytes: largest size of a bound file
@@ -191,7 +190,7 @@ def _read_certificate(bound: GlobalBound, problem: Json, sources: SourceFolders)
     if "file" not in stated:
         return stated
     path = sources.find(stated["file"])
-    if hashlib.sha256(path.read_bytes()).hexdigest() != stated["sha256"]:
+    if sha256_of(path) != stated["sha256"]:
         raise InputError(path.name, "another fingerprint", "the file that was written with the solution")
     data = read_bound_file(path)
     if data is None:
