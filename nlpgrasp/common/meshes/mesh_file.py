@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.files import file_kind
-from nlpgrasp.common.meshes.mesh_loader import load_scene
+from nlpgrasp.common.meshes.mesh_loader import load_scene, triangle_defect
 from nlpgrasp.common.meshes.outer_surface import outer_surface
 from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, local_origin, relative_to, unclear_fraction
 from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
@@ -261,6 +261,8 @@ def _check_size(mesh: object) -> trimesh.Trimesh:
 
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError("Mesh.mesh", type(mesh).__name__, "a trimesh.Trimesh with triangles")
+    if defect := triangle_defect(mesh):
+        raise InputError("Mesh.mesh", defect, "triangles (f, 3) of vertices (v, 3)")
     if not np.all(np.isfinite(mesh.vertices)):
         raise InputError("Mesh.vertices", "NaN or infinite coordinates", "finite coordinates")
     longest = _longest_side(mesh)

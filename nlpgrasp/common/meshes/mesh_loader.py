@@ -43,7 +43,16 @@ def load_scene(path: Path, process: bool = False) -> trimesh.Scene:
             raise ValueError(f"an archive of {size} bytes that unpacks to {unpacked}")
     scene = trimesh.load(path, force="scene", process=process)
     for geometry in scene.geometry.values():
-        faces = np.asarray(getattr(geometry, "faces", ()))
-        if faces.size and not 0 <= faces.min() <= faces.max() < len(geometry.vertices):
-            raise ValueError(f"a triangle of vertex {faces.max()}, of {len(geometry.vertices)}")
+        if isinstance(geometry, trimesh.Trimesh) and (defect := triangle_defect(geometry)):
+            raise ValueError(defect)
     return scene
+
+
+def triangle_defect(mesh: trimesh.Trimesh) -> str:
+    """Return why the arrays of a mesh are no triangles of points in space; empty if they are."""
+    vertices, faces = np.shape(mesh.vertices), np.asarray(mesh.faces)
+    if len(vertices) != 2 or vertices[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        return f"vertices of shape {vertices} and triangles of shape {faces.shape}"
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
+        return f"a triangle of vertices {faces.min()} to {faces.max()}, of {len(mesh.vertices)} vertices"
+    return ""
