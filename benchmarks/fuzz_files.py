@@ -32,9 +32,9 @@ from nlpgrasp.interop.grasp_arrays import CONVERTED
 
 COUNT, SEED = 500, 0
 ADDRESS_SPACE = 6 * 2**30  # bytes
-TIME_OUT = 30.0  # s, after which a reader is killed
+TIME_OUT, WARM_UP = 30.0, 600.0  # s, after which a reader is killed; with its first file, the valid one
 MOST_SECONDS, MOST_MEMORY = 2.0, 1024.0  # s of processors and MiB of a file
-NUMBERS = (b"1e308", b"-1", b"99999999999999", b"4294967295", b"nan", b"inf", b"1e-320", b"0", b"\xff", b"1" * 5000)
+NUMBERS = (b"1e308", b"-1", b"99999999999999", b"4294967295", b"nan", b"inf", b"1e-320", b"0", b"0.5", b"3", b"1e-3", b"1" * 5000)
 TEXTS = (b"<", b"&a [*a]", b"[" * 3000, b"{" * 3000, b"\0", b"\xc3\x28", b'"', b"'", b"\n", b",", b"<a>" * 3000, b"../" * 40)
 COUNTS = (2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1, 10**7, 10**9)
 POINTS = np.array([[[0.03, 0, 0], [-0.03, 0.02, 0], [-0.03, -0.02, 0]]] * 4)
@@ -330,7 +330,7 @@ class Reader:
     def __init__(self, kind: str) -> None:
         self.kind, self.process = kind, None
 
-    def read(self, path: Path) -> tuple[str, float, float]:
+    def read(self, path: Path, time_out: float = TIME_OUT) -> tuple[str, float, float]:
         """Return the outcome, seconds and MiB of reading a file."""
         if self.process is None:
             command = [sys.executable, "-m", "benchmarks.fuzz_files", "--child", self.kind]
@@ -342,7 +342,7 @@ class Reader:
         self.process.stdin.flush()
         with selectors.DefaultSelector() as selector:
             selector.register(self.process.stdout, selectors.EVENT_READ)
-            if selector.select(timeout=TIME_OUT) and (line := self.process.stdout.readline()):
+            if selector.select(timeout=time_out) and (line := self.process.stdout.readline()):
                 return tuple(json.loads(line))
         self.process.kill()
         code, self.process = self.process.wait(), None
@@ -367,7 +367,7 @@ def fuzz(name: str, count: int = COUNT, seed: int = SEED, keep: Path | None = No
         for i in range(-1, count):  # the first is the valid file, which warms up
             path = Path(folder) / f"{max(i, 0)}{kind.ending}"
             path.write_bytes(valid if i < 0 else damaged(valid, rng))
-            outcome, seconds, memory = reader.read(path)
+            outcome, seconds, memory = reader.read(path, WARM_UP if i < 0 else TIME_OUT)
             if i < 0:
                 if outcome != "read" and kind.ending not in CONVERTED:
                     raise SystemExit(f"{name}: the valid file is not read: {outcome}")

@@ -62,7 +62,11 @@ def _array(content: bytes) -> NDArray[Any]:
     shape, is_fortran, kind = read_header(file)
     if kind.hasobject:
         raise ValueError("pickled objects, which can execute code")
+    if kind.kind not in "biufUS":
+        raise ValueError(f"values of type {kind}, not numbers or text")
     if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != len(content) - file.tell():
         raise ValueError(f"an array of shape {shape} in {len(content)} bytes")
     values = np.frombuffer(content, kind, offset=file.tell()) if math.prod(shape) else np.empty(0, kind)
+    if kind.kind == "U":
+        "".join(values.tolist()).encode()  # raises on numbers that are no characters
     return values.reshape(shape, order="F" if is_fortran else "C")

@@ -217,10 +217,15 @@ def _parquet_table(path: Path) -> DelimitedTable:
     except ImportError:
         raise MissingExtraError("a Parquet table", "tables") from None
     try:
-        table = parquet.read_table(path)
+        with parquet.ParquetFile(path) as file:
+            if file.metadata.num_rows > MOST_ROWS:  # before they are unpacked
+                raise InputError(str(path), f"{file.metadata.num_rows} contacts", f"at most {MOST_ROWS}")
+            table = file.read()
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(str(path), error.strerror or "no table", "a Parquet table that exists") from None
-    except pa.ArrowException as error:
+    except (pa.ArrowException, ValueError) as error:
         raise InputError(str(path), f"no table ({error})", "a Parquet table of contacts") from None
     rows = [["" if cell is None else str(cell) for cell in row.values()] for row in table.to_pylist()]
     header, lines = list(table.column_names), list(range(2, len(rows) + 2))

@@ -36,7 +36,8 @@ CONVERTED = {  # endings of files that are not read: what they hold, and the pro
         (".h5", ".hdf5"),
         (
             "an HDF5 file",
-            "import h5py, numpy as np; np.savez({target}, **{{k: v[()] for k, v in h5py.File({source}).items()}})",
+            "import h5py, numpy as np; np.savez({target}, **{{k: np.array(v.asstr()[()], str) if v.dtype == object "
+            "else v[()] for k, v in h5py.File({source}).items()}})",
         ),
     ),
 }

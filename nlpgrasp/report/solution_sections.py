@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -289,7 +290,7 @@ def inputs(name: str, solution: GraspSolution) -> str:
     data = {"problem": dict(solution.problem), "solver": solver}
     text = escape(json.dumps(data, indent=1))
     commands = (
-        f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {name}"
+        f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {shlex.quote(name)}"
     )
     return (
         f"<h3>Do it again</h3><pre>{escape(commands)}</pre>"

@@ -56,12 +56,13 @@ class _MeshFiles:
 
     Parameters
     ----------
-    digests : mapping of str to str
-        Digest by the mesh's name in the hand's file.
+    digests : mapping of str to str, or None
+        Digest by the mesh's name in the hand's file; None in files of earlier versions, of which meshes in the folders
+        alone are read.
     sources : SourceFolders
     """
 
-    digests: Mapping[str, str]
+    digests: Mapping[str, str] | None
     sources: SourceFolders
 
     def find(self, hand_file: Path, name: str, link: str) -> Path:
@@ -76,6 +77,10 @@ class _MeshFiles:
 
     def compare(self, name: str, path: Path) -> None:
         """Raise ``NotCheckedError`` unless the SHA-256 of a mesh file is recorded and agrees."""
+        if self.digests is None:
+            if not self.sources.contain(path):
+                raise NotCheckedError(f"{path} is {self.sources.outside}")
+            return
         if name not in self.digests:
             raise NotCheckedError(f"the file records no sha256 of mesh {name}")
         if sha256_of(path) != self.digests[name]:
@@ -85,7 +90,7 @@ class _MeshFiles:
 def link_shapes(
     path: Path,
     links: Container[str],
-    digests: Mapping[str, str],
+    digests: Mapping[str, str] | None,
     sources: SourceFolders,
     units: UrdfUnits = SI,
 ) -> dict[str, list[LinkShape]]:
@@ -96,8 +101,8 @@ def link_shapes(
     path : Path
         The hand's file: URDF or MJCF, with the recorded sha256.
     links : container of str
-    digests : mapping of str to str
-        The recorded sha256 of each mesh file.
+    digests : mapping of str to str, or None
+        The recorded sha256 of each mesh file; None if none are recorded.
     sources : SourceFolders
         Where the mesh files are searched.
     units : UrdfUnits

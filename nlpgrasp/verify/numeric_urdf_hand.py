@@ -136,7 +136,7 @@ class NumericLinkedHand:
         """Collision shapes of the palm and the links below it, by link."""
         names = {str(self.data["palm"]), *(link.name for link in self.links)}
         path, units = self.sources.find(self.data.get("source")), UrdfUnits.from_dict(self.data)
-        return link_shapes(path, names, self.data.get("meshes") or {}, self.sources, units)
+        return link_shapes(path, names, self.data.get("meshes"), self.sources, units)
 
     def with_posture(self, posture: Json) -> NumericLinkedHand:
         """Return the hand in another posture, given ``joint_positions`` and ``palm_pose``."""

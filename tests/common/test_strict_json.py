@@ -18,6 +18,7 @@ VALIDATOR = jsonschema.Draft202012Validator({"properties": {"a": {"items": {"typ
         ('{"a": NaN}', "NaN is not a number in JSON"),
         ('{"a": -Infinity}', "-Infinity is not a number"),
         ('{"a": 1234567890123456789}', "a whole number of 19 digits"),
+        ('{"a": [{"b": 1, "c": 2, "b": 1}]}', "the key 'b' twice in one object, expected .* each key once"),
         ("[" * 100_000, "expected a JSON file with finite numbers"),
     ],
 )

@@ -1,7 +1,5 @@
 """MJCF reader: MuJoCo's kinematics of the same file, couplings, efforts, shapes and errors."""
 
-import importlib
-import importlib.util
 import sys
 
 import mujoco
@@ -13,6 +11,7 @@ from nlpgrasp.hands.mjcf_reader import euler_angles
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.urdf_hand import modelling_warnings
 from nlpgrasp.verify.chain_kinematics import links_in, poses
+from nlpgrasp.verify.check import NotCheckedError
 from tests.hands.mjcf import frames, tree_of
 
 HAND = """<mujoco model="pincer"><compiler angle="radian" autolimits="true"/>
@@ -211,20 +210,34 @@ XACRO = """<robot name="one" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:
 <origin xyz="0 0 ${far}"/><limit lower="0" upper="1"/></joint></robot>"""
 
 
-def test_xacro_without_its_package_says_what_to_install(tmp_path, monkeypatch):
-    (tmp_path / "one.urdf.xacro").write_text(XACRO)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr("nlpgrasp.common.robot_files.find_spec", lambda name: None)
-    with pytest.raises(ng.InputError, match=r"pip install xacro, then xacro one.urdf.xacro > one.urdf; or this file"):
-        read_robot(tmp_path / "one.urdf.xacro")
-
-
-def test_xacro_is_expanded_by_its_package(tmp_path):
-    pytest.importorskip("xacro", reason="no xacro: pip install xacro")
+def test_xacro_is_never_expanded_as_it_runs_python(tmp_path):
     path = tmp_path / "one.urdf.xacro"
     path.write_text(XACRO)
-    assert read_robot(path).joints[0].xyz[2] == 0.1
-    assert links_in(path, "palm")[0].origin[2, 3] == 0.1
-    path.write_text(XACRO.replace("${far}", "${farther}"))
-    with pytest.raises(ng.InputError, match=r"a xacro file that xacro cannot process .*farther"):
-        read_robot(path)
+    message = "got a xacro file, which runs Python, expected the URDF .*: .*xacro one.urdf.xacro > one.urdf, if you trust it"
+    with pytest.raises(ng.InputError, match=message):
+        ng.URDFHand.load(path, {"tip": 0.01})
+    with pytest.raises(NotCheckedError, match="a xacro file, which runs Python"):
+        links_in(path, "palm")
+
+
+HUGE = [
+    '<hfield name="h" nrow="100000000" ncol="100000000" size="1 1 1 1"/>',
+    '<texture name="t" type="2d" builtin="flat" width="1000000" height="1000000"/>',
+]
+
+
+@pytest.mark.parametrize("asset", HUGE)
+def test_a_file_that_crashes_mujoco_is_refused(tmp_path, asset):
+    path = write_hand(tmp_path, f"<asset>{asset}</asset>")
+    with pytest.raises(ng.InputError, match=r"pincer.xml: got .*, expected an MJCF file that MuJoCo reads"):
+        ng.URDFHand.load(path, {"left_tip": 0.006})
+    with pytest.raises(NotCheckedError, match="MuJoCo cannot read pincer.xml"):
+        links_in(path, "palm")
+    assert not list(tmp_path.glob("MUJOCO_LOG*"))
+
+
+def test_a_large_robot_file_is_refused_before_it_is_parsed(tmp_path):
+    for name, text in (("a.urdf", "<robot>"), ("a.xml", "<mujoco>")):
+        (tmp_path / name).write_text(text + " " * (33 * 2**20))
+        with pytest.raises(ng.InputError, match=f"{name}: got more than 32 MiB"):
+            ng.URDFHand.load(tmp_path / name, {"tip": 0.006})

@@ -3,14 +3,17 @@
 import csv
 import io
 import json
-import pickle
+import re
+import shlex
+import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.interop import read_grasp_stacks
+from nlpgrasp.interop import read_grasp_stacks, read_isaac_grasps
 from nlpgrasp.quality.measure_table import measure_columns
 from nlpgrasp.quality.volume import POINT_LIMIT
 from tests.cli.test_cli import refused, run_here
@@ -56,12 +59,9 @@ def test_every_kind_of_table_gives_the_same_stack(arrays, tmp_path):
     (tmp_path / "a.csv").write_text(table_text(arrays))
     pd.read_csv(tmp_path / "a.csv").to_parquet(tmp_path / "a.parquet")
     np.savez(tmp_path / "a.npz", **arrays, friction=0.5)
-    record = {"contact_points": arrays["points"], "contact_normals": arrays["normals"], "ids": arrays["ids"]}
-    np.save(tmp_path / "a.npy", np.array(record, dtype=object), allow_pickle=True)
     same(ng.read_grasps(tmp_path / "a.csv", friction=0.5), arrays)
     same(ng.read_grasps(tmp_path / "a.parquet", friction=0.5), arrays)
     same(ng.read_grasps(tmp_path / "a.npz"), arrays)
-    same(ng.read_grasps(tmp_path / "a.npy", friction=0.5), arrays)
     same(ng.read_grasps(arrays, friction=0.5), arrays)
     (tmp_path / "mm.csv").write_text(table_text(arrays, factor=1000.0))
     stack = ng.read_grasps(tmp_path / "mm.csv", friction=0.5, unit="mm")
@@ -137,23 +137,130 @@ def test_what_is_suspicious_is_noticed(arrays):
 
 
 class Harmful:
-    """Writes a file where it is unpickled without care."""
+    """Writes a file where it is unpickled."""
 
     def __reduce__(self):
         return open, ("harm.txt", "w")
 
 
-def test_a_record_is_read_without_executing_it(tmp_path, monkeypatch):
+def convert(message):
+    """Run the command that a message states."""
+    command = re.search(r"python (-c .*)$", message).group(1)
+    subprocess.run([sys.executable, *shlex.split(command)], check=True)
+
+
+def test_no_pickle_is_read_and_the_message_converts_a_record(arrays, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    np.save(tmp_path / "a.npy", np.array({"points": Harmful()}, dtype=object), allow_pickle=True)
-    with pytest.raises(ng.InputError, match=r"a.npy: got no arrays \(it refers to .*open\)"):
-        ng.read_grasps(tmp_path / "a.npy")
+    record = {"contact_points": arrays["points"], "contact_normals": arrays["normals"], "ids": arrays["ids"]}
+    for value in ({"points": Harmful()}, record | {"world": [{"plane": 0}]}):
+        np.save("a.npy", np.array(value, dtype=object), allow_pickle=True)
+        with pytest.raises(ng.InputError, match=r"a.npy: got an npy file: .* pickled record, .* expected an npz") as caught:
+            ng.read_grasps("a.npy", friction=0.5)
+        assert not (tmp_path / "harm.txt").exists()
+    convert(str(caught.value))
+    same(ng.read_grasps("a.npz", friction=0.5), arrays)
+    np.savez("objects.npz", points=np.array([Harmful()], dtype=object), normals=arrays["normals"])
+    with pytest.raises(ng.InputError, match="pickled objects, which can execute code"):
+        ng.read_grasps("objects.npz")
     assert not (tmp_path / "harm.txt").exists()
-    (tmp_path / "b.npy").write_bytes(pickle.dumps({}))
-    np.save(tmp_path / "c.npy", np.zeros((3, 4, 3)))
-    for name, message in {"b": "no arrays", "c": "an array without names", "d": "that exists"}.items():
-        with pytest.raises(ng.InputError, match=message):
-            ng.read_grasps(tmp_path / f"{name}.npy")
+
+
+def test_hdf5_is_converted_by_the_command_of_the_message(arrays, tmp_path, monkeypatch):
+    h5py = pytest.importorskip("h5py", reason='no h5py: pip install "nlpgrasp[hdf5]"')
+    monkeypatch.chdir(tmp_path)
+    with h5py.File("a grasp's.h5", "w") as file:
+        file["contact_points"], file["contact_normals"] = arrays["points"], arrays["normals"]
+        file["joint_names"] = np.array(["a", "b"], dtype=h5py.string_dtype())
+    with pytest.raises(ng.InputError, match=r"got an HDF5 file, expected an npz file") as caught:
+        ng.read_grasps("a grasp's.h5", friction=0.5)
+    convert(str(caught.value))
+    np.testing.assert_array_equal(ng.read_grasps("a grasp's.npz", friction=0.5).points, arrays["points"])
+
+
+@pytest.mark.parametrize(("name", "given"), [("a.mat", "the ending .mat"), ("a", "no ending"), ("a.pkl", "the ending .pkl")])
+def test_an_unknown_ending_is_no_solution(tmp_path, name, given):
+    (tmp_path / name).write_bytes(b"\x89HDF")
+    with pytest.raises(ng.InputError, match=rf"{name}: got {given}, expected one of .json, .csv, .parquet, .npz, .yaml"):
+        ng.read_grasps(tmp_path / name)
+    assert given in refused(run_here("quality", tmp_path / name, "--friction", "0.5", cwd=tmp_path))
+
+
+BOMB = 'a0: &a0 ["x","x","x","x","x","x","x","x","x"]\n' + "".join(
+    f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 9)
+)
+GRASP = "{position: [0, 0, 0], orientation: {w: 1.0, xyz: [0, 0, 0]}}"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (BOMB + "format: *a8\n", "more or longer values, with its aliases expanded, expected at most 1000000"),
+        (BOMB + "format: isaac_grasp\ngrasps: {g: {<<: *a8}}\n", "with its aliases expanded"),
+        ("format: &a [*a]\n", "with its aliases expanded"),
+        ("format: " + "[" * 200_000, "YAML nested deeper than 50"),
+        ("format: isaac_grasp\nformat_version: 0x" + "f" * 5000, "more or longer values"),
+        ("format: !!python/object/apply:os.system [exit]\n", "no YAML"),
+        ("format: isaac_grasp\nformat_version: 1.0\ngrasps: {g: {orientation: {w: 1e999, xyz: [0, 0, 0]}}}", "w: got "),
+        ("format: \xff", "no YAML"),
+    ],
+)
+def test_hostile_yaml_is_refused(tmp_path, text, message):
+    (tmp_path / "a.yaml").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ng.InputError, match=message):
+        read_isaac_grasps(tmp_path / "a.yaml")
+
+
+def test_aliases_of_a_file_that_repeats_itself_are_read(tmp_path):
+    text = f'format: isaac_grasp\nformat_version: "1.0"\ngrasps:\n  a: &a {GRASP}\n  b: *a\n'
+    (tmp_path / "a.yaml").write_text(text)
+    assert [grasp.name for grasp in read_isaac_grasps(tmp_path / "a.yaml")] == ["a", "b"]
+
+
+def header(shape, kind="<f8"):
+    """Return the header of an npy file."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": kind, "fortran_order": False, "shape": shape})
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (header((10**12, 3)), r"an array of shape \(1000000000000, 3\) in 128 bytes"),
+        (header((10**23, 3)) + b"1", "an array of shape"),
+        (header((-4, -3)) + bytes(96), "an array of shape"),
+        (header((4, 3))[:40], "ValueError"),
+        (header((2,), "<U1") + b"\xff" * 8, "SystemError"),
+        (header((2,), "<c16") + bytes(32), "not numbers or text"),
+        (b"nothing", "ValueError"),
+    ],
+)
+def test_damaged_arrays_are_refused(tmp_path, points, message):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("points.npy", points)
+    with pytest.raises(ng.InputError, match=rf"a.npz: got no arrays \(.*{message}"):
+        ng.read_grasps(path)
+
+
+def test_archives_that_unpack_to_too_much_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file, file.open("points.npy", "w") as member:
+        for _ in range(300):
+            member.write(bytes(2**20))
+    with pytest.raises(ng.InputError, match=r"got arrays of 314572800 bytes, expected at most 256 MiB"):
+        ng.read_grasps(path)
+
+
+def test_names_of_arrays_that_are_none_of_grasps_are_listed(tmp_path):
+    np.savez(tmp_path / "a.npz", positions=np.zeros((4, 3)))
+    with pytest.raises(ng.InputError, match="got arrays positions, expected an npz file of arrays points and normals"):
+        ng.read_grasps(tmp_path / "a.npz")
+    (tmp_path / "b.npz").write_text("nothing")
+    with pytest.raises(ng.InputError, match="b.npz: got no arrays"):
+        ng.read_grasps(tmp_path / "b.npz")
+    with pytest.raises(ng.InputError, match="a file of arrays that exists"):
+        ng.read_grasps(tmp_path / "c.npz")
 
 
 def test_a_table_has_the_numbers_of_single_calls(arrays):

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from dataclasses import replace
+from urllib.parse import unquote, urlsplit
 
 import pytest
 import trimesh
@@ -77,6 +78,18 @@ def test_each_part_has_its_files_and_a_row(folder, batch):
         assert f"{len(solution.grasps)}, {len(solution.grasps)} with a free way in" in row
     assert 'href="plate.poses.csv"' in page
     assert "nothing is ranked" in page
+
+
+def test_links_lead_to_files_whatever_a_part_is_called(tmp_path):
+    names = ["part #2", "a?b", "50%25", "javascript:alert(1)", '"><script>alert(1)</script>'.replace("/", "|")]
+    solution = held_block()
+    parts = [PartResult(name, solution.save(tmp_path / f"{name}.json")) for name in names]
+    page = write_parts_page(parts, tmp_path / "p.html", "<b>")
+    text = page.read_text()
+    links = [urlsplit(html.unescape(link)) for link in re.findall(r'<a href="([^"]*)"', text)]
+    assert [unquote(link.path) for link in links] == [f"{name}.json" for name in names]
+    assert not any(link.scheme or link.netloc or link.query or link.fragment for link in links)
+    assert "<script>alert" not in text
 
 
 @pytest.mark.slow

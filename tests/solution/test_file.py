@@ -116,6 +116,7 @@ HOSTILE = {
     "large integer": ('{"schema": "nlpgrasp/1", "x": ' + "9" * 30 + "}", "30 digits"),
     "deep list": ("[" * 100_000, "nesting deeper"),
     "deep object": ('{"a":' * 60 + "1" + "}" * 60, "nesting deeper"),
+    "key twice": ('{"schema": "nlpgrasp/1", "quality": {"mu": 9}, "quality": {}}', "the key 'quality' twice"),
     "list": ("[1, 2]", "a JSON object"),
     "other schema": ('{"schema": "nlpgrasp/99"}', "expected 'nlpgrasp/1'"),
     "no schema": ("{}", "schema"),

@@ -1,5 +1,6 @@
 """Reading of meshes and URDFs from their recorded source files."""
 
+import hashlib
 import shutil
 from dataclasses import replace
 
@@ -9,9 +10,12 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
+from tests.verify.edits import put
 from tests.verify.stated import edited, recomputed_file
 
 
@@ -58,6 +62,36 @@ def test_a_source_that_is_no_mesh_is_not_made(block, tmp_path):
     check = recomputed_file(block, tmp_path)["surface"]
     assert not check.made
     assert "block.stl is not a mesh that can be read" in check.detail
+
+
+def test_files_outside_of_the_folders_are_not_read(block, tmp_path):
+    """Neither by an absolute path, nor by one with .., nor through a symbolic link."""
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (inside / "link.stl").symlink_to(tmp_path / "block.stl")
+    for name in (str(tmp_path / "block.stl"), "../block.stl", "link.stl"):
+        named = edited(block, put(("problem", "body", "source"), name))
+        check = recomputed_file(named, inside)["surface"]
+        assert not check.made
+        assert f"{name} is outside of the folders that may be read: " in check.detail
+        assert str(inside) in check.detail
+        assert recomputed_file(named, inside, tmp_path)["surface"].passed
+
+
+def test_an_mjcf_refers_to_files_in_the_folders_or_to_recorded_ones(tmp_path):
+    hand, parts = tmp_path / "hand", tmp_path / "parts"
+    hand.mkdir()
+    parts.mkdir()
+    mesh = parts / "a.stl"
+    mesh.write_bytes(b"a mesh")
+    path, sources = hand / "hand.xml", SourceFolders((hand,))
+    path.write_text('<mujoco><include file="more.xml"/></mujoco>')
+    include = '<mujoco><compiler meshdir="../parts"/><asset><mesh file="a.stl"/></asset></mujoco>'
+    (hand / "more.xml").write_text(include)
+    with pytest.raises(NotCheckedError, match=r"hand.xml refers to .*a.stl, outside of the folders that may be read: "):
+        sources.check_references(path, [])
+    sources.check_references(path, [hashlib.sha256(b"a mesh").hexdigest()])
+    SourceFolders((hand, parts)).check_references(path, [])
 
 
 def test_another_mesh_of_that_name_is_not_made(block, tmp_path):
