@@ -1,7 +1,7 @@
 """Damaged files of every kind that is read: exceptions, crashes, seconds and memory.
 
-``python -m benchmarks fuzz_files`` damages small valid files 500 times a kind, ``fuzz_files:urdf,mjcf`` two kinds alone. Each
-kind is read by processes of its own; a file may be read, or refused by an error of the package.
+``python -m benchmarks fuzz_files`` damages small valid files 500 times a kind, ``fuzz_files:urdf,mjcf`` those of two.
+Each kind is read by processes of its own; a file may be read, or refused by an error of the package.
 """
 
 from __future__ import annotations
@@ -34,32 +34,63 @@ COUNT, SEED = 500, 0
 ADDRESS_SPACE = 6 * 2**30  # bytes
 TIME_OUT, WARM_UP = 30.0, 600.0  # s, after which a reader is killed; with its first file, the valid one
 MOST_SECONDS, MOST_MEMORY = 2.0, 1024.0  # s of processors and MiB of a file
-NUMBERS = (b"1e308", b"-1", b"99999999999999", b"4294967295", b"nan", b"inf", b"1e-320", b"0", b"0.5", b"3", b"1e-3", b"1" * 5000)
-TEXTS = (b"<", b"&a [*a]", b"[" * 3000, b"{" * 3000, b"\0", b"\xc3\x28", b'"', b"'", b"\n", b",", b"<a>" * 3000, b"../" * 40)
+NUMBERS = (
+    b"1e308",
+    b"-1",
+    b"99999999999999",
+    b"4294967295",
+    b"nan",
+    b"inf",
+    b"1e-320",
+    b"0",
+    b"0.5",
+    b"3",
+    b"1e-3",
+    b"1" * 5000,
+)
+TEXTS = (
+    b"<",
+    b"&a [*a]",
+    b"[" * 3000,
+    b"{" * 3000,
+    b"\0",
+    b"\xc3\x28",
+    b'"',
+    b"'",
+    b"\n",
+    b",",
+    b"<a>" * 3000,
+    b"../" * 40,
+)
 COUNTS = (2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1, 10**7, 10**9)
 POINTS = np.array([[[0.03, 0, 0], [-0.03, 0.02, 0], [-0.03, -0.02, 0]]] * 4)
 NORMALS = np.array([[[-1.0, 0, 0], [1, 0, 0], [1, 0, 0]]] * 4)
-URDF = """<robot name="two"><link name="palm"><collision><geometry><box size="0.05 0.05 0.02"/></geometry></collision></link>
-<link name="tip"><collision><origin xyz="0 0 0.03" rpy="0 0 0"/><geometry><sphere radius="0.01"/></geometry></collision>
+URDF = """<robot name="two">
+<link name="palm"><collision><geometry><box size="0.05 0.05 0.02"/></geometry></collision></link>
+<link name="tip">
+<collision><origin xyz="0 0 0.03" rpy="0 0 0"/><geometry><sphere radius="0.01"/></geometry></collision>
 <inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <link name="other"><collision><geometry><cylinder radius="0.01" length="0.02"/></geometry></collision></link>
 <joint name="bend" type="revolute"><parent link="palm"/><child link="tip"/><origin xyz="0.05 0 0" rpy="0 0 0"/>
-<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5"/></joint><joint name="follow" type="revolute"><parent link="palm"/>
-<child link="other"/><axis xyz="0 1 0"/><limit lower="-1" upper="1"/><mimic joint="bend" multiplier="1" offset="0"/></joint>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5"/></joint>
+<joint name="follow" type="revolute"><parent link="palm"/><child link="other"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1"/><mimic joint="bend" multiplier="1" offset="0"/></joint>
 </robot>"""
 MJCF = """<mujoco model="two"><compiler angle="radian"/><asset><hfield name="h" nrow="4" ncol="4" size="1 1 1 1"/>
 <texture name="t" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0" rgb2="0 1 0"/>
 <mesh name="m" vertex="0 0 0  .01 0 0  0 .01 0  0 0 .01"/></asset><worldbody><body name="palm">
-<geom type="box" size=".05 .05 .01"/><body name="tip" pos=".1 0 0"><joint name="j" range="-1 1"/><geom size=".01"/></body>
+<geom type="box" size=".05 .05 .01"/>
+<body name="tip" pos=".1 0 0"><joint name="j" range="-1 1"/><geom size=".01"/></body>
 <body name="other" pos="-.1 0 0"><joint name="k" range="-1 1"/><geom type="mesh" mesh="m"/></body></body></worldbody>
 <actuator><motor joint="j" forcerange="-1 1" ctrlrange="-1 1"/></actuator>
 <equality><joint joint1="k" joint2="j" polycoef="0 1 0 0 0"/></equality></mujoco>"""
-ISAAC = """format: isaac_grasp
+PLACED = "confidence: 1.0, position: [0.0, 0.1, 0.2], orientation: {w: 1.0, xyz: [0.0, 0.0, 0.0]}"
+ISAAC = f"""format: isaac_grasp
 format_version: "1.0"
 object_scale: 1.0
 grasps:
-  grasp_0: {confidence: 1.0, position: [0.0, 0.1, 0.2], orientation: {w: 1.0, xyz: [0.0, 0.0, 0.0]}, cspace_position: {j: 0.1}}
-  grasp_1: {confidence: 0.5, position: [0.0, 0.1, 0.2], orientation: {w: 1.0, xyz: [0.0, 0.0, 0.0]}, cspace_position: {j: 0.1}}
+  grasp_0: {{{PLACED}, cspace_position: {{j: 0.1}}}}
+  grasp_1: {{{PLACED}, cspace_position: {{j: 0.2}}}}
 """
 
 
@@ -178,7 +209,11 @@ def read_set(path: Path) -> object:
 def mesh_bytes(ending: str, **options: object) -> bytes:
     """Return a mesh of a box with a hole."""
     mesh = trimesh.creation.annulus(0.01, 0.03, 0.04, sections=12)
-    content = trimesh.Scene(mesh).export(file_type=ending) if ending in ("3mf", "glb") else mesh.export(file_type=ending, **options)
+    content = (
+        trimesh.Scene(mesh).export(file_type=ending)
+        if ending in ("3mf", "glb")
+        else mesh.export(file_type=ending, **options)
+    )
     return content.encode() if isinstance(content, str) else content
 
 
@@ -356,13 +391,14 @@ class Reader:
 
 
 def fuzz(name: str, count: int = COUNT, seed: int = SEED, keep: Path | None = None) -> dict[str, object]:
-    """Return what came of damaged files of a kind: faults, and the numbers read and refused, with the largest time and memory.
+    """Return what came of damaged files of a kind: numbers read and refused, faults, and the largest time and memory.
 
-    A file that was a fault is kept in a folder.
+    Faults are exceptions that are not the package's, and crashes; files of more than 2 s or 1 GiB are costly. A folder
+    keeps such files.
     """
     kind, reader = KINDS[name], Reader(name)
     rng, valid = np.random.default_rng([seed, *name.encode()]), kind.valid()
-    faults, outcomes, worst = [], [], [0.0, 0.0]
+    faults, costly, outcomes, worst = [], [], [], [0.0, 0.0]
     with tempfile.TemporaryDirectory() as folder:
         for i in range(-1, count):  # the first is the valid file, which warms up
             path = Path(folder) / f"{max(i, 0)}{kind.ending}"
@@ -374,25 +410,28 @@ def fuzz(name: str, count: int = COUNT, seed: int = SEED, keep: Path | None = No
                 continue
             outcomes.append(outcome.split(":")[0])
             worst = [max(worst[0], seconds), max(worst[1], memory)]
-            if outcomes[-1] not in ("read", "refused") or seconds > MOST_SECONDS or memory > MOST_MEMORY:
-                faults.append(f"{name} {i}: {seconds:.1f} s, {memory:.0f} MiB, {outcome[:200]}")
+            is_fault = outcomes[-1] not in ("read", "refused")
+            if is_fault or seconds > MOST_SECONDS or memory > MOST_MEMORY:
+                listed = faults if is_fault else costly
+                listed.append(f"{name} {i}: {seconds:.1f} s, {memory:.0f} MiB, {outcome[:200]}")
                 if keep is not None:
                     shutil.copy(path, keep / f"{name}-{path.name}")
             path.unlink()
     reader.close()
     counts = {outcome: outcomes.count(outcome) for outcome in ("read", "refused")}
-    return {"kind": name, **counts, "faults": faults, "seconds": worst[0], "MiB": worst[1]}
+    return {"kind": name, **counts, "faults": faults, "costly": costly, "seconds": worst[0], "MiB": worst[1]}
 
 
 def run(kinds: str = "", count: str = str(COUNT)) -> None:
     """Print a row a kind, and each fault."""
     keep = Path(tempfile.mkdtemp(prefix="fuzz-"))
-    print(f"{'kind':14}{'read':>6}{'refused':>9}{'faults':>8}{'most s':>8}{'most MiB':>10}   (faults are kept in {keep})")
+    print(f"faults are kept in {keep}")
+    print(f"{'kind':14}{'read':>6}{'refused':>9}{'faults':>8}{'costly':>8}{'most s':>8}{'most MiB':>10}")
     for name in kinds.split(",") if kinds else KINDS:
         row = fuzz(name, int(count), keep=keep)
-        numbers = f"{row['read']:6}{row['refused']:9}{len(row['faults']):8}{row['seconds']:8.2f}{row['MiB']:10.0f}"
-        print(f"{name:14}{numbers}", flush=True)
-        for fault in row["faults"]:
+        counts = f"{row['read']:6}{row['refused']:9}{len(row['faults']):8}{len(row['costly']):8}"
+        print(f"{name:14}{counts}{row['seconds']:8.2f}{row['MiB']:10.0f}", flush=True)
+        for fault in (*row["faults"], *row["costly"]):
             print(f"  {fault}", flush=True)
 
 

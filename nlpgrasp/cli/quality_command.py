@@ -26,7 +26,7 @@ GraspFile = Annotated[
     Path,
     typer.Argument(
         metavar="F",
-        help="Solution, table of contacts (.csv, .parquet), arrays (.npz, .npy) or isaac_grasp (.yaml).",
+        help="Solution, table of contacts (.csv, .parquet), arrays (.npz) or isaac_grasp (.yaml).",
     ),
 ]
 PAGE_RTOL, TABLE_RTOL = 0.01, 0.05  # relative widths of intervals by default

@@ -31,9 +31,9 @@ def read_grasps(
     ----------
     source : str, Path, or mapping of str to (b, ...) array
         A table of contacts (``.csv``, ``.parquet``; the column ``grasp``, ``grasp_id`` or ``id`` names the grasp,
-        whose rows stand together), arrays (``.npz``, a record of a benchmark in ``.npy``, or a mapping): ``points``
+        whose rows stand together), arrays (``.npz``, or a mapping): ``points``
         and ``normals``, (b, k, 3), optionally ``ids``, ``friction`` and ``torsional_friction``; postures of a hand
-        (isaac_grasp ``.yaml``, ``grasp_qpos`` in ``.npy``); or a solution.
+        (isaac_grasp ``.yaml``, ``grasp_qpos`` in ``.npz``); or a solution.
     friction : float, optional
         Of contacts that state none; by default they are frictionless, with a warning.
     unit : {"m", "dm", "cm", "mm", "in", "ft"}

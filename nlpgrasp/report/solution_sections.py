@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import shlex
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
 
@@ -289,8 +289,11 @@ def inputs(name: str, solution: GraspSolution) -> str:
     solver = {k: v for k, v in solution.solver.items() if k != "starts"}
     data = {"problem": dict(solution.problem), "solver": solver}
     text = escape(json.dumps(data, indent=1))
-    commands = (
-        f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {shlex.quote(name)}"
+    commands = "\n".join(
+        [
+            f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}",
+            f"nlpgrasp verify {shlex.quote(name)}",
+        ]
     )
     return (
         f"<h3>Do it again</h3><pre>{escape(commands)}</pre>"

@@ -1,5 +1,7 @@
 """Mesh bodies: surface, normals, projection, units and files."""
 
+import zipfile
+
 import numpy as np
 import pytest
 import trimesh
@@ -105,13 +107,32 @@ def test_a_missing_triangle_is_filled_and_said():
     assert body.mesh.is_watertight
 
 
+PLY = b"""ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+"""
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("none.stl", None, "a mesh file that exists"),
         ("text.stl", b"this is no mesh", r"Mesh\.path"),
         ("empty.obj", b"", r"Mesh\.path"),
-        ("part.xyz123", b"abc", r"Mesh\.path"),
+        ("part.xyz123", b"abc", r"got part.xyz123, expected a mesh file: \.stl"),
+        ("part.zip", b"PK\x05\x06" + bytes(18), r"got part.zip, expected a mesh file: \.stl"),
+        ("index.ply", PLY + b"3 0 1 999999\n", "a triangle of vertices 0 to 999999, of 3 vertices"),
+        ("index.ply", PLY + b"3 0 1 -2\n", r"Mesh\.path"),
+        ("flat.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", r"vertices of shape \(3, 2\)"),
     ],
 )
 def test_unreadable_files_are_refused(tmp_path, name, content, message):
@@ -119,6 +140,20 @@ def test_unreadable_files_are_refused(tmp_path, name, content, message):
         (tmp_path / name).write_bytes(content)
     with pytest.raises(ng.InputError, match=message):
         ng.Mesh.load(tmp_path / name)
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.3mf", "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("3D/3dmodel.model", bytes(20 * 2**20))
+    with pytest.raises(ng.InputError, match=r"an archive of \d+ bytes that unpacks to 20971520"):
+        ng.Mesh.load(tmp_path / "a.3mf")
+
+
+def test_triangles_of_vertices_that_are_not_there_are_refused():
+    box = trimesh.creation.box([0.1, 0.1, 0.1])
+    broken = trimesh.Trimesh(box.vertices, np.where(box.faces == 7, 99, box.faces), process=False, validate=False)
+    with pytest.raises(ng.InputError, match="a triangle of vertices 0 to 99, of 8 vertices"):
+        ng.Mesh(broken)
 
 
 def test_nan_vertices_in_a_file_are_refused_not_dropped(tmp_path):

@@ -60,7 +60,7 @@ def test_a_name_or_an_ending_stands_for_one_format():
         register(replace(format_named("csv"), ending=".txt"))
     with pytest.raises(InputError, match=r"ReadFormat.endings: got .yaml, expected another ending"):
         register_reader(ReadFormat((".new", ".yaml"), (), lambda path, options: iter(())))
-    with pytest.raises(InputError, match="x.new: got the ending .new, expected one of .json, .csv, "):
+    with pytest.raises(InputError, match=r"x.new: got the ending .new, expected one of .json, .csv, "):
         reader_of("x.new")
     with pytest.raises(InputError, match="got fbx, expected one of csv, glb, isaac_grasp, mjcf"):
         format_named("fbx")

@@ -99,6 +99,8 @@ def read_mesh(path: str | Path, unit: str | None = None, scale: float = 1.0) -> 
     try:
         scene = load_scene(file)
         loaded = _one_mesh(scene)
+    except InputError:
+        raise
     except ImportError:
         if file_kind(file) == "a CAD file":
             cure = "a mesh: export an STL from the CAD system; STEP files alone are read with pip install cascadio"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.files import KINDS
+from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     import trimesh
@@ -23,28 +24,30 @@ def load_scene(path: Path, process: bool = False) -> trimesh.Scene:
 
     Raises
     ------
-    ValueError
-        When the file is no mesh file, is too large, or has triangles of vertices that it does not have; trimesh's
-        readers also raise others.
+    InputError
+        When the file has another ending, is too large, or has triangles of vertices that it does not have.
     ImportError
         When a package that reads the format is missing.
+    Exception
+        What trimesh's readers raise on damaged files.
     """
     import trimesh
 
     if path.suffix.lower() not in ENDINGS:
-        raise ValueError(f"a mesh file ends in one of {', '.join(ENDINGS)}")
+        raise InputError("Mesh.path", path.name, f"a mesh file: {', '.join(ENDINGS)}")
     size = path.stat().st_size
     if size > LARGEST:
-        raise ValueError(f"{size / 2**20:.0f} MiB, of at most {LARGEST // 2**20}")
+        raise InputError("Mesh.path", f"{path.name} of {size / 2**20:.0f} MiB", f"at most {LARGEST // 2**20} MiB")
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
         if unpacked > max(UNPACKED, RATIO * size):
-            raise ValueError(f"an archive of {size} bytes that unpacks to {unpacked}")
+            given = f"{path.name}, an archive of {size} bytes that unpacks to {unpacked}"
+            raise InputError("Mesh.path", given, f"at most {UNPACKED // 2**20} MiB, or {RATIO} times its own size")
     scene = trimesh.load(path, force="scene", process=process)
     for geometry in scene.geometry.values():
         if isinstance(geometry, trimesh.Trimesh) and (defect := triangle_defect(geometry)):
-            raise ValueError(defect)
+            raise InputError("Mesh.path", f"{path.name} with {defect}", "triangles (f, 3) of vertices (v, 3)")
     return scene
 
 
