@@ -159,8 +159,11 @@ class Body(DisplayedBody):
         return tuple(face.name for face in self.faces)
 
     def face(self, name: str) -> Face:
-        """Return the face with the given name."""
-        return next(face for face in self.faces if face.name == name)
+        """Return the face with the given name; raise ``InputError`` if the body has no such face."""
+        for face in self.faces:
+            if face.name == name:
+                return face
+        raise InputError(f"{type(self).__name__}.face", name, ", ".join(self.face_names))
 
     @property
     def size(self) -> float:

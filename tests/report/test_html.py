@@ -1,7 +1,10 @@
 """HTML pages and tables."""
 
+import nlpgrasp as ng
+from nlpgrasp.report import write_report
 from nlpgrasp.report.html_parts import Html, html_table
 from nlpgrasp.report.page_builder import page
+from tests.held_block import held_block
 
 
 def test_a_page_escapes_its_title_and_keeps_its_parts():
@@ -23,3 +26,21 @@ def test_a_table_without_caption_and_focus():
     assert "<caption>" not in html_table("", ["x"], [["1"]])
     assert html_table("", ["x"], [["1"]]).startswith('<div class="wide" tabindex="0">')
     assert html_table("", ["x"], [["1"]], focusable=False).startswith('<div class="wide"><table>')
+
+
+def test_names_are_text_and_no_markup(tmp_path):
+    """Names of problem and constraints, and messages, of a file that someone sends."""
+    markup = '"><script>alert(1)</script></script><img src=x onerror=alert(1)>'
+
+    def marked(value, key=""):
+        if isinstance(value, dict):
+            return {name: marked(item, name) for name, item in value.items()}
+        if isinstance(value, list):
+            return [marked(item, key) for item in value]
+        return f"{value}{markup}" if isinstance(value, str) and key in ("name", "message") else value
+
+    solution = ng.GraspSolution.from_dict(marked(held_block().to_dict()))
+    text = write_report({markup: solution}, tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "alert(1)" in text
+    assert "<script>alert" not in text
+    assert "<img src=x" not in text
