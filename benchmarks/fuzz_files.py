@@ -380,14 +380,17 @@ class Reader:
             if selector.select(timeout=time_out) and (line := self.process.stdout.readline()):
                 return tuple(json.loads(line))
         self.process.kill()
-        code, self.process = self.process.wait(), None
-        return f"CRASH or more than {TIME_OUT:.0f} s (code {code})", perf_counter() - start, 0.0
+        code = self.close()
+        return f"CRASH or more than {time_out:.0f} s (code {code})", perf_counter() - start, 0.0
 
-    def close(self) -> None:
-        """End the process."""
-        if self.process is not None:
-            self.process.stdin.close()
-            self.process.wait()
+    def close(self) -> int | None:
+        """End the process and return its code."""
+        if self.process is None:
+            return None
+        with self.process as process:
+            process.stdin.close()
+        self.process = None
+        return process.returncode
 
 
 def fuzz(name: str, count: int = COUNT, seed: int = SEED, keep: Path | None = None) -> dict[str, object]:
