@@ -14,6 +14,7 @@ from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.common.value_digest import expression_digest
 from nlpgrasp.errors import InputError
 
 SIDE_SAMPLES = 400  # points of each side of the box at which h is checked
@@ -76,11 +77,12 @@ class Implicit(Body):
         return (Face("surface", self.h),)
 
     def to_dict(self) -> Json:
-        """Return the expression as text (for reading only) and the box as JSON data."""
-        text = str(self.h(ca.SX.sym("p", self.space)))
+        """Return the expression as text (for reading only) with its digest, and the box, as JSON data."""
+        p = ca.SX.sym("p", self.space)
         return {
             "type": self.kind,
-            "h": text,
+            "h": str(self.h(p)),
+            "function": expression_digest(self.h, [p]),
             "bounds": self.bounds.tolist(),
         }
 

@@ -33,6 +33,7 @@ KINDS = {
     "a table": (".csv",),
 }
 SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # never overwritten
+FOLDER_LOCK = ".lock"  # file of the lock of a run's folder
 WAIT, RETRY = 60.0, 0.005  # s, time-out and interval of attempts
 
 
@@ -190,6 +191,21 @@ else:
         except BlockingIOError:
             return False
         return True
+
+
+def lock_folder(path: Path) -> TextIO:
+    """Lock a folder against other runs until the returned file is closed or the process ends.
+
+    Raises
+    ------
+    InputError
+        When another run has locked it.
+    """
+    file = (path / FOLDER_LOCK).open("w")
+    if not try_lock(file):
+        file.close()
+        raise InputError(f"out ({path})", "in use by another run", "a folder of its own")
+    return file
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar, NoReturn, Self
 
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.registry import JsonPart, Registry, from_registered, incomplete_data
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import array, number, replace_unchecked
+from nlpgrasp.common.value_digest import expression_digest
 from nlpgrasp.constraints.base import is_unit
 from nlpgrasp.errors import InputError
 
@@ -157,16 +159,14 @@ class ExpressionRegion(Region):
             raise InputError(self.field, type(value).__name__, "a function that returns a scalar CasADi expression")
         return value
 
-    def _text(self) -> str:
-        """Return the expression as text."""
-        try:
-            return str(self.expression(ca.SX.sym("p", 3)))
-        except (RuntimeError, NotImplementedError):
-            return str(self.expression(ca.SX.sym("p", 2)))
-
     def to_dict(self) -> Json:
-        """Return the expression as text (for reading only)."""
-        return {"type": self.kind, "expression": self._text()}
+        """Return the expression as text (for reading only), with its digest."""
+        for space in (3, 2):
+            p = ca.SX.sym("p", space)
+            with suppress(RuntimeError, NotImplementedError):
+                digest = expression_digest(self.expression, [p])
+                return {"type": self.kind, "expression": str(self.expression(p)), "function": digest}
+        raise InputError(self.field, "an expression", "CasADi operations on a point of the body's dimension")
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import product
-from typing import Any, TypeAlias, TypedDict
+from typing import Any, TypeAlias, TypedDict, cast
 
 from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.types import Json
@@ -18,6 +18,7 @@ from nlpgrasp.hands import Fingertips
 from nlpgrasp.optimize import SolveOptions
 from nlpgrasp.optimize.distinct_grasps import ONE, KeepOptions
 from nlpgrasp.pipeline.solve import check_json
+from nlpgrasp.problem.identity import ProblemIdentity, problem_identity
 from nlpgrasp.problem.problem import GraspProblem
 
 # names of what a variation may replace
@@ -217,21 +218,32 @@ class Case:
     options : SolveOptions
         With one worker: an experiment parallelises over solves, not starts.
     keeping : KeepOptions
+    digest : str
+        Of the case's identity, where a solve states it.
     """
 
     problem: GraspProblem
     starts: int
     options: SolveOptions
     keeping: KeepOptions = ONE
+    digest: str = ""
 
-    def to_dict(self) -> CaseData:
-        """Return all data that determine the case's result, as JSON data."""
-        problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
+    @property
+    def _settings(self) -> CaseData:
         options = {k: v for k, v in self.options.to_dict().items() if k != "workers"}
-        data: CaseData = {"problem": problem, "starts": self.starts, "options": options}
+        data: CaseData = {"starts": self.starts, "options": options}
         if self.keeping.count == 1:
             return data
         return {**data, "keep": self.keeping.count, "distinct": self.keeping.distinct}
+
+    def identity(self) -> ProblemIdentity:
+        """Return what determines the case's result, beside the seed."""
+        return problem_identity(self.problem, cast("Json", self._settings))
+
+    def to_dict(self) -> CaseData:
+        """Return problem and settings as JSON data."""
+        problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
+        return {"problem": problem, **self._settings}
 
 
 class CaseData(TypedDict, total=False):
@@ -241,6 +253,7 @@ class CaseData(TypedDict, total=False):
     """
 
     deferred: bool
+    digest: str
     problem: Json
     starts: int
     options: Json

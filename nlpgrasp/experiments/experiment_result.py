@@ -16,8 +16,8 @@ from nlpgrasp.common.files import write_bytes, write_text
 from nlpgrasp.common.formatting import columns, single_line
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments.experiment import SolveId
-from nlpgrasp.experiments.output_folder import SOLVES, OutputFolder, Plan
-from nlpgrasp.experiments.solve_record import NOT_DONE, NOTHING, SolveRecord, format_gap, problem_digest
+from nlpgrasp.experiments.output_folder import SOLVES, OutputFolder
+from nlpgrasp.experiments.solve_record import NOT_DONE, NOTHING, SolveRecord, format_gap
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EXTRA = "tables"
+OTHER_PROBLEM = "another problem, or other settings, functions or version"  # of a solution file
 TABLE_NOTE = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "
     "better. Gap: how much better than the best of them any grasp could be, at most, or how many times better; "
@@ -71,7 +72,8 @@ class ExperimentResult:
         output = OutputFolder(folder)
         plan = output.plan()
         solves = [SolveId(name, seed) for name in plan["variations"] for seed in plan["seeds"]]
-        records, notes = read_records(output, solves, plan)
+        digests = {name: str(case["digest"]) for name, case in plan["variations"].items() if "digest" in case}
+        records, notes = read_records(output, solves, digests)
         return cls.of(str(plan.get("name", "")), output, solves, records, notes)
 
     @classmethod
@@ -434,21 +436,20 @@ def _read_record(output: OutputFolder, solve: SolveId) -> SolveRecord | None:
 
 
 def read_records(
-    output: OutputFolder, solves: Sequence[SolveId], plan: Plan
+    output: OutputFolder, solves: Sequence[SolveId], digests: Mapping[str, str]
 ) -> tuple[dict[SolveId, SolveRecord], list[str]]:
     """Read the records of all solves that have files, and return them with a note on each unusable file.
 
-    All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
+    All solves of a variation have to belong to the problem of its digest; without one, to one and the same problem.
     """
-    variations = plan["variations"].items()
-    digests = {name: problem_digest(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
+    expected = dict(digests)
     records: dict[SolveId, SolveRecord] = {}
     notes = []
     for solve in solves:
         try:
             record = _read_record(output, solve)
-            if record is not None and record.problem != digests.setdefault(solve.variation, record.problem):
-                raise InputError(str(output.solution_file(solve)), "another problem", "the problem of its variation")
+            if record is not None and record.problem != expected.setdefault(solve.variation, record.problem):
+                raise InputError(str(output.solution_file(solve)), OTHER_PROBLEM, "the problem of its variation")
         except InputError as error:
             notes.append(f"{solve}: not used, {single_line(str(error))}")
             record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")

@@ -6,7 +6,7 @@ import faulthandler
 import json
 import multiprocessing
 import re
-from collections.abc import Callable, Generator, Hashable, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -26,6 +26,7 @@ from nlpgrasp.experiments.solve_job import JobFactory, Outcome, RunnableJob, run
 from nlpgrasp.experiments.solve_record import SolveRecord
 from nlpgrasp.experiments.warm_start_exchange import WarmStartExchange
 from nlpgrasp.optimize.processes import cores, separate_processes
+from nlpgrasp.problem.identity import ProblemIdentity
 from nlpgrasp.solution.solution import GraspSolution
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ LEAST_WINDOW = 4  # least number of queued solves
 INTERRUPTED = "Interrupted: go on with --resume; in Python with resume=True, of ng.solve_many by calling it again."
 RESUME_HINT = "What was written before is kept; go on with --resume."
 
+
+NO_PROBLEM = "none"  # digest that no solution states
 
 Progress = Callable[[SolveRecord], None]
 Key = TypeVar("Key", bound=Hashable)  # of a job: a solve, or a unit of a data set
@@ -70,8 +73,9 @@ def run_experiment(
     out : str or Path
         Folder for the results: new or empty, or with ``resume`` the one of an earlier run of this experiment.
     resume : bool
-        Run only missing solves: those not run, failed, or with an unreadable file. Variations and seeds may have been
-        added. A variation that is a function is compared by its results then and now, solve by solve.
+        Run only missing solves: those not run, failed, with an unreadable file, or of another problem: after a change
+        of an expression, a function or the package's version, and where a function cannot be compared, which
+        ``notes`` say. Variations and seeds may have been added. A variation that is a function is called for that.
     workers : int, optional
         Processes on this machine; one a core when left out.
     scheduler : str, optional
@@ -123,13 +127,14 @@ def run_solves(
         if scheduler is not None:
             raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
         workers = integer("workers", workers, at_least=1, at_most=1024)
-    factory = JobFactory(experiment, is_compared)
+    identities = {name: experiment.case(name).identity() for name in experiment.names if not experiment.deferred(name)}
+    factory = JobFactory(experiment, {name: identity.digest for name, identity in identities.items()}, is_compared)
     for name in experiment.names:
         factory(SolveId(name, 0))  # raises errors now rather than hours later
     client = None if scheduler is None else connect(scheduler)
     try:
-        folder.open(plan_of(experiment), resume)
-        run = _Run(experiment, folder, progress)
+        folder.open(plan_of(experiment, factory.digests), resume)
+        run = _Run(experiment, folder, progress, identities)
         run_jobs = partial(run_local, workers=workers or cores())
         if client is not None:
             run_jobs = partial(run_cluster, client=client)
@@ -149,17 +154,40 @@ class _Run:
     experiment: Experiment
     folder: OutputFolder
     progress: Progress | None
+    identities: dict[str, ProblemIdentity]
     records: dict[SolveId, SolveRecord] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     def missing(self) -> list[SolveId]:
-        """Read the results of earlier runs, and return the solves that are missing."""
+        """Read the results of earlier runs, and return the solves that are missing or of another problem."""
         self.folder.remove_partial_files()
-        records, self.notes = read_records(self.folder, self.experiment.solves, self.folder.plan())
+        digests = {name: self._digest_of_earlier(name) for name in self._names_with_solutions()}
+        records, notes = read_records(self.folder, self.experiment.solves, digests)
+        self.notes += notes
         solved = {solve: record for solve, record in records.items() if record.done}
         for solve, record in solved.items():
             self._add_record(solve, record)
         return [solve for solve in self.experiment.solves if solve not in solved]
+
+    def _names_with_solutions(self) -> Iterator[str]:
+        """Yield the names of the variations that have a solution file."""
+        for name in self.experiment.names:
+            if any(self.folder.solution_file(SolveId(name, seed)).exists() for seed in self.experiment.seeds):
+                yield name
+
+    def _digest_of_earlier(self, name: str) -> str:
+        """Return the digest that earlier solutions of a variation have to state; note why none can be of its problem.
+
+        The problem of a variation that is a function is made for that.
+        """
+        try:
+            identity = self.identities.get(name) or self.experiment.case(name).identity()
+        except Exception as error:  # of the user's function: its solves state the same
+            self.notes.append(f"{name}: {error_line(error)}")
+            return NO_PROBLEM
+        if identity.obstacle:
+            self.notes.append(f"{name}: {identity.advice}")
+        return identity.digest
 
     def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> bool:
         """Store each outcome when it arrives, and return whether all have arrived.

@@ -12,19 +12,18 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NotRequired, TextIO, TypedDict
+from typing import Any, NotRequired, TextIO, TypedDict
 
-from nlpgrasp.common.files import file_name, json_round_trip, parse_json, try_lock, write_text
+from nlpgrasp.common.files import FOLDER_LOCK, file_name, json_round_trip, lock_folder, parse_json, write_text
 from nlpgrasp.common.formatting import error_line, single_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import CaseData, Experiment, SolveId, check_names, check_seeds
-from nlpgrasp.experiments.solve_record import strip_later_entries
 from nlpgrasp.solution.file import DEEPEST, depth
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
 PLAN_SCHEMA = "nlpgrasp-experiment/1"
-PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
+PLAN, SOLVES = "experiment.json", "solves"
 OWN_RESULTS, EXCHANGE_STATE = "own", "handed_on.json"
 FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
@@ -39,10 +38,15 @@ class Plan(TypedDict):
     variations: dict[str, CaseData]
 
 
-def plan_of(experiment: Experiment) -> Plan:
-    """Return the plan of an experiment: all data that determine its results, and the package's version."""
+def plan_of(experiment: Experiment, digests: Mapping[str, str]) -> Plan:
+    """Return the plan of an experiment: all data that determine its results, and the package's version.
+
+    ``digests`` are those of its variations' identities; a variation that a function creates has none.
+    """
     variations = {
-        name: {"deferred": True} if experiment.deferred(name) else experiment.case(name).to_dict()
+        name: {"deferred": True}
+        if experiment.deferred(name)
+        else {**experiment.case(name).to_dict(), "digest": digests[name]}
         for name in experiment.names
     }
     plan = {
@@ -84,15 +88,15 @@ def read_plan(text: str, source: str) -> Plan:
 def check_same_experiment(old: Plan, new: Plan, path: str) -> None:
     """Raise if a folder's plan belongs to another experiment.
 
-    Variations and seeds may be added.
+    Variations and seeds may be added. Functions are not compared: each solution states the digest of its problem.
 
     Raises
     ------
     InputError
         Naming the differences.
     """
-    old_cases = {name: _strip_case(case) for name, case in old["variations"].items()}
-    new_cases = {name: _strip_case(case) for name, case in new["variations"].items()}
+    old_cases = {name: _without_digests(case) for name, case in old["variations"].items()}
+    new_cases = {name: _without_digests(case) for name, case in new["variations"].items()}
     missing = [name for name in old_cases if name not in new_cases]
     changed = [name for name in old_cases if name in new_cases and old_cases[name] != new_cases[name]]
     seeds = [seed for seed in old["seeds"] if seed not in new["seeds"]]
@@ -112,12 +116,11 @@ def check_same_experiment(old: Plan, new: Plan, path: str) -> None:
         raise InputError(f"out ({path})", difference, "the folder of this experiment, or a new one")
 
 
-def _strip_case(case: CaseData) -> CaseData:
-    """Return a variation's data without the entries that older plans lack."""
-    stripped: CaseData = {**case}
-    if "problem" in case:
-        stripped["problem"] = strip_later_entries(case["problem"])
-    return stripped
+def _without_digests(data: Any) -> Any:
+    """Return a variation's data without the digests of its functions and of the whole."""
+    if isinstance(data, Mapping):
+        return {name: _without_digests(entry) for name, entry in data.items() if name not in ("digest", "function")}
+    return [_without_digests(entry) for entry in data] if isinstance(data, list) else data
 
 
 def _differing_keys(first: Mapping[str, object], second: Mapping[str, object]) -> list[str]:
@@ -179,7 +182,7 @@ class OutputFolder:
         elif path.is_dir() and not all(self._is_leftover(p) for p in path.iterdir()):
             raise InputError(f"out ({path})", "files that are no experiment's", "a new or empty folder")
         path.mkdir(exist_ok=True)
-        self._acquire_lock()
+        self._lock = lock_folder(path)
         write_text(path / PLAN, json.dumps(plan, indent=1) + "\n")
         (path / SOLVES).mkdir(exist_ok=True)
 
@@ -187,20 +190,17 @@ class OutputFolder:
     def _is_leftover(path: Path) -> bool:
         """Return whether a file may stem from a run that ended before writing its plan."""
         is_empty_folder = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
-        return is_empty_folder or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
+        return (
+            is_empty_folder
+            or path.name == FOLDER_LOCK
+            or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
+        )
 
     def close(self) -> None:
         """Unlock the folder."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
-
-    def _acquire_lock(self) -> None:
-        """Lock the folder against other runs."""
-        self._lock = (self.path / LOCK).open("w")
-        if not try_lock(self._lock):
-            self.close()
-            raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
     def plan(self) -> Plan:
         """Read the plan of the folder.

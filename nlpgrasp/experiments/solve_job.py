@@ -14,8 +14,10 @@ import numpy as np
 from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.value_digest import UNIQUE
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Case, Experiment, SolveId
+from nlpgrasp.experiments.solve_record import DIGEST_ENTRY
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem, StartRunner
 from nlpgrasp.optimize.processes import WorkerPayload, single_thread
@@ -87,14 +89,20 @@ class Job:
         """Solve the problem, or improve a finished solution by warm starts, and return the outcome."""
         lazy, offer, seed = self.payload.unpack(), self.offer, self.solve.seed
         compiled, starts = lazy.compiled, lazy.problem_with_options.starts
+        digest = lazy.problem_with_options.digest
         if offer is not None:
             improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
             # an outcome without text: no offered grasp is better
-            return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
+            return Outcome() if improved is None else Outcome(_solution_text(improved, digest))
         solution = solve_compiled(compiled, starts, seed, lazy.problem_with_options.keeping)
         if solution.status is Status.INTERRUPTED:
             return Outcome(interrupted=True)
-        return Outcome(solution_json(solution.to_dict()))
+        return Outcome(_solution_text(solution, digest))
+
+
+def _solution_text(solution: GraspSolution, digest: str) -> str:
+    """Return the text of a solution file that states the digest of its problem."""
+    return solution_json(replace(solution, solver={**solution.solver, DIGEST_ENTRY: digest}).to_dict())
 
 
 @dataclass(frozen=True)
@@ -125,12 +133,14 @@ class JobFactory:
     Parameters
     ----------
     experiment : Experiment
+    digests : mapping of str to str
+        Of the identity of each variation; one that is a function has none before it is called.
     compared : bool
         Whether variations, and then their starts, are compared by mu.
     """
 
-    def __init__(self, experiment: Experiment, compared: bool = True) -> None:
-        self.experiment, self._compared = experiment, compared
+    def __init__(self, experiment: Experiment, digests: Mapping[str, str], compared: bool = True) -> None:
+        self.experiment, self.digests, self._compared = experiment, digests, compared
         self._run = uuid.uuid4().hex
         self._last: tuple[str, WorkerPayload[LazyCompiledProblem[Case]]] | None = None
 
@@ -146,7 +156,12 @@ class JobFactory:
         if self._last is None or self._last[0] != name:
             try:
                 payload = WorkerPayload.of(
-                    LazyCompiledProblem(partial(_worker_case, self.experiment.maker(name), self._compared)),
+                    LazyCompiledProblem(
+                        partial(
+                            *(_worker_case, self.experiment.maker(name), self._compared),
+                            *(self.digests.get(name, ""), f"{UNIQUE}{self._run}"),
+                        )
+                    ),
                     f"{self._run} {name}",
                 )
             except Exception as error:  # any error of the parts' own pickling
@@ -178,16 +193,29 @@ class WarmStartOffer:
     turn: int
 
 
-def _worker_case(maker: Callable[[], Case], compared: bool) -> Case:
+def _worker_case(maker: Callable[[], Case], compared: bool, digest: str, once: str) -> Case:
     """Create the case of a job in a worker, with options for a single process.
 
     Raises if the case is not JSON data.
+
+    Parameters
+    ----------
+    maker : callable
+    compared : bool
+        As in ``JobFactory``.
+    digest : str
+        Of its identity; empty where the case is not known before.
+    once : str
+        Digest for this run of a case that cannot be compared.
     """
     case = maker()
     check_json(case.problem.to_dict())
+    if not digest:
+        identity = case.identity()
+        digest = once if identity.obstacle else identity.digest
     options = case.options.narrow()
     options = replace(options, rank="mu") if compared else options
-    return replace(case, problem=with_usable_pads(case.problem), options=options)
+    return replace(case, problem=with_usable_pads(case.problem), options=options, digest=digest)
 
 
 def improve_solution(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nlpgrasp.bodies import Mesh
@@ -13,35 +13,17 @@ from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.common.formatting import error_line, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
+from nlpgrasp.problem.identity import data_digest
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.analysis_records import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
-LATER_ENTRIES = {
-    "unit",
-    "meshes",
-    "approach",
-    "link_spheres",
-    "self_collision",
-    "watched_pairs",
-    "overlaps",
-    "tips_apart",
-}  # missing in older files
 NOTHING = Bounds(0.0, 0.0)  # mu without a grasp
 NOT_DONE = "not done"  # failure text of a solve that has not run
 LOOSE_GAP = 2.0  # relative gap above which a bound counts as loose
+DIGEST_ENTRY = "problem_digest"  # of a solution's solver record: the identity of its problem, with the settings
 WARM_START_PREFIX = "from variation "  # prefix of the message of a warm start from another variation
-
-
-def problem_digest(problem: Json) -> str:
-    """Return a digest of a problem's body, contacts, task, constraints and hand.
-
-    The budget is left out: in a solution that of a hand depends on the posture.
-    """
-    stripped = strip_later_entries(problem)
-    parts = {k: stripped.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def body_digest(body: Json) -> str:
@@ -55,23 +37,13 @@ def body_digest(body: Json) -> str:
         except InputError:
             return ""
     data = {k: v for k, v in body.items() if k not in ("source", "unit")}
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+    return data_digest(data)
 
 
 def measure_digest(solution: GraspSolution) -> str:
     """Return a digest of task and kind of force budget, which give mu its meaning."""
     text = json.dumps([solution.task.to_dict(), solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-def strip_later_entries(problem: Json) -> Json:
-    """Return a problem's JSON data without the entries of body and hand that older files lack."""
-    stripped = dict(problem)
-    for name in ("body", "hand"):
-        part = stripped.get(name)
-        if isinstance(part, Mapping):
-            stripped[name] = {k: v for k, v in part.items() if k not in LATER_ENTRIES}
-    return stripped
 
 
 @dataclass(frozen=True)
@@ -103,7 +75,7 @@ class SolveRecord:
     failure : str
         Why there is no solution, in one line.
     problem : str
-        Digest of the problem.
+        Digest of the problem's identity, with the settings of the solve; empty where the solution states none.
     earlier : bool
         Whether an earlier run solved it.
     best_start : StartRecord or None
@@ -165,7 +137,7 @@ class SolveRecord:
             solution.prices,
             len(solution.problem.get("contacts", ())),
             measure_digest(solution),
-            problem=problem_digest(solution.problem),
+            problem=str(solution.solver.get(DIGEST_ENTRY, "")),
             best_start=solution.winner,
             body=body_digest(solution.problem["body"]),
             best_possible=solution.best_possible,

@@ -16,8 +16,10 @@ from nlpgrasp.common.scalar_constraints import (
     ScalarConstraint,
     SymbolicCandidate,
 )
-from nlpgrasp.common.types import Expression
-from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.value_digest import expression_digest, unique_digest
+from nlpgrasp.constraints import Constraint, PlacementConstraint
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 
 FITS = 0.99  # of a fingertip's radius: least distance of its centre from the body
@@ -66,6 +68,27 @@ def symbolic_candidate(
     return SymbolicCandidate(
         positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, named_variables
     )
+
+
+def expression_data(constraint: PlacementConstraint, body: Body, hand: Hand | None, contacts: int) -> Json:
+    """Return the digest of a user's constraint as JSON data; empty for other constraints, which their data state.
+
+    It is that of the CasADi function of contacts and hand which the expression is for this problem.
+    """
+    if not isinstance(constraint, Constraint):
+        return {}
+    p, n = ([ca.SX.sym(f"{name}{i}", body.space) for i in range(contacts)] for name in "pn")
+    variables = {} if hand is None else hand.symbols(body.bounds)
+    named = {hand_variable_name(name): symbols for name, symbols in variables.items()}
+    candidate = SymbolicCandidate(p, n, (0.0,) * contacts, body.size, hand=named)
+
+    def expression(*_: Expression) -> Expression:
+        return ca.vertcat(*[row.expression for row in constraint.rows(candidate)])
+
+    try:
+        return {"function": expression_digest(expression, [*p, *n, *variables.values()])}
+    except (InputError, RuntimeError):  # a solve says what is wrong with it
+        return {"function": unique_digest()}
 
 
 def build_candidate_constraints(

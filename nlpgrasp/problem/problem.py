@@ -18,6 +18,7 @@ from nlpgrasp.constraints import Approach, PlacementConstraint, constraint_from_
 from nlpgrasp.contacts import ContactModel, PlaneContact, contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw
+from nlpgrasp.problem.candidate_constraints import expression_data
 from nlpgrasp.problem.checks import (
     body_advice,
     check_patches,
@@ -321,7 +322,9 @@ class GraspProblem(DisplayedProblem):
             "body": self.body.to_dict(),
             "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],
             "task": task_to_dict(self.task),
-            "constraints": [c.to_dict() for c in self.constraints],
+            "constraints": [
+                {**c.to_dict(), **expression_data(c, self.body, self.hand, len(self.models))} for c in self.constraints
+            ],
             "hand": None if self.hand is None else self.hand.to_dict(),
             "force_budget": self.budget.to_dict(),
             "edge_margin": self.margin,

@@ -11,6 +11,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.value_digest import function_digest, is_comparable, value_digest
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task, parts_of
 
@@ -23,8 +24,9 @@ STORED = 24  # random directions of a file, each with its opposite, beside the c
 TOLERANCE = 1e-6  # relative to the largest value: homogeneity, convexity, maximisers
 SAME = 1e-9  # relative to the largest value: two functions are one, or a function is even
 MISSING = (
-    "the task is a function, and the file has some of its values alone: make its TaskSet in this process, "
-    "by nlpgrasp verify --script SCRIPT or as the problem's script does"
+    "the task is a function, and the file has some of its values alone: make the same TaskSet in this process, "
+    "by nlpgrasp verify --script SCRIPT or as the problem's script does (functions are compared by code and captured "
+    "values; one that reads files, random numbers or the clock has no equal)"
 )
 
 
@@ -59,6 +61,8 @@ class SupportFunction:
         if not callable(function):
             raise InputError(FIELD, function, "a function of directions (m, d)")
         self._function, self.dimension = function, dimension
+        self._digests = set[str]()  # stated so far: more than one where the function's state changes
+        self._unpickled = False
         probes = np.random.default_rng(0).standard_normal((PROBES, dimension))
         probes /= np.linalg.norm(probes, axis=1, keepdims=True)
         values, maximisers = self(probes)
@@ -137,18 +141,40 @@ class SupportFunction:
             maximisers[is_kink] = self._differences(nearby, _check_numbers(self._evaluate(nearby)), 0.0)
         return maximisers
 
+    @property
+    def digest(self) -> str:
+        """Digest of the user's function; of a copy in another process that of the original."""
+        if self._unpickled or self.is_sampled or not all(map(is_comparable, self._digests)):
+            return next(iter(self._digests))
+        digest = function_digest(self._function)
+        self._digests.add(digest)
+        return digest
+
+    def has_digest(self, digest: str) -> bool:
+        """Return whether the function has a digest, or had it when it was saved."""
+        return digest in self._digests or digest == self.digest
+
+    def check_comparable(self) -> None:
+        """Raise ``IncomparableError`` if the function cannot be compared with that of another process."""
+        value_digest(self._function)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return the state with the digest, which a copy of a function may not have."""
+        return {**self.__dict__, "_digests": {self.digest}, "_unpickled": True}
+
     def __setstate__(self, state: dict[str, object]) -> None:
         """Restore a pickled function, which files of this process then refer to."""
         self.__dict__.update(state)
         _functions.add(self)
 
     def to_dict(self) -> Json:
-        """Return the samples as JSON data."""
-        return {name: getattr(self, name).tolist() for name in ("directions", "values", "wrenches")}
+        """Return the function's digest, and the samples, as JSON data."""
+        samples = {name: getattr(self, name).tolist() for name in ("directions", "values", "wrenches")}
+        return {"function": self.digest, **samples}
 
     @classmethod
     def from_dict(cls, data: Json) -> SupportFunction:
-        """Return the function created in this process that has the stored samples, or else the support of their hull.
+        """Return the function created in this process that has the digest and samples, or the support of their hull.
 
         Warns
         -----
@@ -161,21 +187,22 @@ class SupportFunction:
         half = len(directions) // 2
         if len(directions) != 2 * half or not half or not np.array_equal(directions[:half], -directions[half:]):
             raise InputError("task.directions", f"{len(directions)} rows", "directions, then their opposites")
-        function = _find_function(directions, values)
+        digest = str(data.get("function", ""))
+        function = _find_function(directions, values, digest)
         if function is not None:
             return function
         warn_once(f"problem.task: the hull of {len(wrenches)} wrenches is taken for the task; {MISSING}")
         hull = cls(lambda y: _hull_support(wrenches, y), directions.shape[1])
         hull._set_samples(directions, values, wrenches)
-        hull.is_sampled = True
+        hull.is_sampled, hull._digests = True, {digest}
         return hull
 
 
-def _find_function(directions: FloatArray, values: FloatArray) -> SupportFunction | None:
-    """Return the function created in this process that has these values along directions (m, d), or ``None``."""
+def _find_function(directions: FloatArray, values: FloatArray, digest: str) -> SupportFunction | None:
+    """Return the function created in this process with a digest and values along directions (m, d), or ``None``."""
     tolerance = SAME * max(float(np.max(np.abs(values))), 1e-300)
     for function in _functions:
-        if function.is_sampled or function.dimension != directions.shape[1]:
+        if function.is_sampled or function.dimension != directions.shape[1] or not function.has_digest(digest):
             continue
         if np.max(np.abs(function(directions)[0] - values)) <= tolerance:
             return function
@@ -188,8 +215,9 @@ _functions: WeakSet[SupportFunction] = WeakSet()  # those created in this proces
 class TaskSet(Task):
     """A convex set of wrenches given by its support function (Definition 3-8).
 
-    A file has the function's values in some directions. Where it is read in a process that has a ``TaskSet`` of these
-    values, that is the task; elsewhere the hull of the values' wrenches stands for it, and a warning says so.
+    A file has the function's digest and its values in some directions. Where it is read in a process that has made the
+    same ``TaskSet``, that is the task; elsewhere the hull of the values' wrenches stands for it, and a warning says so.
+    Two functions are the same if their code, captured values, defaults, and the globals that they name are.
 
     Parameters
     ----------
@@ -230,6 +258,10 @@ class TaskSet(Task):
         """Whether the task is the hull of stored wrenches, in place of a support function unknown to this process."""
         return self._function.is_sampled
 
+    def check_comparable(self) -> None:
+        """Raise ``IncomparableError`` if the function cannot be compared with that of another process."""
+        self._function.check_comparable()
+
     def __repr__(self) -> str:
         support = f"hull of {len(self._function.wrenches)} wrenches of a file" if self.is_sampled else "..."
         return f"TaskSet(support={support}, dimension={self.dimension})"
@@ -248,7 +280,7 @@ class TaskSet(Task):
         return np.asarray(self._matrix @ self._function.moment @ self._matrix.T)
 
     def to_dict(self) -> Json:
-        """Return samples of the support function, and the linear map of its set, as JSON data."""
+        """Return digest and samples of the support function, and the linear map of its set, as JSON data."""
         return {"type": self.kind, "matrix": self._matrix.tolist(), **self._function.to_dict()}
 
     @classmethod
