@@ -51,7 +51,8 @@ class ProblemIdentity:
     @property
     def advice(self) -> str:
         """Sentence on a problem that cannot be compared, with the reason."""
-        return f"its problem cannot be compared with that of an earlier run ({self.obstacle}), and is solved anew"
+        reason = self.obstacle or "that one could not be compared"
+        return f"the problem cannot be compared with that of an earlier run ({reason}), and is solved anew"
 
 
 def problem_identity(problem: GraspProblem, settings: Json | None = None) -> ProblemIdentity:

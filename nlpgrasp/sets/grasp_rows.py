@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -18,6 +16,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments.solve_record import body_digest
 from nlpgrasp.interop.hand_states import HandStates
+from nlpgrasp.problem.identity import data_digest
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import pack_solution
 from nlpgrasp.simulation.hand_protocol import HoldTest
@@ -129,11 +128,6 @@ def simulation_labels(hold: HoldTest | None, verdict: str) -> Row:
     if hold is not None:
         labels |= {"held": hold.held, "caged": hold.caged, "slip": hold.motion.slip, "turn": hold.motion.turn}
     return labels
-
-
-def data_digest(data: Json) -> str:
-    """Return a digest of JSON data with 16 hexadecimal digits."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def differing_label(stated: Row, expected: Row) -> str | None:

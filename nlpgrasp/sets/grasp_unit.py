@@ -43,7 +43,6 @@ from nlpgrasp.sets.grasp_rows import (
     TOUCHES,
     Row,
     RowIdentity,
-    data_digest,
     parquet_bytes,
     row_identity,
 )
@@ -126,6 +125,8 @@ class UnitProblem:
     ----------
     name : str
         In the set.
+    digest : str
+        Of the problem's identity.
     problem : GraspProblem
     options : SolveOptions
     seed : int
@@ -136,6 +137,7 @@ class UnitProblem:
     """
 
     name: str
+    digest: str
     problem: GraspProblem
     options: SolveOptions
     seed: int
@@ -211,7 +213,7 @@ class UnitJob:
         with single_thread(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is stated of a grasp is in its row
             rows = list(unit_rows(lazy.compiled, unit, self.starts, self.known, self.wanted))
-        return Outcome(content=parquet_bytes(rows, data_digest(unit.problem.to_dict()), str(self.unit.index)))
+        return Outcome(content=parquet_bytes(rows, unit.digest, str(self.unit.index)))
 
 
 def unit_rows(

@@ -26,6 +26,7 @@ from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
 from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem
 from nlpgrasp.optimize.processes import WorkerPayload, cores
 from nlpgrasp.pipeline.solve import check_json
+from nlpgrasp.problem.identity import ProblemIdentity, problem_identity
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.sets.grasp_rows import (
     ALWAYS_STATED,
@@ -34,7 +35,6 @@ from nlpgrasp.sets.grasp_rows import (
     GRASP,
     LABELS,
     Row,
-    data_digest,
     import_pyarrow,
     parquet_bytes,
     read_rows,
@@ -140,7 +140,8 @@ def make_set(
     The grasps of a problem are results of its starts, in their order, each distinct from those before; they are refined
     and certified, not brought to the nearest local optimum as the answer of ``ng.solve`` is. Units of four starts are
     written to ``out`` when they are finished. A call with an existing folder goes on with it: the rows are those of an
-    uninterrupted run, except for their cost. Several processes may work on one folder. Problems may be added.
+    uninterrupted run, except for their cost. Several processes may work on one folder. Problems may be added. A problem
+    that cannot be compared with the folder's, such as a task whose function reads a file, is solved anew.
 
     Parameters
     ----------
@@ -222,15 +223,14 @@ class _ProblemState:
     name : str
     make : callable
         Returns the problem.
-    data : mapping
-        The problem as JSON data.
+    identity : ProblemIdentity
     robot_file : Path or None
         File of its hand, for simulation.
     """
 
     name: str
     make: ProblemFactory
-    data: Json
+    identity: ProblemIdentity
     robot_file: Path | None = None
     distinct: DistinctCandidates | None = None
     next_unit: int = 0  # the first unit whose grasps have not been compared with those of earlier starts
@@ -241,8 +241,13 @@ class _ProblemState:
 
     @property
     def digest(self) -> str:
-        """Digest of the problem's data."""
-        return data_digest(self.data)
+        """Digest of the problem's identity."""
+        return self.identity.digest
+
+    @property
+    def data(self) -> Json:
+        """The problem as JSON data."""
+        return self.identity.problem
 
     @property
     def distinct_count(self) -> int:
@@ -323,10 +328,10 @@ class _Run:
         for state in states.values() if simulate else ():
             state.robot_file = find_robot_file(state.data, search)
         folder = SetFolder.of(out)
-        folder.open(settings, {name: state.data for name, state in states.items()})
+        notes = folder.open(settings, {name: state.identity for name, state in states.items()})
         folder.remove_partial_files()
         most_units = ceil(most_starts / UNIT)
-        return cls(folder, states, wanted, most_units, settings, check_options(options).narrow(), progress)
+        return cls(folder, states, wanted, most_units, settings, check_options(options).narrow(), progress, notes)
 
     def run(self, run_units: Callable[..., Any]) -> None:
         """Run units, and wait for those that other processes run, until all problems are finished."""
@@ -391,7 +396,9 @@ class _Run:
         if state.is_finished or unit.index < state.next_unit or not self.folder.claim(unit):
             return None
         if self.payload is None or self.payload[0] != state.name:
-            make = partial(_make_unit, state.name, state.make, self.options, self.settings, state.robot_file)
+            make = partial(
+                *(_make_unit, state.name, state.digest, state.make, self.options, self.settings, state.robot_file)
+            )
             try:
                 self.payload = state.name, WorkerPayload.of(LazyCompiledProblem(make))
             except Exception as error:  # any error of the parts' own pickling
@@ -564,9 +571,9 @@ def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _Problem
         raise InputError(f"problems[{name!r}]", error_line(error), "a function that returns a GraspProblem") from error
     if not isinstance(problem, GraspProblem):
         raise InputError(f"problems[{name!r}]", problem, "a GraspProblem, or a function that returns one")
-    data = with_usable_pads(problem).to_dict()
-    check_json(data)
-    return _ProblemState(name, partial(_make_with_usable_pads, make), data)
+    identity = problem_identity(with_usable_pads(problem))
+    check_json(identity.problem)
+    return _ProblemState(name, partial(_make_with_usable_pads, make), identity)
 
 
 def _return(problem: GraspProblem) -> GraspProblem:
@@ -583,11 +590,11 @@ def _make_with_usable_pads(make: ProblemFactory) -> GraspProblem:
 
 
 def _make_unit(
-    name: str, make: ProblemFactory, options: SolveOptions, settings: Json, robot_file: Path | None
+    name: str, digest: str, make: ProblemFactory, options: SolveOptions, settings: Json, robot_file: Path | None
 ) -> UnitProblem:
     """Build the problem of a unit in a worker."""
     seed, distinct, simulate = int(settings["seed"]), float(settings["distinct"]), bool(settings["simulate"])
-    return UnitProblem(name, make(), options, seed, distinct, robot_file, simulate)
+    return UnitProblem(name, digest, make(), options, seed, distinct, robot_file, simulate)
 
 
 def _relabel(table: Any, duplicates: Mapping[int, str]) -> Any:

@@ -18,8 +18,9 @@ from typing import TextIO, TypedDict
 
 from nlpgrasp.common.files import file_name, hold_lock, read_object, try_lock, write_bytes, write_text
 from nlpgrasp.common.types import Json
+from nlpgrasp.common.value_digest import UNIQUE, is_comparable
 from nlpgrasp.errors import InputError
-from nlpgrasp.sets.grasp_rows import data_digest
+from nlpgrasp.problem.identity import ProblemIdentity, data_digest
 from nlpgrasp.sets.grasp_unit import UnitId
 from nlpgrasp.version import __version__
 
@@ -119,8 +120,10 @@ class SetFolder:
             "problems": {str(name): str(digest) for name, digest in problems.items()},
         }
 
-    def open(self, settings: Json, problems: Mapping[str, Json]) -> SetPlan:
-        """Create the folder, or check an existing one, and return the plan with these problems added.
+    def open(self, settings: Json, problems: Mapping[str, ProblemIdentity]) -> list[str]:
+        """Create the folder, or check an existing one, and add these problems to the plan; return notes on them.
+
+        Rows of problems that cannot be compared are removed.
 
         Raises
         ------
@@ -160,8 +163,8 @@ class SetFolder:
                 if time.time() - file.stat().st_mtime > ABANDONED:
                     file.unlink()
 
-    def _update_plan(self, settings: Json, problems: Mapping[str, Json]) -> SetPlan:
-        digests = {name: data_digest(data) for name, data in problems.items()}
+    def _update_plan(self, settings: Json, problems: Mapping[str, ProblemIdentity]) -> list[str]:
+        digests, notes = {name: identity.digest for name, identity in problems.items()}, list[str]()
         plan: SetPlan = {
             "schema": SCHEMA,
             "created_by": {"nlpgrasp": __version__},
@@ -172,22 +175,43 @@ class SetFolder:
             old = self.read_plan()
             self._check_same(old, plan)
             plan["problems"] = {**old["problems"], **digests}
-        for name, data in problems.items():
+            for name in old["problems"].keys() & digests:
+                if old["problems"][name] != digests[name]:
+                    self._remove_rows(name)
+                    notes.append(f"{name}: {problems[name].advice}")
+        for name, identity in problems.items():
             try:
                 self.read_problem(name, digests[name])
             except InputError:  # not there, or damaged
-                text = json.dumps({"name": name, "problem": data}, allow_nan=False)
-                write_text(self.problem_file(name), text + "\n")
+                data = {"name": name, "problem": identity.problem, "identity": identity.rest}
+                write_text(self.problem_file(name), json.dumps(data, allow_nan=False) + "\n")
         write_text(self.path / PLAN, json.dumps(plan, indent=1, allow_nan=False) + "\n")
-        return plan
+        return notes
+
+    def _remove_rows(self, problem: str) -> None:
+        """Remove all rows of a problem.
+
+        Raises
+        ------
+        InputError
+            When another process runs one of its units.
+        """
+        for file in (self.path / LOCKS).glob(f"{file_name(problem)}--*.lock"):
+            with file.open("a") as lock:
+                if not try_lock(lock):
+                    allowed = f"one run at a time with {problem!r}, which cannot be compared with an earlier one"
+                    raise InputError(f"out ({self.path})", "in use by another run", allowed)
+        self.merged_file(problem).unlink(missing_ok=True)
+        self.remove_units(problem)
 
     def _check_same(self, old: SetPlan, new: SetPlan) -> None:
         """Raise if version, settings or a common problem differ between two plans.
 
-        Problems may be added.
+        Problems may be added, and those that cannot be compared may differ.
         """
         changed = [key for key, value in new["settings"].items() if old["settings"].get(key) != value]
-        differing = [name for name, digest in new["problems"].items() if old["problems"].get(name, digest) != digest]
+        pairs = ((name, old["problems"].get(name, digest), digest) for name, digest in new["problems"].items())
+        differing = [name for name, *digests in pairs if all(map(is_comparable, digests)) and len({*digests}) > 1]
         if old["created_by"] != new["created_by"]:
             other = f"a set of nlpgrasp {old['created_by'].get('nlpgrasp')}"
         elif changed:
@@ -214,10 +238,11 @@ class SetFolder:
         """
         file = self.problem_file(name)
         try:
-            problem: Json = read_object(file.read_text(encoding="utf-8"), str(file))["problem"]
+            data = read_object(file.read_text(encoding="utf-8"), str(file))
+            problem, rest = data["problem"], data["identity"]
         except (OSError, UnicodeDecodeError, KeyError):
             raise InputError(str(file), "no readable problem", "a file that ng.make_set wrote") from None
-        if not isinstance(problem, dict) or data_digest(problem) != digest:
+        if not isinstance(problem, dict) or data_digest([problem, rest]) != digest.removeprefix(UNIQUE):
             raise InputError(str(file), "another problem, or damage", f"the problem with digest {digest}")
         return problem
 

@@ -1,4 +1,4 @@
-"""Plan of an output folder: comparison with older plans."""
+"""Plan of an output folder: comparison with the plan of another run."""
 
 import copy
 
@@ -14,18 +14,16 @@ def plan(height=0.0):
     problem = ng.GraspProblem(
         ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=[ng.Table(-0.03 + height)]
     )
-    return plan_of(ng.Experiment(problem, {"a": {}}, name="plan"))
+    return plan_of(ng.Experiment(problem, {"a": {}}, name="plan"), {"a": ""})
 
 
-def test_a_plan_of_an_earlier_version_goes_on():
+def test_every_entry_of_a_hand_counts():
     new = plan()
-    old = copy.deepcopy(new)
-    for name in ("approach", "link_spheres", "watched_pairs", "overlaps", "tips_apart"):
-        del old["variations"]["a"]["problem"]["hand"][name]
-    check_same_experiment(old, new, "folder")
-    del old["variations"]["a"]["problem"]["hand"]["clearance"]
-    with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, hand\)"):
-        check_same_experiment(old, new, "folder")
+    for name in ("meshes", "self_collision", "link_spheres", "approach", "clearance"):
+        old = copy.deepcopy(new)
+        old["variations"]["a"]["problem"]["hand"][name] = None
+        with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, hand\)"):
+            check_same_experiment(old, new, "folder")
 
 
 def test_another_problem_is_refused():

@@ -342,7 +342,9 @@ def test_a_folder_whose_plan_cannot_be_written_is_not_locked(tmp_path, monkeypat
     def refuse(path, text):
         raise InputError("out", "no space left", "a file that can be written")
 
-    plan, folder = output_folder.plan_of(experiment()), output_folder.OutputFolder(tmp_path / "out")
+    small = experiment()
+    plan = output_folder.plan_of(small, dict.fromkeys(small.names, ""))
+    folder = output_folder.OutputFolder(tmp_path / "out")
     with monkeypatch.context() as context:
         context.setattr(output_folder, "write_text", refuse)
         with pytest.raises(InputError, match="no space left"):
