@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,10 +18,12 @@ if TYPE_CHECKING:
     from nlpgrasp.interop import ExportFormat
 
 MASS = "With --hand: mass of the object, kilograms; by default the weight that the task carries, or that of water."
+OUT = (
+    "File to write; by default F with the format's ending, with --frame in a folder beside F which is named after the "
+    "frame, as the file is."
+)
 Mass = Annotated[float | None, typer.Option("--mass", help=MASS)]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="PATH", help="File to write; by default F with the format's ending.")
-]
+Out = Annotated[Path | None, typer.Option("--out", metavar="PATH", help=OUT)]
 
 
 def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
@@ -50,6 +53,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         from nlpgrasp.common.spatial import pose_from_text
         from nlpgrasp.interop import ExportOptions
         from nlpgrasp.interop.registry import format_named
+        from nlpgrasp.interop.robot_poses import check_one_frame
 
         export_format = format_named(to)
         values = {"mass": mass, "gain": gain, "damping": damping, "frictionloss": frictionloss}
@@ -64,7 +68,11 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         pose = None if frame is None else pose_from_text("--frame", frame)
         options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), pose, _announce)
         solution = ng.GraspSolution.load(file)
-        target = file.with_suffix(export_format.ending) if out is None else out
+        target = export_format.path_beside(file, pose) if out is None else out
+        if out is None:
+            with suppress(OSError):  # then it cannot be written, which is said below
+                target.parent.mkdir(exist_ok=True)
+        check_one_frame(target, export_format, pose)
         writable(target, file, ending=Path(f"F{export_format.ending}").suffix)
         write_bytes(target, export_format.export(solution, options))
         typer.echo(f"written to {target}")

@@ -17,7 +17,6 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.common.value_digest import UNIQUE
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Case, Experiment, SolveId
-from nlpgrasp.experiments.solve_record import DIGEST_ENTRY
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem, StartRunner
 from nlpgrasp.optimize.processes import WorkerPayload, single_thread
@@ -25,6 +24,7 @@ from nlpgrasp.optimize.start_result import StartGrasp, best_of
 from nlpgrasp.optimize.warm_starts import WarmStart, adapt_grasp, certify_as_is, refine_warm_start
 from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.pipeline.solve import check_json, solve_compiled
+from nlpgrasp.problem.identity import DIGEST_ENTRY
 from nlpgrasp.quality import Bounds, screen
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.solution.file import solution_json

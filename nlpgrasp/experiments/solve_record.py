@@ -13,7 +13,7 @@ from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.common.formatting import error_line, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
-from nlpgrasp.problem.identity import data_digest
+from nlpgrasp.problem.identity import DIGEST_ENTRY, data_digest
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.analysis_records import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
@@ -22,7 +22,6 @@ from nlpgrasp.solution.solution import GraspSolution
 NOTHING = Bounds(0.0, 0.0)  # mu without a grasp
 NOT_DONE = "not done"  # failure text of a solve that has not run
 LOOSE_GAP = 2.0  # relative gap above which a bound counts as loose
-DIGEST_ENTRY = "problem_digest"  # of a solution's solver record: the identity of its problem, with the settings
 WARM_START_PREFIX = "from variation "  # prefix of the message of a warm start from another variation
 
 

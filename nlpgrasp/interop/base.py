@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+
+import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.user_warnings import warn
@@ -17,6 +20,8 @@ from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
 from nlpgrasp.solution.obstructions import link_obstructions
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
+
+FRAME_DIGITS = 8  # hexadecimal digits of a frame in the names of files
 
 
 class Need(Enum):
@@ -99,6 +104,17 @@ class ExportFormat:
             raise InputError("ExportFormat.ending", self.ending, "a file's ending with its dot, such as .csv")
         if not callable(self.write):
             raise InputError("ExportFormat.write", self.write, "a function of a solution and ExportOptions")
+
+    def path_beside(self, file: Path, frame: FloatArray | None = None) -> Path:
+        """Return the path of the export of a solution file by default.
+
+        An export in the frame of a cell has a folder of its own beside the file; folder and file are named after it.
+        """
+        if frame is None:
+            return file.with_suffix(self.ending)
+        digest = hashlib.sha256(np.round(frame, 9).tobytes()).hexdigest()
+        name = f"cell-{digest[:FRAME_DIGITS]}"
+        return file.parent / name / f"{file.stem}.{name}{self.ending}"
 
     def export(self, solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
         """Return a solution as the content of a file of this format.

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.spatial import Pose, check_cell_positions, pose_matrix, quaternion_wxyz
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
 from nlpgrasp.solution.obstructions import approach_obstructions
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, LIFT_DISTANCE, START_DISTANCE, jaw_phases
@@ -24,6 +26,8 @@ TOOL_POSE = "the poses are those of the tool centre point, turned as the gripper
 JAWS = "a grasp found with an ng.ParallelJaw in space"  # what poses require
 PART_FRAME, CELL_FRAME = "part", "cell"  # names of the frames of the poses: without and with a stated pose of the part
 RETREAT = "retreat"
+PART_POSE = tuple(f"part_{name}" for name in ("x", "y", "z", "qw", "qx", "qy", "qz"))  # columns: pose of the part
+SAME_FRAME = 1e-6  # largest difference of two poses that are one frame
 # columns of a pose: position in metres, unit quaternion, rotation vector in radians
 COORDINATES = ("x", "y", "z", "qw", "qx", "qy", "qz", "rx", "ry", "rz")
 
@@ -192,19 +196,20 @@ def robot_poses(
 def _poses_table(solution: GraspSolution, options: ExportOptions) -> str:
     """Return the robot poses of all kept grasps as CSV text.
 
-    Every row states its frame, and the axes and tool centre point in the gripper's own frame.
+    Every row states its frame, the part's pose in it, and the axes and tool centre point in the gripper's own frame.
     """
     axes = frame_columns(require_jaws(solution, JAWS).gripper_frame)
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     heads = [f"{name}_{coordinate}" for name in (APPROACH, GRASP, RETREAT) for coordinate in COORDINATES]
     settings = ("opened", "opening", "force", "max_force", "force_warning", "clearance")
-    writer.writerow([GRASP, "frame", "way_in", *settings, "mu", *heads, *axes])
+    writer.writerow([GRASP, "frame", "way_in", *settings, "mu", *heads, *axes, *PART_POSE])
     frame = PART_FRAME if options.frame is None else CELL_FRAME
+    part_pose = ToolPose(np.eye(4) if options.frame is None else options.frame).row[: len(PART_POSE)]
     for i, poses in enumerate(robot_poses(solution, options.frame)):
         values = ["" if (value := getattr(poses, name)) is None else value for name in settings]
         coordinates = [*poses.approach.row, *poses.grasp.row, *poses.retreat.row]
-        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *coordinates, *axes.values()])
+        writer.writerow([i, frame, poses.way_in, *values, poses.mu, *coordinates, *axes.values(), *part_pose])
     return text.getvalue()
 
 
@@ -218,6 +223,41 @@ def _poses_json(solution: GraspSolution, options: ExportOptions) -> str:
         "grasps": [poses.to_dict() for poses in robot_poses(solution, options.frame)],
     }
     return json.dumps(data, allow_nan=False, indent=1) + "\n"
+
+
+def check_one_frame(target: Path, export_format: ExportFormat, frame: FloatArray | None) -> None:
+    """Raise if a file with poses would be written over one, or into a folder with some, in another frame.
+
+    Parameters
+    ----------
+    target : Path
+        To be written.
+    export_format : ExportFormat
+        Others than the two of poses are not looked at.
+    frame : (4, 4) array, optional
+        The part's pose in the frame of the poses; None for the part's own frame.
+    """
+    if export_format not in (POSES, POSES_JSON):
+        return
+    wanted = np.eye(4) if frame is None else frame
+    for file in sorted({target, *target.parent.glob(f"*{export_format.ending}")}):
+        pose = _stated_part_pose(file)
+        if pose is not None and not np.allclose(pose, wanted, rtol=0.0, atol=SAME_FRAME):
+            allowed = "a folder whose poses are all in one frame, or --out in another folder"
+            raise InputError(f"out ({target})", f"{file.name} in another frame is there", allowed)
+
+
+def _stated_part_pose(file: Path) -> FloatArray | None:
+    """Return the pose of the part (4, 4) that a file with poses states; None for a file of another kind."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        if text.startswith("{"):
+            return pose_matrix("part_pose", json.loads(text)["part_pose"])
+        row = next(csv.DictReader(io.StringIO(text)))
+        values = [float(row[name]) for name in PART_POSE]
+        return pose_matrix("part_pose", {"position": values[:3], "quaternion_wxyz": values[3:]})
+    except (OSError, ValueError, KeyError, TypeError, StopIteration, InputError):
+        return None
 
 
 POSES = ExportFormat(

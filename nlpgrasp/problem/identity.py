@@ -21,6 +21,7 @@ from nlpgrasp.tasks.base import parts_of
 from nlpgrasp.version import __version__
 
 PARTS = (GraspProblem, JsonPart, ContactModel, ForceBudget, Task, Tip)  # base classes of what a problem consists of
+DIGEST_ENTRY = "problem_digest"  # of a solution's solver record: the identity of its problem, with the settings
 DIGITS = 16  # hexadecimal digits of a digest
 
 

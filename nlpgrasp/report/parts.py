@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from html import escape
 from pathlib import Path
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.files import file_kind, write_bytes, write_text
+from nlpgrasp.common.files import file_kind, lock_folder, write_bytes, write_text
 from nlpgrasp.common.formatting import capitalise, error_line, format_number, single_line
 from nlpgrasp.common.meshes.mesh_file import states_unit
 from nlpgrasp.common.optional_packages import write_figure
@@ -26,6 +24,7 @@ from nlpgrasp.interop.base import ExportOptions
 from nlpgrasp.interop.robot_poses import POSES
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.pipeline.solve import solve
+from nlpgrasp.problem.identity import DIGEST_ENTRY, problem_identity
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.report.html_parts import Html, embedded_picture, file_link, html_table
 from nlpgrasp.report.page_builder import page, style
@@ -33,11 +32,11 @@ from nlpgrasp.report.pictures import draw_grasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
-from nlpgrasp.version import __version__
 
 STARTS, KEEP = 2, 20  # defaults: starts of a part, and its kept grasps
 TABLE_CLEARANCE = 1e-3  # metres between gripper and table, where a task alone is stated
-PAGE, MANIFEST = "index.html", ".parts.json"
+PAGE = "index.html"
+NOTES_ENTRY = "notes"  # of a solution's solver record: warnings of the part's mesh and problem
 PICTURE = ".png"  # ending of a part's picture
 PICTURE_DPI = 80  # dots per inch of a part's picture
 NOT_SOLVED = "not solved yet"
@@ -146,7 +145,8 @@ def solve_parts(
 
     Each part gets ``NAME.json`` (the solution), ``NAME.poses.csv`` (every kept grasp for a robot) and ``NAME.png``, and
     ``index.html``, written anew after each part, shows all of them. A part that is finished is not solved again unless
-    its file, its problem or the settings changed; one that fails is a row with the reason.
+    its file, its problem or the settings changed, or its problem cannot be compared, such as a task whose function
+    reads a file; one that fails is a row with the reason.
 
     Parameters
     ----------
@@ -175,9 +175,8 @@ def solve_parts(
     ------
     InputError
         On a folder without meshes, two parts of one name, a gripper that is none, and an output folder that is the
-        parts' own or cannot be written.
+        parts' own, cannot be written or is in use by another run.
     """
-    start_time = time.monotonic()
     files = part_files(folder)
     if not isinstance(gripper, ParallelJaw):
         raise InputError("gripper", gripper, "an ng.ParallelJaw")
@@ -188,11 +187,24 @@ def solve_parts(
         target.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError("out", f"{out} ({error.strerror})", "a folder that can be written") from None
-    settings: Json = {"unit": unit, "starts": starts, "seed": seed, "keep": keep, "options": repr(options)}
-    batch = _Batch(target, gripper, task, unit, {**settings, "version": __version__})
+    stated = {name: value for name, value in (options or SolveOptions()).to_dict().items() if name != "workers"}
+    settings: Json = {"unit": unit, "starts": starts, "seed": seed, "keep": keep, "options": stated}
+    batch = _Batch(target, gripper, task, unit, settings)
     solve_one = partial(solve, starts=starts, seed=seed, keep=keep, options=options)
+    with lock_folder(target):
+        return _solve_all(batch, files, f"Parts in {Path(folder).absolute().name}", solve_one, progress)
+
+
+def _solve_all(
+    batch: _Batch,
+    files: Mapping[str, Path],
+    title: str,
+    solve_one: Callable[[GraspProblem], GraspSolution],
+    progress: PartProgress | None,
+) -> PartsSolved:
+    """Solve the parts of a batch in turn, and write its page after each."""
+    start_time, path = time.monotonic(), batch.out / PAGE
     results = {name: batch.earlier_result(name) for name in files}
-    path, title = target / PAGE, f"Parts in {Path(folder).absolute().name}"
     write_parts_page(tuple(results.values()), path, title)
     for name, file in files.items():
         result = batch.result(name, file, solve_one)
@@ -203,7 +215,7 @@ def solve_parts(
             break
         if progress is not None:
             progress(result)
-    return PartsSolved(target, path, tuple(results.values()), time.monotonic() - start_time)
+    return PartsSolved(batch.out, path, tuple(results.values()), time.monotonic() - start_time)
 
 
 def part_files(folder: str | Path) -> dict[str, Path]:
@@ -230,6 +242,8 @@ def part_files(folder: str | Path) -> dict[str, Path]:
 class _Batch:
     """Results of a batch in an output folder, from this run and earlier ones.
 
+    The solution file of a part states the digest of its problem with the settings; all other files follow from it.
+
     Parameters
     ----------
     out : Path
@@ -241,54 +255,57 @@ class _Batch:
     """
 
     def __init__(self, out: Path, gripper: ParallelJaw, task: PartTask, unit: str, settings: Json) -> None:
-        self._out, self._gripper, self._task, self._unit, self._settings = out, gripper, task, unit, settings
-        try:
-            self._finished = json.loads((out / MANIFEST).read_text(encoding="utf-8"))
-            if not isinstance(self._finished, dict):
-                raise ValueError
-        except (OSError, ValueError):
-            self._finished = {}
+        self.out, self._gripper, self._task, self._unit, self._settings = out, gripper, task, unit, settings
 
     def earlier_result(self, name: str) -> PartResult:
         """Return the result of a part by an earlier run, whose inputs are not compared yet; not solved without one."""
-        entry, file = self._finished.get(name), self._out / f"{name}.json"
-        try:
-            if entry is not None and file.is_file():
-                notes = *entry.get("notes", ()), EARLIER
-                return PartResult(name, file, _failure(GraspSolution.load(file)), notes)
-        except (NlpgraspError, AttributeError):  # damaged files
-            pass
-        return PartResult(name, failure=NOT_SOLVED)
+        solution = self._earlier_solution(name)
+        if solution is None:
+            return PartResult(name, failure=NOT_SOLVED)
+        return PartResult(name, self._file(name), _failure(solution), (*_notes_of(solution), EARLIER))
+
+    def _file(self, name: str) -> Path:
+        """Return the path of a part's solution file."""
+        return self.out / f"{name}.json"
+
+    def _earlier_solution(self, name: str) -> GraspSolution | None:
+        """Return the solution of a part by an earlier run; None without a readable one."""
+        with suppress(NlpgraspError):
+            if self._file(name).is_file():
+                solution = GraspSolution.load(self._file(name))
+                return solution if DIGEST_ENTRY in solution.solver else None
+        return None
 
     def result(self, name: str, file: Path, solve_one: Callable[[GraspProblem], GraspSolution]) -> PartResult:
         """Return the result of a part: an earlier one if no input has changed, else that of a new solve."""
-        solution_file = self._out / f"{name}.json"
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             is_begun = False  # until a solve begins, the files of an earlier result stay
             try:
                 problem = self._problem(name, file)
-                digest = self._digest(problem)
-                entry = self._finished.get(name) or {}
-                if entry.get("digest") == digest and solution_file.is_file():
-                    solution = GraspSolution.load(solution_file)
-                    return PartResult(name, solution_file, _failure(solution), tuple(entry.get("notes", ())))
+                identity, earlier = problem_identity(problem, self._settings), self._earlier_solution(name)
+                if earlier is not None and earlier.solver[DIGEST_ENTRY] == identity.digest:
+                    self._write_views(name, earlier)
+                    return PartResult(name, self._file(name), _failure(earlier), _notes_of(earlier))
                 is_begun = True
                 self._remove(name)
                 solution = solve_one(problem)
                 if solution.status is Status.INTERRUPTED:
                     return PartResult(name, failure=NOT_SOLVED)
-                self._write(name, solution)
+                notes = list(dict.fromkeys(single_line(str(warning.message)) for warning in caught))
+                if earlier is not None and identity.obstacle:
+                    notes.append(identity.advice)
+                record = {**solution.solver, DIGEST_ENTRY: identity.digest, NOTES_ENTRY: notes}
+                solution = replace(solution, solver=record)
+                solution.save(self._file(name))
+                self._write_views(name, solution)
             except KeyboardInterrupt:
                 return PartResult(name, failure=NOT_SOLVED)
             except Exception as error:  # also of the user's function or a broken mesh: the other parts go on
                 if is_begun:
                     self._remove(name)
                 return PartResult(name, failure=str(error) if isinstance(error, NlpgraspError) else error_line(error))
-        notes = tuple(dict.fromkeys(single_line(str(warning.message)) for warning in caught))
-        self._finished[name] = {"digest": digest, "notes": list(notes)}
-        write_text(self._out / MANIFEST, json.dumps(self._finished, indent=1) + "\n")
-        return PartResult(name, solution_file, _failure(solution), notes, True)
+        return PartResult(name, self._file(name), _failure(solution), tuple(notes), True)
 
     def _problem(self, name: str, file: Path) -> GraspProblem:
         """Return the problem of a part."""
@@ -301,28 +318,28 @@ class _Batch:
             part, task=wanted, hand=self._gripper, constraints=[table], force_budget="shared", name=name
         )
 
-    def _digest(self, problem: GraspProblem) -> str:
-        """Return a digest of all inputs that determine a part's result.
-
-        The problem's data contain the mesh's fingerprint.
-        """
-        inputs = json.dumps([problem.to_dict(), self._settings], sort_keys=True, default=repr)
-        return hashlib.sha256(inputs.encode()).hexdigest()
-
-    def _write(self, name: str, solution: GraspSolution) -> None:
-        """Write solution, poses and picture of a part."""
-        solution.save(self._out / f"{name}.json")
+    def _write_views(self, name: str, solution: GraspSolution) -> None:
+        """Write poses and picture of a part where they are missing or others."""
+        poses, picture = self.out / f"{name}{POSES.ending}", self.out / f"{name}{PICTURE}"
         if solution.success:
-            write_bytes(self._out / f"{name}{POSES.ending}", POSES.export(solution, ExportOptions()))
+            content = POSES.export(solution, ExportOptions())
+            if not poses.is_file() or poses.read_bytes() != content:
+                write_bytes(poses, content)
         with suppress(MissingExtraError):  # without matplotlib the page has no pictures
-            write_figure(draw_grasp(solution), self._out / f"{name}{PICTURE}", PICTURE_DPI)
+            if not picture.is_file():
+                write_figure(draw_grasp(solution), picture, PICTURE_DPI)
 
     def _remove(self, name: str) -> None:
-        """Remove the files of an earlier result of a part that changed."""
-        self._finished.pop(name, None)
+        """Remove the files of an earlier result of a part that changed, the solution first."""
         for ending in (".json", ".bound.json", POSES.ending, PICTURE):
             with suppress(OSError):
-                (self._out / f"{name}{ending}").unlink()
+                (self.out / f"{name}{ending}").unlink()
+
+
+def _notes_of(solution: GraspSolution) -> tuple[str, ...]:
+    """Return the warnings that a part's solution states."""
+    notes = solution.solver.get(NOTES_ENTRY)
+    return tuple(single_line(str(note)) for note in notes) if isinstance(notes, list) else ()
 
 
 def _failure(solution: GraspSolution) -> str:

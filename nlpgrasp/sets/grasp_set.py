@@ -23,6 +23,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions
 from nlpgrasp.interop.benchmark_arrays import Arrays, arrays_of_grasps, hdf5_bytes, npz_bytes
 from nlpgrasp.interop.registry import format_named
+from nlpgrasp.interop.robot_poses import check_one_frame
 from nlpgrasp.optimize.processes import cores, separate_processes, single_thread
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.measure_table import Columns
@@ -498,6 +499,7 @@ class GraspSet:
             return [write_bytes(path, ARRAY_FILES[export_format.name](self._arrays(indices, options)))]
         if export_format.has_all_grasps:
             solution = self._join([self._without_constraints(i) for i in indices])
+            check_one_frame(path, export_format, options.frame)
             return [write_bytes(path, export_format.export(solution, options))]
         starts = [self._label(i, "start") for i in indices]
         paths = [target / f"{file_name(problem)}-{start}{export_format.ending}" for start in starts]

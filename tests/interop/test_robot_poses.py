@@ -57,12 +57,47 @@ def test_a_frame_is_the_pose_of_the_part_in_the_cell(block):
     np.testing.assert_allclose(pose_from_text("frame", text), far.grasp.matrix, atol=1e-6)
 
 
+PART_POSE = {"position": ("x", "y", "z"), "quaternion_wxyz": ("qw", "qx", "qy", "qz")}
+
+
+def export(*arguments):
+    line = ["export", *map(str, arguments)]
+    command_line(line)(line, standalone_mode=False)
+
+
+@pytest.mark.parametrize("name", ["poses", "poses_json", "trajectory"])
+def test_exports_in_several_frames_do_not_replace_each_other(block, tmp_path, name):
+    file, ending = block.save(tmp_path / "block.json"), format_named(name).ending
+    export(file, "--to", name)
+    before = (tmp_path / f"block{ending}").read_bytes()
+    for place in ("p[0.4, -0.1, 0.2, 0, 0, 0]", "p[0.5, -0.1, 0.2, 0, 0, 0]"):
+        export(file, "--to", name, "--frame", place)
+    assert (tmp_path / f"block{ending}").read_bytes() == before
+    assert len({path.read_bytes() for path in tmp_path.rglob(f"*{ending}")}) == 3
+    assert len({path.parent for path in tmp_path.rglob(f"*{ending}")}) == 3
+
+
+@pytest.mark.parametrize("name", ["poses", "poses_json"])
+@pytest.mark.parametrize("other", ["block", "another"])
+def test_a_folder_of_poses_has_one_frame(block, tmp_path, name, other):
+    file, ending = block.save(tmp_path / "block.json"), format_named(name).ending
+    export(file, "--to", name)
+    with pytest.raises(InputError, match=rf"got block\{ending} in another frame is there"):
+        export(file, "--to", name, "--frame", "p[0.4, 0, 0, 0, 0, 0]", "--out", tmp_path / f"{other}{ending}")
+    export(file, "--to", name, "--frame", "p[0, 0, 0, 0, 0, 0]", "--out", tmp_path / f"{other}{ending}")
+    assert (tmp_path / f"{other}{ending}").is_file()
+
+
 def test_the_table_has_every_grasp_with_approach_and_retreat(block, tmp_path):
     file = block.save(tmp_path / "block.json")
     place = "p[0.4, -0.1, 0.2, 0, 0, 1.5707963267948966]"
     arguments = ["export", str(file), "--to", "poses", "--frame", place]
     command_line(arguments)(arguments, standalone_mode=False)
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "block.poses.csv").read_text(encoding="utf-8"))))
+    (written,) = tmp_path.glob("cell-*/*")
+    assert written.name == f"block.{written.parent.name}.poses.csv"
+    rows = list(csv.DictReader(io.StringIO(written.read_text(encoding="utf-8"))))
+    stated = {name: [float(rows[0][f"part_{c}"]) for c in coordinates] for name, coordinates in PART_POSE.items()}
+    np.testing.assert_allclose(pose_matrix("part", stated), CELL, atol=1e-9)
     assert [row["grasp"] for row in rows] == ["0", "1", "2"]
     for row, pose in zip(rows, ng.robot_poses(block, CELL), strict=True):
         assert (row["frame"], row["way_in"]) == ("cell", "free")

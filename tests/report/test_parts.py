@@ -163,7 +163,7 @@ def test_an_error_of_a_function_leaves_the_other_parts(folder, batch, tmp_path):
     assert [part.failure for part in failed.parts[1:]] == [
         f"ZeroDivisionError: no mass of {name}.stl" for name in ("long & thin", "plate")
     ]
-    assert json.loads((folder / "out" / ".parts.json").read_text())["plate"]["digest"]
+    assert (folder / "out" / "plate.json").is_file()  # what the batch before found
 
 
 def test_a_batch_that_is_killed_leaves_the_page_of_what_is_done(tmp_path, monkeypatch):
@@ -185,7 +185,9 @@ def test_a_batch_that_is_killed_leaves_the_page_of_what_is_done(tmp_path, monkey
     assert "0 of 2 parts have a grasp. 2 not solved yet." in pages[0]
     assert "1 of 2 parts have a grasp. 1 not solved yet." in pages[1]
     assert 'href="a.poses.csv"' in pages[1]
-    (tmp_path / "out" / ".parts.json").write_text('{"b": {"notes": []}, "a": {"notes": []}}')
+    file = tmp_path / "out" / "a.json"
+    data = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(json.dumps({**data, "solver": {**data["solver"], "problem_digest": "another"}}), encoding="utf-8")
     pages.clear()
 
     def stopped(problem, **_):
@@ -255,6 +257,75 @@ def test_the_command_takes_the_grippers_dimensions_from_the_script(folder, batch
     script.write_text("tasks = 1\n")
     result = run_here("parts", folder / "parts", "--task", script, "--out", "out", cwd=tmp_path)
     assert "neither task() nor problem(), expected a script with a function task(part)" in result.stderr
+
+
+def lifted(mass):
+    def task(part, gripper):
+        return ng.lift(part.centroid, mass)
+
+    return task
+
+
+def solve_stub(problem, **_):
+    """Return a grasp of another block, whose problem is that asked for."""
+    return replace(held_block(), problem=problem.to_dict())
+
+
+def test_a_kill_leaves_no_result_under_another_problem(tmp_path, monkeypatch):
+    """Whatever is written when a run ends, the file of a part states the problem that it is of."""
+    (tmp_path / "parts").mkdir()
+    block(tmp_path, "a", 60, 40, 30)
+    file = tmp_path / "out" / "a.json"
+    tasks = []
+
+    def solve(problem, **_):
+        tasks.append(problem.task.to_dict())
+        return solve_stub(problem)
+
+    def killed(*_):
+        raise SystemExit
+
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", solve)
+    monkeypatch.setattr("nlpgrasp.report.parts.draw_grasp", lambda *_: None)
+    monkeypatch.setattr("nlpgrasp.report.parts.write_figure", lambda *_: None)
+    solved(tmp_path, lifted(2.0))
+    for name in ("write_bytes", "write_figure"):
+        with monkeypatch.context() as context:
+            context.setattr(f"nlpgrasp.report.parts.{name}", killed)
+            with pytest.raises(SystemExit):
+                solved(tmp_path, lifted(0.4))
+        tasks.clear()
+        batch = solved(tmp_path, lifted(2.0))
+        assert tasks == [ng.GraspSolution.load(file).problem["task"]]
+        assert [part.is_new for part in batch.parts] == [True]
+    assert [part.is_new for part in solved(tmp_path, lifted(2.0)).parts] == [False]
+
+
+def test_views_of_a_finished_part_are_restored(tmp_path, monkeypatch):
+    (tmp_path / "parts").mkdir()
+    block(tmp_path, "a", 60, 40, 30)
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", solve_stub)
+    solved(tmp_path, lifted(2.0))
+    poses, picture = (tmp_path / "out" / f"a{ending}" for ending in (".poses.csv", ".png"))
+    expected = poses.read_bytes()
+    poses.write_bytes(expected.replace(b",part,", b",cell,"))
+    picture.unlink()
+    assert [part.is_new for part in solved(tmp_path, lifted(2.0)).parts] == [False]
+    assert poses.read_bytes() == expected
+    assert picture.is_file()
+
+
+def test_a_folder_of_parts_is_for_one_run_at_a_time(tmp_path, monkeypatch):
+    (tmp_path / "parts").mkdir()
+    block(tmp_path, "a", 60, 40, 30)
+
+    def second(problem, **_):
+        with pytest.raises(InputError, match="in use by another run"):
+            solved(tmp_path)
+        return solve_stub(problem)
+
+    monkeypatch.setattr("nlpgrasp.report.parts.solve", second)
+    assert [part.is_new for part in solved(tmp_path).parts] == [True]
 
 
 def test_bad_folders_are_refused(folder, tmp_path):
