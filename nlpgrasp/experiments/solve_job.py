@@ -155,15 +155,9 @@ class JobFactory:
         name = solve.variation
         if self._last is None or self._last[0] != name:
             try:
-                payload = WorkerPayload.of(
-                    LazyCompiledProblem(
-                        partial(
-                            *(_worker_case, self.experiment.maker(name), self._compared),
-                            *(self.digests.get(name, ""), f"{UNIQUE}{self._run}"),
-                        )
-                    ),
-                    f"{self._run} {name}",
-                )
+                digest, once = self.digests.get(name, ""), f"{UNIQUE}{self._run}"
+                make = partial(_worker_case, self.experiment.maker(name), self._compared, digest, once)
+                payload = WorkerPayload.of(LazyCompiledProblem(make), f"{self._run} {name}")
             except Exception as error:  # any error of the parts' own pickling
                 reason = error_line(error)
                 raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.files import file_name, write_bytes
+from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
@@ -45,6 +46,7 @@ from nlpgrasp.sets.grasp_rows import (
     simulation_labels,
 )
 from nlpgrasp.sets.grasp_unit import find_body, find_robot_file, simulate_grasp
+from nlpgrasp.sets.row_checks import label_fault, repeated_grasps, start_faults
 from nlpgrasp.sets.set_folder import FinishedUnits, SetFolder, SetPlan
 from nlpgrasp.sets.stored_solution import COLUMNS as RECORD
 from nlpgrasp.sets.stored_solution import unpack_solution
@@ -70,7 +72,8 @@ class SetVerification:
     """Outcome of verifying all grasps of a set.
 
     It is true if there are grasps, and no check that could be made failed. Labels that follow from a solution are
-    compared with it; those of the simulation are not computed again.
+    compared with it, and rows with each other: no start is missing, repeated or moved, grasps of a finished problem are
+    distinct. Labels of the simulation have to agree with each other; it is not run again.
 
     Parameters
     ----------
@@ -82,6 +85,10 @@ class SetVerification:
         Names of the files (mesh, robot) that were not found.
     damaged : tuple of str
         What of the set could not be read, or is not there.
+    faults : tuple of str
+        Rows that contradict the set: missing, repeated or moved starts, labels without a grasp.
+    simulated : int
+        Number of grasps with labels of a simulation.
     """
 
     verified: int
@@ -89,11 +96,13 @@ class SetVerification:
     failed: Mapping[int, str]
     missing: tuple[str, ...] = ()
     damaged: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    simulated: int = 0
 
     @property
     def passed(self) -> bool:
         """Whether there are grasps and no check failed."""
-        return not self.failed and self.verified + self.partly_verified > 0
+        return not self.failed and not self.faults and self.verified + self.partly_verified > 0
 
     @property
     def complete(self) -> bool:
@@ -104,13 +113,17 @@ class SetVerification:
         return self.passed
 
     def __str__(self) -> str:
-        verdict = "NOT verified" if self.failed else "verified" if self.complete else "partly verified"
+        is_false = bool(self.failed or self.faults)
+        verdict = "NOT verified" if is_false else "verified" if self.complete else "partly verified"
         counts = f"{self.verified} grasps verified, {self.partly_verified} partly, {len(self.failed)} not"
-        lines = [f"{verdict}: {counts}" if self.passed or self.failed else "nothing verified: no grasp to read"]
+        lines = [f"{verdict}: {counts}" if self.passed or is_false else "nothing verified: no grasp to read"]
+        lines += [f"  {fault}" for fault in self.faults[:MOST_LISTED]]
         lines += [f"  grasp {i}: {reason}" for i, reason in list(self.failed.items())[:MOST_LISTED]]
         lines += [
             f"  {name} not found: give its folder with --folder, in Python with folders=" for name in self.missing
         ]
+        if self.simulated:
+            lines.append(f"  {self.simulated} simulations were not run again: their labels agree with each other alone")
         return "\n".join([*lines, *(f"  {note}" for note in self.damaged)])
 
 
@@ -131,6 +144,12 @@ class RowFile:
     digest: str
     file: Path
 
+    @property
+    def unit(self) -> int | None:
+        """Number of the unit whose rows it has; None for all rows of a finished problem."""
+        stem, _, index = self.file.stem.rpartition("--")
+        return int(index) if stem and index.isdigit() else None
+
     def labels(self, group: int | None = None) -> Any:
         """Return the label columns of one row group of the file, or of all rows."""
         return read_rows(self.file, LABELS, self.digest, str(self.file), group)
@@ -143,8 +162,8 @@ class RowFile:
         """Replace entries of some rows, by number of the row, and write the file anew."""
         table = read_rows(self.file, (*LABELS, *RECORD), self.digest, str(self.file))
         rows = [row | entries.get(i, {}) for i, row in enumerate(table.to_pylist())]
-        stem, _, index = self.file.stem.rpartition("--")
-        write_bytes(self.file, parquet_bytes(rows, self.digest, index if stem and index.isdigit() else "all"))
+        unit = "all" if self.unit is None else str(self.unit)
+        write_bytes(self.file, parquet_bytes(rows, self.digest, unit))
 
     def solution(self, records: Any, row: int, problem: Json) -> GraspSolution:
         """Build the solution of a row from the records of the row group and the problem's JSON data."""
@@ -368,21 +387,25 @@ class GraspSet:
         count = integer("workers", workers, at_least=1, at_most=1024) if workers is not None else cores()
         search = [str(Path(entry).absolute()) for entry in folders]
         chunks, checked = self._chunks(), 0
+        faults, repeated = self._compare_rows()
         verified = partly = 0
         failed: dict[int, str] = {}
         missing: dict[str, None] = {}
         calls = [partial(_verify_rows, str(self.path), *self._rows_of(chunk), rtol, search) for chunk in chunks]
         for chunk, outcomes in zip(chunks, _run_calls(calls, count), strict=True):
             for index, outcome in zip(chunk, outcomes, strict=True):
-                verified += outcome.passed and outcome.complete
-                partly += outcome.passed and not outcome.complete
                 missing |= dict.fromkeys(outcome.missing)
-                if not outcome.passed:
-                    failed[index] = outcome.verdict
+                if not outcome.passed or index in repeated:
+                    failed[index] = repeated[index] if outcome.passed else outcome.verdict
+                    continue
+                verified += outcome.complete
+                partly += not outcome.complete
             checked += len(chunk)
             if progress is not None:
                 progress(checked)
-        return SetVerification(verified, partly, failed, tuple(missing), (*self.notes, *self._missing_rows()))
+        damaged = (*self.notes, *self._missing_rows())
+        simulated = sum(bool(self._label(i, "simulated")) for i in range(len(self)))
+        return SetVerification(verified, partly, failed, tuple(missing), damaged, faults, simulated)
 
     def simulate(
         self,
@@ -428,6 +451,28 @@ class GraspSet:
                 progress(done)
         folder.state_simulated()
         return open_set(self.path, warns=False)
+
+    def _compare_rows(self) -> tuple[tuple[str, ...], dict[int, str]]:
+        """Return sentences on rows that contradict the set, and the verdicts of grasps that repeat another."""
+        folder, faults, failed = SetFolder(self.path), list[str](), dict[int, str]()
+        for name in dict.fromkeys(source.problem for source in self._files):
+            pairs = [(s, t.to_pylist()) for s, t in zip(self._files, self._tables, strict=True) if s.problem == name]
+            rows = [row for _, file_rows in pairs for row in file_rows]
+            grasps, indices = [row for row in rows if row["status"] == GRASP], self._indices(name)
+            try:
+                problem = folder.read_problem(name, pairs[0][0].digest)
+                found = [*start_faults({source.unit: rows for source, rows in pairs}, self.settings)]
+                labelled = ((row, label_fault(row, problem)) for row in rows)
+                found += [f"start {row['start']} states {fault}" for row, fault in labelled if fault]
+                if name in self._finished:
+                    for i, j in repeated_grasps(grasps, problem, float(self.settings["distinct"])):
+                        failed[indices[j]] = f"NOT verified: not distinct from the grasp of start {grasps[i]['start']}"
+            except InputError:  # said of each of its grasps
+                continue
+            except (TypeError, ValueError, KeyError) as error:
+                found = [f"rows that cannot be compared ({error_line(error)})"]
+            faults += [f"{name}: {fault}" for fault in found]
+        return tuple(faults), failed
 
     def _missing_rows(self) -> Iterator[str]:
         """Yield sentences on problems whose rows are not all there, and on rows whose status hides a grasp."""
@@ -568,6 +613,8 @@ def _verify_rows(
             solution = source.solution(records, row, problem)
             stated = labels.slice(row % GROUP, 1).to_pylist()[0]
             label = differing_label(stated, identity.labels_of(stated["start"], solution))
+            if [start.index for start in solution.starts] != [stated["start"]]:
+                raise InputError("start", stated["start"], "the start of the stored solution of the row")
             if label is not None:
                 raise InputError(label, _shortened(stated[label]), "what follows from the stored solution of the row")
             result = verify(solution, rtol, folders)

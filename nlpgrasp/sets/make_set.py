@@ -396,9 +396,8 @@ class _Run:
         if state.is_finished or unit.index < state.next_unit or not self.folder.claim(unit):
             return None
         if self.payload is None or self.payload[0] != state.name:
-            make = partial(
-                *(_make_unit, state.name, state.digest, state.make, self.options, self.settings, state.robot_file)
-            )
+            unit_problem = state.name, state.digest, state.make, self.options, self.settings, state.robot_file
+            make = partial(_make_unit, *unit_problem)
             try:
                 self.payload = state.name, WorkerPayload.of(LazyCompiledProblem(make))
             except Exception as error:  # any error of the parts' own pickling

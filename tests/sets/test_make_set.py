@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ import nlpgrasp as ng
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.sets import grasp_unit
 from nlpgrasp.sets import make_set as module
-from nlpgrasp.sets.grasp_rows import HAS, LABELS
+from nlpgrasp.sets.grasp_rows import HAS, LABELS, RECORD, parquet_bytes, read_rows
 from nlpgrasp.sets.grasp_set import SetVerification
 from nlpgrasp.sets.grasp_unit import find_body
 from nlpgrasp.sets.set_folder import SetFolder
+from nlpgrasp.sets.stored_solution import pack_solution
 from tests.sets.small import SETTINGS, crash_in, labels, run_backwards, run_here, run_starts_once, square, squares
 
 WANTED = 3
@@ -344,8 +346,6 @@ def test_invalid_arguments_are_refused_before_anything_runs(run, tmp_path, setti
 
 def change_first_row(folder, entries):
     """Change entries of the first grasp's row of a set; a callable gets the old entry."""
-    from nlpgrasp.sets.grasp_rows import RECORD, parquet_bytes, read_rows
-
     file, digest = folder / "rows" / "rough.parquet", json.loads((folder / "set.json").read_text())["problems"]["rough"]
     rows = read_rows(file, (*LABELS, *RECORD), digest, "rows").to_pylist()
     first = next(row for row in rows if row["status"] == "grasp")
@@ -380,6 +380,56 @@ def test_verify_finds_a_label_that_is_not_that_of_the_solution(copy, label, valu
     assert not outcome
     assert list(outcome.failed) == [0]
     assert f"{label}: got" in outcome.failed[0]
+
+
+def test_verify_compares_the_rows_of_a_problem(copy):
+    """Each row alone is right: what was done to the table shows where rows are compared."""
+    file, digest = copy / "rows" / "rough.parquet", SetFolder(copy).read_plan()["problems"]["rough"]
+    rows = read_rows(file, (*LABELS, *RECORD), digest, "rows").to_pylist()
+    first, second = rows[:2]
+
+    def outcome(changed):
+        file.write_bytes(parquet_bytes(changed, digest, "all"))
+        return ng.open_set(copy).verify(workers=1)
+
+    solution = ng.open_set(copy).solution(0)
+    (start,) = solution.starts
+    copied = replace(start, index=second["start"])
+    moved = pack_solution(replace(solution, starts=(copied,), best_start=copied.index))
+    cases = {
+        "the grasp of another start": ([first, first | {"start": second["start"]}, *rows[2:]], "start: got"),
+        "a copy under another start": ([first, first | moved | {"start": second["start"]}, *rows[2:]], "not distinct"),
+        "one row twice": ([first, *rows], "repeated"),
+        "a row left out": ([first, *rows[2:]], "missing"),
+        "the last row left out": (rows[:-1], "not all"),
+        "rows in another order": ([second, first, *rows[2:]], "another order"),
+        "a grasp that is called none": ([*rows[:-1], rows[-1] | {"status": "no grasp"}], "not all"),
+        "another seed of a start": ([first | {"seed": 5}, *rows[1:]], "seed"),
+        "no rows": ([], "not all"),
+    }
+    for name, (changed, message) in cases.items():
+        result = outcome(changed)
+        assert not result, name
+        assert str(result).startswith("NOT verified"), name
+        assert message in str(result), name
+    assert outcome(rows).complete
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        {"simulated": True, "held": True, "verdict": "held by the squeeze", "slip": 0.0, "turn": 0.0},
+        {"held": True},
+        {"caged": True},
+        {"verdict": "held by the squeeze"},
+        {"slip": 0.001},
+    ],
+)
+def test_verify_finds_a_label_of_a_simulation_that_was_not_run(copy, labels):
+    change_first_row(copy, labels)
+    outcome = ng.open_set(copy).verify(workers=1)
+    assert not outcome
+    assert "rough: start 0 states" in str(outcome)
 
 
 def test_a_damaged_problem_is_left_out_of_an_export(copy, tmp_path):
