@@ -163,7 +163,7 @@ class _Run:
         self.folder.remove_partial_files()
         digests = {name: self._digest_of_earlier(name) for name in self._names_with_solutions()}
         records, notes = read_records(self.folder, self.experiment.solves, digests)
-        self.notes += notes
+        self.notes += [f"{note}; solved anew" for note in notes]
         solved = {solve: record for solve, record in records.items() if record.done}
         for solve, record in solved.items():
             self._add_record(solve, record)

@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 
 import nlpgrasp as ng
@@ -65,6 +66,42 @@ def test_a_folder_is_gone_on_with(finished, tmp_path):
 def test_a_folder_of_other_settings_is_refused(finished, change, message):
     with pytest.raises(InputError, match=message):
         solved({"rough": square(0.8), "smooth": partial(square, 0.5)}, finished.folder, **change)
+
+
+def sided(sign, task=None):
+    """Return a square's problem with contacts on one side, by an expression of that sign."""
+    side = ng.Constraint("side", lambda p, n: sign * (p[0][0] + p[1][0]), lower=0.2)
+    problem = replace(square(0.5), constraints=[side])
+    return problem if task is None else replace(problem, task=task)
+
+
+def mean_x(result):
+    return result.load("p").grasp.points[:, 0].mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [sided, lambda sign: partial(sided, sign)], ids=["problem", "function"])
+def test_a_changed_expression_is_solved_anew(tmp_path, make):
+    first = solved({"p": make(1.0)}, tmp_path / "out")
+    assert mean_x(first) > 0.0
+    assert solved({"p": make(1.0)}, tmp_path / "out").new == 0
+    second = solved({"p": make(-1.0)}, tmp_path / "out")
+    assert second.new > 0
+    assert mean_x(second) < 0.0
+    assert any("solved anew" in note for note in second.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:problem.task")  # of the earlier file, whose function was another
+def test_a_support_function_that_reads_a_file_is_solved_anew(tmp_path):
+    radius = tmp_path / "radius.txt"
+    radius.write_text("1")
+    task = ng.TaskSet(lambda y: float(radius.read_text()) * np.linalg.norm(y, axis=1), 3)
+    first = solved({"p": sided(1.0, task)}, tmp_path / "out")
+    radius.write_text("2")
+    second = solved({"p": sided(1.0, task)}, tmp_path / "out")
+    assert second.load("p").mu.lower == pytest.approx(0.5 * first.load("p").mu.lower, rel=0.1)
+    assert any("cannot be compared" in note and "read_text" in note for note in second.notes)
 
 
 def failing():

@@ -184,8 +184,9 @@ def test_a_function_that_makes_another_problem_than_before_is_not_mixed_in(tmp_p
 
     first = ng.run_experiment(experiment_with_friction(0.3), tmp_path / "out", workers=1)
     second = ng.run_experiment(experiment_with_friction(0.9), tmp_path / "out", resume=True, workers=1)
-    assert second["late"].mu == first["late"].mu
-    assert "another problem than in an earlier run" in second.failures[0].failure
+    assert second["late"].mu.lower > first["late"].mu.upper
+    assert [solve.earlier for solve in second.solves] == [False, False]
+    assert "another problem" in second.notes[0]
 
 
 def test_the_file_of_another_variation_is_not_used(finished, tmp_path):
@@ -336,6 +337,28 @@ def test_files_too_large_for_the_system_are_listed(tmp_path):
     last = events(process.stdout)[-1]
     assert "File too large" in last["notes"][0]
     assert list((tmp_path / "out" / "solves").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_changed_expression_of_the_base_problem_is_solved_anew(tmp_path):
+    def one_sided(sign):
+        side = ng.Constraint("side", lambda p, n: sign * (p[0][0] + p[1][0]), lower=0.2)
+        small = experiment()
+        return ng.Experiment(
+            replace(small.base, constraints=[side]), small.variations, small.seeds, 1, small.options, "sides"
+        )
+
+    def sums(result):
+        return [result.solution(s.variation, s.seed).grasp.points[:, 0].sum() for s in result.solves]
+
+    ng.run_experiment(one_sided(1.0), tmp_path / "out", workers=1)
+    same = ng.run_experiment(one_sided(1.0), tmp_path / "out", workers=1, resume=True)
+    assert all(solve.earlier for solve in same.solves)
+    other = ng.run_experiment(one_sided(-1.0), tmp_path / "out", workers=1, resume=True)
+    assert not any(solve.earlier for solve in other.solves)
+    assert max(sums(other)) < 0.0
+    assert len(other.notes) == len(other.solves)
+    assert all("solved anew" in note for note in other.notes)
 
 
 def test_a_folder_whose_plan_cannot_be_written_is_not_locked(tmp_path, monkeypatch):

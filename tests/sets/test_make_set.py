@@ -382,6 +382,33 @@ def test_verify_finds_a_label_that_is_not_that_of_the_solution(copy, label, valu
     assert f"{label}: got" in outcome.failed[0]
 
 
+def one_sided(sign, task=None):
+    side = ng.Constraint("side", lambda p, n: sign * (p[0][0] + p[1][0]), lower=0.2)
+    return replace(square(0.5), constraints=[side], name="one-sided", **({} if task is None else {"task": task}))
+
+
+def test_a_changed_expression_is_another_problem(run, tmp_path, monkeypatch):
+    made = run(tmp_path / "out", {"p": one_sided(1.0)}, wanted=1)
+    assert made.solution(0).grasp.points[:, 0].sum() > 0.0
+    assert len(run(tmp_path / "out", {"p": one_sided(1.0)}, wanted=1, runner=never)) == 1
+    with pytest.raises(InputError, match="a set in which 'p' is another problem"):
+        run(tmp_path / "out", {"p": one_sided(-1.0)}, wanted=1)
+
+
+@pytest.mark.filterwarnings("ignore:problem.task")  # of the earlier file, whose function was another
+def test_a_problem_that_cannot_be_compared_is_solved_anew(run, tmp_path, monkeypatch):
+    radius = tmp_path / "radius.txt"
+    radius.write_text("1")
+    problems = {"p": one_sided(1.0, ng.TaskSet(lambda y: float(radius.read_text()) * np.linalg.norm(y, axis=1), 3))}
+    first = run(tmp_path / "out", problems, wanted=1).solution(0)
+    radius.write_text("2")
+    monkeypatch.setattr("tests.sets.small._results", {})
+    second = run(tmp_path / "out", problems, wanted=1)
+    assert second.solution(0).mu.lower < 0.6 * first.mu.lower
+    assert any("cannot be compared" in note and "read_text" in note for note in second.notes)
+    assert second.verify(workers=1)
+
+
 def test_verify_compares_the_rows_of_a_problem(copy):
     """Each row alone is right: what was done to the table shows where rows are compared."""
     file, digest = copy / "rows" / "rough.parquet", SetFolder(copy).read_plan()["problems"]["rough"]
