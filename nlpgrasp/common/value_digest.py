@@ -28,58 +28,20 @@ from nlpgrasp.errors import NlpgraspError
 PACKAGE = "nlpgrasp"
 UNIQUE = "once-"  # prefix of what stands for the digest of a function that cannot be compared
 INSTALLED_FOLDERS = ("site-packages", "dist-packages")
-OUTSIDE_MODULES = frozenset(
-    [
-        "_io",
-        "_random",
-        "fcntl",
-        "glob",
-        "importlib",
-        "io",
-        "mmap",
-        "nt",
-        "os",
-        "pathlib",
-        "pickle",
-        "posix",
-        "random",
-        "secrets",
-        "shelve",
-        "shutil",
-        "socket",
-        "sqlite3",
-        "subprocess",
-        "sys",
-        "tempfile",
-        "threading",
-        "time",
-        "urllib",
-    ]
-)
+OUTSIDE_MODULES = {
+    *("_io", "_random", "builtins", "ctypes", "fcntl", "gc", "glob", "http", "importlib", "inspect", "io", "mmap"),
+    *("multiprocessing", "nt", "os", "pathlib", "pickle", "posix", "random", "secrets", "shelve", "shutil", "socket"),
+    *("sqlite3", "subprocess", "sys", "tempfile", "threading", "time", "urllib", "uuid"),
+}
 """Modules of the standard library whose functions depend on more than their arguments."""
-OUTSIDE_BUILTINS = frozenset(["__import__", "compile", "eval", "exec", "globals", "input", "locals", "open"])
-OUTSIDE_ATTRIBUTES = frozenset(
-    [
-        "default_rng",
-        "environ",
-        "fromfile",
-        "genfromtxt",
-        "getenv",
-        "load",
-        "loadtxt",
-        "memmap",
-        "now",
-        "open",
-        "random",
-        "read_bytes",
-        "read_csv",
-        "read_text",
-        "today",
-        "utcnow",
-    ]
-)
-"""Attributes of installed modules and of any object whose results depend on more than their arguments."""
-ANY_OBJECT = frozenset({"open", "read_text", "read_bytes"})  # those of them that read a file, of any object
+OUTSIDE_BUILTINS = {"__import__", "compile", "eval", "exec", "globals", "input", "locals", "open"}
+OUTSIDE_NAMES = {
+    *("default_rng", "environ", "fromfile", "genfromtxt", "getenv", "imread", "memmap", "now", "random", "today"),
+    "utcnow",
+}
+OUTSIDE_PREFIXES = ("load", "open", "read")
+"""Names of functions of installed packages, and their beginnings, that depend on more than their arguments."""
+ANY_OBJECT = frozenset({"open", "read_bytes", "read_text"})  # methods that read a file, of any object
 CLASS_ENTRIES_LEFT_OUT = frozenset(
     [
         "__abstractmethods__",
@@ -284,8 +246,11 @@ class _ValueDigest:
         """Add a value that a function with some names of attributes refers to."""
         if type(value) is types.ModuleType:
             self._module(value, names)
-        else:
-            self.add(value)
+            return
+        is_class = isinstance(value, type) and is_installed(value.__module__)
+        if is_class and (outside := next(_outside_names(value, names), None)):
+            raise IncomparableError(f"it uses {value.__name__}.{outside}")
+        self.add(value)
 
     def _code(self, code: types.CodeType) -> None:
         counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
@@ -297,8 +262,8 @@ class _ValueDigest:
         """Add a module, of a user's own one the attributes with the given names."""
         name = module.__name__
         if is_installed(name):
-            if outside := sorted(OUTSIDE_ATTRIBUTES & names & set(dir(module))):
-                raise IncomparableError(f"it uses {name}.{outside[0]}")
+            if outside := next(_outside_names(module, names), None):
+                raise IncomparableError(f"it uses {name}.{outside}")
             self._check_module(name)
             self._installed(name, "")
             return
@@ -335,11 +300,15 @@ class _ValueDigest:
         if owner is not None and not isinstance(owner, types.ModuleType):
             self._items("bound", (value.__name__, owner))
             return
-        module_name = getattr(value, "__module__", None) or getattr(owner, "__name__", "") or ""
+        home = getattr(value, "__objclass__", None) or owner
+        module_name = getattr(value, "__module__", None) or getattr(home, "__module__", "") or "numpy"
         name = getattr(value, "__qualname__", value.__name__)
-        if value.__name__ in OUTSIDE_ATTRIBUTES or (module_name == "builtins" and name in OUTSIDE_BUILTINS):
+        if not is_installed(module_name):
+            raise IncomparableError(f"it calls {module_name}.{name}, which is compiled")
+        if _is_outside(value.__name__) or (module_name == "builtins" and name in OUTSIDE_BUILTINS):
             raise IncomparableError(f"it calls {module_name}.{name}")
-        self._check_module(module_name)
+        if module_name != "builtins":
+            self._check_module(module_name)
         self._installed(module_name, name)
 
     def _installed(self, module_name: str, name: str) -> None:
@@ -381,7 +350,7 @@ class _ValueDigest:
         except Exception:  # any error of the object's own
             raise IncomparableError(f"it holds an object of type {cls.__name__}") from None
         if isinstance(parts, str):
-            self._write("name", parts)
+            self._named(value)
             return
         function, arguments, state, items, pairs = (*parts, None, None, None)[:5]
         if isinstance(state, Mapping):
@@ -410,14 +379,30 @@ def state_of(value: object) -> Iterator[tuple[str, object]]:
     for cls in type(value).__mro__:
         slots = vars(cls).get("__slots__", ())
         for name in (slots,) if isinstance(slots, str) else slots:
-            if name not in ("__dict__", "__weakref__") and hasattr(value, name):
-                yield name, getattr(value, name)
+            attribute = f"_{cls.__name__.lstrip('_')}{name}" if name[:2] == "__" != name[-2:] else name
+            if attribute not in ("__dict__", "__weakref__") and hasattr(value, attribute):
+                yield attribute, getattr(value, attribute)
 
 
 def _cached_names(cls: type) -> set[str]:
     """Return the names of a class's cached properties."""
     entries = (entry for c in cls.__mro__ for entry in vars(c).items())
     return {name for name, entry in entries if isinstance(entry, functools.cached_property)}
+
+
+def _is_outside(name: str) -> bool:
+    """Return whether a function of an installed package with a name may depend on more than its arguments."""
+    return name in OUTSIDE_NAMES or name.startswith(OUTSIDE_PREFIXES)
+
+
+def _outside_names(owner: object, names: frozenset[str], depth: int = 4) -> Iterator[str]:
+    """Yield those of some names of attributes that ``_is_outside`` names, of a module or class and of those in it."""
+    for name in sorted(names & set(dir(owner))):
+        if _is_outside(name):
+            yield name
+        entry = getattr(owner, name, None)
+        if isinstance(entry, types.ModuleType | type) and depth:
+            yield from _outside_names(entry, names, depth - 1)
 
 
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:

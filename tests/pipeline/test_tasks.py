@@ -114,6 +114,42 @@ def test_a_set_is_solved_and_verified_where_its_function_is(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_file_is_verified_with_the_function_it_was_made_with_alone(tmp_path):
+    """A wrench more, which none of the stored values shows, is another task."""
+    script, file = tmp_path / "press.py", tmp_path / "press.json"
+    text = """
+import numpy as np
+import nlpgrasp as ng
+
+wrenches = np.random.default_rng(0).normal(size=(300, 3)) * [1, 1, 0.02]
+more = wrenches[np.argmax(np.abs(wrenches[:, 2]))] * 1e-4  # inside the others
+
+
+def support(y):
+    return np.max(y @ wrenches.T, axis=1)
+
+
+def problem():
+    square = ng.Polygon([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]])
+    return ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 3, ng.TaskSet(support, 3))
+
+
+if __name__ == "__main__":
+    options = ng.SolveOptions(workers=1, rounds=2, global_bound=False)
+    ng.solve(problem(), 1, options=options).save("press.json")
+"""
+    script.write_text(text)
+    subprocess.run([sys.executable, script], cwd=tmp_path, check=True)
+    command = [sys.executable, "-m", "nlpgrasp", "verify", file, "--script", script]
+    same = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "\nverified: " in same.stdout, same.stdout + same.stderr
+    script.write_text(text.replace("y @ wrenches.T", "y @ np.vstack([wrenches, more]).T"))
+    other = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "partly verified" in other.stdout
+    assert "make the same TaskSet" in other.stdout + other.stderr
+
+
+@pytest.mark.slow
 def test_pencil_writing_is_best_near_the_lead():
     """Example 3-5: torque about the axes across the pencil at its lead asks for fingers near it."""
     near = ng.solve(pencil.problem(), 2, options=FAST)

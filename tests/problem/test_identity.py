@@ -182,7 +182,7 @@ def of_a_file(y):
 
 OUTSIDE = {
     "a file": (of_a_file, "it calls open"),
-    "a path": (lambda y: hull(y, scale=float(Path("scale.txt").read_text())), "it uses read_text"),
+    "a path": (lambda y: hull(y, scale=float(Path("scale.txt").read_text())), "read_text"),
     "an array's file": (lambda y: hull(y, np.load("wrenches.npy")), "it uses numpy.load"),
     "random numbers": (lambda y: hull(y) * (1.0 + 0.0 * np.random.default_rng().random()), "it uses numpy.random"),
     "a generator": ((lambda rng: lambda y: hull(y) + 0.0 * rng.random())(np.random.default_rng(0)), "random numbers"),

@@ -122,6 +122,21 @@ def test_maximisers_by_differences_are_in_the_set_at_kinks():
     assert np.max(maximisers.sum(axis=1)) <= 1.0 + 1e-6
 
 
+def test_another_function_of_the_same_values_is_another_task(rng):
+    wrenches = rng.standard_normal((40, 6))
+    task = ng.TaskSet(lambda y: np.max(y @ wrenches.T, axis=1))
+    stored = json.loads(json.dumps(task.to_dict()))
+    more = np.vstack([wrenches, 0.01 * wrenches[:1]])  # inside the others: no value shows it
+    other = ng.TaskSet(lambda y: np.max(y @ more.T, axis=1))
+    assert other.to_dict()["values"] == stored["values"]
+    assert task_from_dict(stored).to_dict() == stored
+    del task
+    gc.collect()
+    with pytest.warns(UserWarning, match="make the same TaskSet in this process"):
+        assert task_from_dict(stored).is_sampled
+    assert not task_from_dict(other.to_dict()).is_sampled
+
+
 def test_a_file_finds_the_function_of_this_process(rng):
     """Moved about another point it is the same set again, to rounding; without the function, a warning and a hull."""
     half = rng.uniform(0.5, 1.0, 6)
