@@ -242,7 +242,7 @@ class _ValueDigest:
         if outside := sorted(ANY_OBJECT & names):
             raise IncomparableError(f"it uses {outside[0]}")
 
-    def _referred(self, value: object, names: frozenset[str]) -> None:
+    def _referred(self, value: Any, names: frozenset[str]) -> None:
         """Add a value that a function with some names of attributes refers to."""
         if type(value) is types.ModuleType:
             self._module(value, names)

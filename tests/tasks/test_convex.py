@@ -123,11 +123,11 @@ def test_maximisers_by_differences_are_in_the_set_at_kinks():
 
 
 def test_another_function_of_the_same_values_is_another_task(rng):
-    wrenches = rng.standard_normal((40, 6))
-    task = ng.TaskSet(lambda y: np.max(y @ wrenches.T, axis=1))
+    wrenches = rng.standard_normal((40, 3))
+    task = ng.TaskSet(lambda y: np.max(y @ wrenches.T, axis=1), 3)
     stored = json.loads(json.dumps(task.to_dict()))
     more = np.vstack([wrenches, 0.01 * wrenches[:1]])  # inside the others: no value shows it
-    other = ng.TaskSet(lambda y: np.max(y @ more.T, axis=1))
+    other = ng.TaskSet(lambda y: np.max(y @ more.T, axis=1), 3)
     assert other.to_dict()["values"] == stored["values"]
     assert task_from_dict(stored).to_dict() == stored
     del task
