@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -13,6 +14,7 @@ from nlpgrasp.hands.kinematics import LinkTree, link_poses
 from nlpgrasp.hands.robot import Joint, Robot
 
 POSTURES = 512  # random postures, uniform over the joint ranges
+LEAST_ARM = 3  # moving joints above a palm that are an arm, or its carriage; a wrist has fewer
 MIN_MEAN_SHARE = 0.2  # share of the mean finger length below which the mean direction is not used
 DOUBTFUL_ANGLE, LEAST_GAIN = 45.0, 15.0  # degrees: least angle of a doubtful palm direction, least gain of another axis
 
@@ -95,6 +97,32 @@ def _branch(robot: Robot, joint: Joint, branching_link: str) -> str:
 def driving_joints(robot: Robot, link: str) -> set[str]:
     """Return the names of the free joints that move a link."""
     return {robot.driving_joint(joint)[0] for joint in robot.chain(link) if joint.moves}
+
+
+def common_ancestor(robot: Robot, links: Sequence[str]) -> str:
+    """Return the nearest link from which all given links hang."""
+    ancestor = robot.root
+    for joints in zip(*(robot.chain(link) for link in links), strict=False):
+        if len({joint.child for joint in joints}) > 1:
+            break
+        ancestor = joints[0].child
+    return ancestor
+
+
+def arm_above(robot: Robot, links: Sequence[str]) -> tuple[str, tuple[str, ...]] | None:
+    """Return the likely palm of the fingertips on given links, and the joints of the arm above it; None without an arm.
+
+    The palm is where the fingertips' fingers branch, or where other fingers branch from the only one with fingertips.
+    """
+    groups = robot.rigid_groups
+    palm = common_ancestor(robot, links)
+    if any(groups[link] == groups[palm] for link in links):
+        on_way = {joint.name for joint in robot.chain(palm)}
+        branching = {groups[j.parent] for j in robot.joints if j.moves and j.name not in on_way}
+        above = [j.parent for j in robot.chain(palm) if j.moves and groups[j.parent] in branching]
+        palm = above[-1] if above else robot.root
+    joints = tuple(joint.name for joint in robot.chain(palm) if joint.moves)
+    return (palm, joints) if len(joints) >= LEAST_ARM else None
 
 
 def mean_finger_direction(tree: LinkTree) -> FloatArray | None:

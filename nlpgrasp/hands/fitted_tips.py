@@ -63,14 +63,19 @@ def fit_hull_tips(robot: Robot, links: Sequence[str], others: Sequence[str] = ()
 
 
 class _LinkEnd:
-    """End of a link away from the link's last moving joint, as convex hulls of collision shapes."""
+    """End of a link away from its last moving joint, as convex hulls of the link's own collision shapes.
+
+    A link without shapes has those of the links fixed to it. A patch leaves out what those of other links cover.
+    """
 
     def __init__(self, robot: Robot, link: str) -> None:
         chain = [joint for joint in robot.chain(link) if joint.moves]
         frame = np.eye(4)
         if chain and (transform := robot.fixed_transform(chain[-1].child, link)) is not None:
             frame = transform
-        self.name, self.shapes = link, robot.group_shapes(link)
+        fixed, own = robot.group_shapes(link), robot.shapes.get(link)
+        self.name, self.shapes = link, [(shape, np.eye(4)) for shape in own] if own else fixed
+        self.covers = [pair for pair in fixed if not any(pair[0] is shape for shape in own)] if own else []
         if not self.shapes:
             problem = "a link without a collision shape"
             raise InputError(f"URDFHand.fingertips[{link!r}]", problem, "a radius or a tip, such as ng.SphereTip(0.01)")
@@ -105,8 +110,12 @@ class _LinkEnd:
         pad = transverse / length if length > 1e-6 else self.direction
         middle = pad if self.slides else pad + self.direction
         normals = np.vstack([dome(middle / np.linalg.norm(middle), SEARCHED, SIDES).vertices, pad])
+        if np.all(self._is_covered(self.group[np.argmax(normals @ self.group.T, axis=1)])):
+            given = "a link whose collision shapes are inside those of links fixed to it"
+            raise InputError(f"URDFHand.fingertips[{self.name!r}]", given, "the link that is outside")
         shapes = [part for shape, T in self.shapes for part in (shape.content, T)]
-        inputs = [*shapes, self.cut, normals, str(self.slides).encode()]
+        covers = [part for shape, T in self.covers for part in (shape.content, T)]
+        inputs = [*shapes, b"covered by", *covers, self.cut, normals, str(self.slides).encode()]
         arrays = cached_arrays("fingertips", inputs, lambda: self._best_patch(normals))
         return HullTip(arrays["points"], arrays["facing"], float(arrays["angle"]), ROUNDING)
 
@@ -161,12 +170,13 @@ class _LinkEnd:
         corners = supporting_points(solid, normals, MOST_POINTS)
         tip = HullTip(corners, normals[0], SEARCHED, ROUNDING)
         protrusion = np.max(normals @ np.concatenate(self.near).T, axis=1) - np.max(normals @ corners.T, axis=1)
-        gaps = self._gaps(tip.points_with_normals(normals))
+        points = tip.points_with_normals(normals)
+        gaps = self._gaps(points)
         flat_points, flat_normals = _flat_parts(corners)
         flat_gaps = self._gaps(flat_points)
         facing, angle = normals[0], 0.0
         for off_shape in OFF_SHAPE:
-            usable = (protrusion <= PROTRUSION) & (gaps <= off_shape)
+            usable = (protrusion <= PROTRUSION) & (gaps <= off_shape) & ~self._is_covered(points)
             unusable = np.concatenate([normals[~usable], flat_normals[flat_gaps > off_shape]])
             for narrowing in range(NARROWINGS if angle < WIDE_ENOUGH else 0):
                 facing, angle = _widest_cone(normals, usable, unusable, self.slides and narrowing == 0)
@@ -187,10 +197,19 @@ class _LinkEnd:
         """
         return float(np.max(self._gaps(tip.points_with_normals(dome(facing, angle, SIDES).vertices))))
 
+    def _is_covered(self, points: FloatArray) -> BoolArray:
+        """Return which points (m, 3), link frame, are inside shapes of links fixed to the link, (m,)."""
+        return np.asarray(np.max(_depths(self.covers, points), axis=0, initial=-np.inf) > PROTRUSION)
+
     def _gaps(self, points: FloatArray) -> FloatArray:
         """Return the distances of points (m, 3), link frame, outside the link's shapes, (m,), metres, 0 inside."""
-        depths = [shape.depth((points - T[:3, 3]) @ T[:3, :3]) for shape, T in self.shapes]
-        return np.asarray(np.maximum(-np.max(depths, axis=0), 0.0))
+        return np.asarray(np.maximum(-np.max(_depths(self.shapes, points), axis=0), 0.0))
+
+
+def _depths(shapes: Sequence[tuple[CollisionShape, FloatArray]], points: FloatArray) -> FloatArray:
+    """Return the signed depths (shapes, m) of points (m, 3) below shapes with their transforms, metres."""
+    depths = [shape.depth((points - T[:3, 3]) @ T[:3, :3]) for shape, T in shapes]
+    return np.reshape(depths, (len(shapes), len(points)))
 
 
 def _long_side(shape: CollisionShape, transform: FloatArray, direction: FloatArray) -> FloatArray:
@@ -284,7 +303,7 @@ def _directions_to_others(robot: Robot, centres: Mapping[str, FloatArray]) -> di
     ranges = [robot.ranges[joint.name] for joint in robot.free_joints]
     low, high = (np.clip([ends[side] for ends in ranges], -np.pi, np.pi) for side in (0, 1))
     joints = np.random.default_rng(0).uniform(low, high, (POSTURES, len(ranges)))
-    poses = {link: _link_poses(robot, link, joints) for link in centres}
+    poses = {link: link_poses_at(robot, link, joints) for link in centres}
     places = {link: poses[link][:, :3, :3] @ centre + poses[link][:, :3, 3] for link, centre in centres.items()}
     middle = np.mean(list(places.values()), axis=0)
     return {
@@ -302,7 +321,7 @@ def _range_balance(robot: Robot, joint: Joint) -> float:
     return float(np.clip((low + high) / (high - low), -1.0, 1.0) * np.sign(multiplier))
 
 
-def _link_poses(robot: Robot, link: str, joints: FloatArray) -> FloatArray:
+def link_poses_at(robot: Robot, link: str, joints: FloatArray) -> FloatArray:
     """Return the poses (b, 4, 4) of a link in the palm frame at positions (b, m) of the free joints."""
     index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
     poses = np.broadcast_to(np.eye(4), (len(joints), 4, 4))

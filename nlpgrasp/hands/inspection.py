@@ -42,11 +42,13 @@ from nlpgrasp.hands.urdf_hand import (
     resolve_torque_limits,
     unit_approach,
 )
+from nlpgrasp.hands.visible_shapes import visible_warning
 
 EVEN_RANGE = 0.1  # share of a joint's range: with its middle this near zero the joint rests at zero
 REST_SHARE = 0.35  # share of its range at which any other joint rests
 FULL_CIRCLE = 2.0 * np.pi - 0.02  # radians: width of a joint's range that counts as a full turn
-PLACEHOLDER = 100.0  # newton-metres, above any finger motor's torque; forces of sliding joints are not checked
+# newton-metres (newtons), from which on the effort of a revolute (sliding) joint of a hand is taken for a placeholder
+PLACEHOLDER = {True: (100.0, "N m"), False: (1000.0, "N")}
 MAX_LISTED = 12  # largest number of links that are named
 ALONG_Z = [0.0, 0.0, 1.0]  # default palm direction
 # verdict without warnings
@@ -294,6 +296,8 @@ def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
         if len(robot.shapeless) == 1:
             text = f"Link {names} is visible but has no collision shape: it may pass through the body."
         result.append(FileWarning(text, grave=True))
+    if text := visible_warning(robot, robot.links):
+        result.append(FileWarning(f"{_capitalised(text)}."))
     if not robot.shapes:
         result.append(
             FileWarning("No link has a collision shape: all but the fingertips may pass through the body.", grave=True)
@@ -337,11 +341,7 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
         if len(unlimited) == len(robot.free_joints) > 1:
             subject = "No joint has an effort limit"
         result.append(FileWarning(f'{subject}: the force budget "hand_torques" needs torque_limits.'))
-    turning = [j.name for j in robot.free_joints if j.is_revolute]
-    excessive = [name for name in turning if hand.torque_limits.get(name, 0.0) > PLACEHOLDER]
-    if excessive:
-        text = f"An effort above {PLACEHOLDER:g} N m at {_format_some(excessive, 'joint', len(robot.free_joints))}"
-        result.append(FileWarning(f"{text} looks like a placeholder: state torque_limits."))
+    result += [FileWarning(f"{text}: state torque_limits.") for text in _placeholder_efforts(hand)]
     full_turns = [
         name
         for name, (lower, upper, _) in robot.ranges.items()
@@ -352,6 +352,22 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
         result.append(
             FileWarning(f"{text[0].upper()}{text[1:]} can turn a full circle or more: cables may not allow that.")
         )
+    return result
+
+
+def _placeholder_efforts(hand: InspectedHand) -> list[str]:
+    """Return phrases on efforts of the file that are too large for a hand, or one power of ten at all joints."""
+    joints = hand.tree.robot.free_joints
+    efforts = {j.name: j.effort for j in joints if j.effort and hand.torque_limits.get(j.name) == j.effort}
+    result = []
+    for is_revolute, (least, unit) in PLACEHOLDER.items():
+        names = [j.name for j in joints if j.is_revolute == is_revolute and efforts.get(j.name, 0.0) >= least]
+        if names:
+            text = f"An effort of {least:g} {unit} or more at {_format_some(names, 'joint', len(joints))}"
+            result.append(f"{text} looks like a placeholder")
+    (effort, *others) = set(efforts.values()) or {0.0}
+    if not result and not others and len(efforts) == len(joints) > 1 and np.log10(effort) % 1.0 == 0.0:
+        result.append(f"All {len(joints)} joints state one effort, {effort:g}, which may be a placeholder")
     return result
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.mjcf_model import compile_model
+from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
 from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, joint_motion, raise_invalid
@@ -227,6 +228,24 @@ def read_geoms(
             shapeless.append(name)
             unreadable += [name] if geom_shapes else []
     return shapes, tuple(missing), tuple(shapeless), tuple(unreadable)
+
+
+def mjcf_visible_shapes(path: Path, names: Sequence[str], _units: UrdfUnits) -> dict[str, tuple[CollisionShape, ...]]:
+    """Return the shapes of the named bodies that are visible but do not collide.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As ``read_mjcf``.
+    """
+    model = _compile_model(path)
+    result: dict[str, list[CollisionShape]] = {}
+    for g in range(model.ngeom):
+        name = body_name(model, int(model.geom_bodyid[g]))
+        collides = model.geom_contype[g] or model.geom_conaffinity[g] or _is_collision_geom(model, g)
+        if name in names and not collides and (shape := _mjcf_shape(model, g)) is not None:
+            result.setdefault(name, []).append(shape)
+    return {name: tuple(shapes) for name, shapes in result.items()}
 
 
 def _is_collision_geom(model: MjModel, geom: int) -> bool:

@@ -7,7 +7,7 @@ function of its name, which documents its data. ``JAWS`` are parallel grippers a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, TypedDict, Unpack
@@ -20,7 +20,7 @@ from nlpgrasp.hands.file_units import check_units
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_links
-from nlpgrasp.hands.suggested_tips import tip_from_shapes
+from nlpgrasp.hands.suggested_tips import fits_shapes, tip_from_shapes
 from nlpgrasp.hands.tips import CapsuleTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import SPHERES, URDFHand
 
@@ -51,6 +51,8 @@ class Preset:
     marks : tuple of str
         Further links (with any prefix) without which a file is not of this hand, where those of the fingertips have
         names that other hands have too.
+    joint_marks : tuple of str
+        Joints, likewise.
     """
 
     palms: tuple[str, ...]
@@ -59,6 +61,7 @@ class Preset:
     limits: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
     marks: tuple[str, ...] = ()
+    joint_marks: tuple[str, ...] = ()
 
 
 PRESETS = {
@@ -139,6 +142,38 @@ PRESETS = {
             "thdistal": SphereTip(0.009, (0.0, 0.0, 0.026)),
         },
         approach=(0.0, -1.0, 0.0),
+    ),
+}
+
+
+# the same hands with the names of MuJoCo Menagerie; its Shadow hand has those of the maker
+MENAGERIE = {
+    "allegro": replace(
+        PRESETS["allegro"],
+        palms=("palm",),
+        tips=dict.fromkeys([f"{finger}_tip" for finger in ("ff", "mf", "rf", "th")]),
+        marks=("ff_medial", "th_medial"),
+    ),
+    "leap": replace(
+        PRESETS["leap"],
+        palms=("palm",),
+        tips=dict.fromkeys([f"{finger}_ds" for finger in ("if", "mf", "rf", "th")]),
+        marks=("if_md", "th_px"),
+    ),
+    "panda": replace(
+        PRESETS["panda"],
+        palms=("hand",),
+        tips=dict(zip(("left_finger", "right_finger"), PRESETS["panda"].tips.values(), strict=True)),
+        joint_marks=("finger_joint1", "finger_joint2"),
+    ),
+    "robotiq_2f85": replace(
+        PRESETS["robotiq_2f85"],
+        palms=("base_mount", "base"),
+        tips=dict.fromkeys(
+            ("left_pad", "right_pad"), FlatTip((0.022, 0.0375), (0.0, -0.0066, 0.01875), (QUARTER, 0.0, 0.0))
+        ),
+        limits={"driver_joint": 25.0},
+        marks=("left_spring_link", "right_spring_link", "left_driver", "right_driver"),
     ),
 }
 
@@ -481,7 +516,8 @@ def _bare(name: str) -> str:
 def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
     """Return the hand of a preset, read from a URDF or MJCF file.
 
-    A spherical tip is the capsule instead where that is the collision shape of the link in the file.
+    The fingertips fit the file: where its link has one capsule, that is the fingertip in place of a sphere; a fingertip
+    that does not lie on the link's shapes is fitted to them instead.
 
     Parameters
     ----------
@@ -498,7 +534,15 @@ def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Opt
         When there is no URDF, or it lacks a link of this hand.
     """
     units = check_units(options.get("scale", SI.scale), options.get("degrees", SI.degrees))
-    return _PresetReader(name, PRESETS[name], described_urdf(name) if urdf is None else urdf, units).load(options)
+    path = described_urdf(name) if urdf is None else urdf
+    readers = [_PresetReader(name, preset, path, units) for preset in _variants(name)]
+    links = robot_links(path)
+    return next((reader for reader in readers if reader.has_links(links)), readers[0]).load(options)
+
+
+def _variants(name: str) -> tuple[Preset, ...]:
+    """Return the data of a preset, for each set of names that files of the hand have."""
+    return (PRESETS[name], MENAGERIE[name]) if name in MENAGERIE else (PRESETS[name],)
 
 
 @dataclass(frozen=True)
@@ -533,12 +577,13 @@ def matching_preset(path: str | Path, palm: str | None = None, units: UrdfUnits 
         Of a URDF's numbers.
     """
     links = robot_links(path)
-    for name, preset in PRESETS.items():
-        reader = _PresetReader(name, preset, path, units)
-        # a robot is read with its meshes: only where it may be this hand
-        match = reader.match(palm) if reader.has_links(links) else None
-        if match is not None:
-            return match
+    for name in PRESETS:
+        for preset in _variants(name):
+            reader = _PresetReader(name, preset, path, units)
+            # a robot is read with its meshes: only where it may be this hand
+            match = reader.match(palm) if reader.has_links(links) else None
+            if match is not None:
+                return match
     return None
 
 
@@ -582,10 +627,7 @@ class _PresetReader:
         return read_robot(self.path, palm, self.units)
 
     def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip] | None]:
-        """Return the fingertips by link, as in the preset.
-
-        Where the link has one capsule shape, it replaces a sphere.
-        """
+        """Return the fingertips by link: the preset's, or fitted to the link's shapes where that is not on them."""
         joints = {joint.child: joint for joint in robot.joints}
         result: dict[str, float | Tip | Sequence[Tip] | None] = {}
         for name, tip in self.preset.tips.items():
@@ -593,7 +635,9 @@ class _PresetReader:
             if isinstance(tip, tuple):
                 tip = tip[0 if joints[link].axis[1] > 0.0 else 1]
             capsule = tip_from_shapes(robot.shapes.get(link, ()))
-            result[link] = capsule if isinstance(capsule, CapsuleTip) and isinstance(tip, SphereTip) else tip
+            if isinstance(capsule, CapsuleTip) and isinstance(tip, SphereTip):
+                tip = capsule
+            result[link] = tip if tip is None or fits_shapes(tip, link, robot) else None
         return result
 
     def match(self, palm: str | None) -> PresetMatch | None:
@@ -670,8 +714,10 @@ class _PresetReader:
         return (*self.preset.tips, *self.preset.marks)
 
     def _missing_links(self, robot: Robot) -> list[str]:
-        """Return the names of the preset's links that a robot lacks."""
-        return [name for name in self._names if not self._matching_links(robot.links, name)]
+        """Return the names of the preset's links and joints that a robot lacks."""
+        joints = [joint.name for joint in robot.joints]
+        absent = [name for name in self.preset.joint_marks if not any(_has_name(joint, name) for joint in joints)]
+        return [name for name in self._names if not self._matching_links(robot.links, name)] + absent
 
     def _matching_links(self, links: Sequence[str], name: str) -> list[str]:
         """Return the links with a given name, with any prefix."""

@@ -111,6 +111,10 @@ class Robot:
         What closes linkages in the file and is left out, a phrase each.
     unreadable : tuple of str
         Links whose collision shapes are all among the missing ones.
+    empty_ranges : tuple of str
+        Mimic joints with a range from 0 to 0, which is taken as none.
+    path : Path, optional
+        Of that file, where it was read from a file.
     """
 
     name: str
@@ -127,6 +131,8 @@ class Robot:
     units: UrdfUnits = SI
     open_loops: tuple[str, ...] = ()
     unreadable: tuple[str, ...] = ()
+    empty_ranges: tuple[str, ...] = ()
+    path: Path | None = None
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from nlpgrasp.common.robot_files import SI, UrdfUnits
@@ -33,12 +34,12 @@ def read_robot(path: str | Path, palm: str | None = None, units: UrdfUnits = SI)
         When a mesh, or MJCF, needs a package that is not installed.
     """
     if not _is_mjcf(path):
-        return read_urdf(path, palm, units)
+        return replace(read_urdf(path, palm, units), path=Path(path))
     if units.scale != SI.scale:
         raise InputError("URDFHand.scale", units.scale, "none for an MJCF, which states it: <mesh scale=...>")
     if units.degrees:
         raise InputError("URDFHand.degrees", True, 'False for an MJCF, which states it: <compiler angle="degree"/>')
-    return read_mjcf(Path(path), palm)
+    return replace(read_mjcf(Path(path), palm), path=Path(path))
 
 
 def robot_links(path: str | Path) -> tuple[str, ...]:

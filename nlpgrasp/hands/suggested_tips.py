@@ -10,11 +10,12 @@ import numpy as np
 from nlpgrasp.common.formatting import format_number
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Robot
-from nlpgrasp.hands.tips import CapsuleTip, HullTip, SphereTip, Tip
+from nlpgrasp.hands.tips import CapsuleTip, FlatTip, HullTip, SphereTip, Tip
 
 GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
 DIGITS = 4  # significant digits of a radius
 OVERHANG, MOST_OVERHANG = 1e-3, 5e-3  # metres that a fingertip reaches beyond its link: warned of, and refused
+FLAT_SHARE, ROUND_SHARE = 0.9, 0.3  # share of a flat (round) patch that has to lie on the shapes
 BRIDGED_HOLLOW = 2e-3  # metres: depth of a hollow that a convex hull bridges which is warned of
 
 
@@ -43,6 +44,21 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     surface = tip.surface().vertices
     distances = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
     return max(0.0, float(np.max(np.min(distances, axis=0)))) if distances else None
+
+
+def fits_shapes(tip: Tip, link: str, robot: Robot) -> bool:
+    """Return whether a fingertip lies on the shapes of its link, so that the finger touches where the fingertip does.
+
+    It reaches at most a millimetre beyond them, and a share of its patch is at most as far inside: the outer half of a
+    ball at the end of a finger, all of a flat pad. True for a link without shapes, also among those fixed to it.
+    """
+    surface = tip.surface().vertices
+    depths = [shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
+    if not depths:
+        return True
+    depth = np.max(depths, axis=0)
+    least = FLAT_SHARE if isinstance(tip, FlatTip) else ROUND_SHARE
+    return bool(np.min(depth) >= -OVERHANG and np.mean(depth <= OVERHANG) >= least)
 
 
 def noticeable_overhang(tip: Tip) -> float:
@@ -75,9 +91,10 @@ class SuggestedTip:
 
 
 def leaf_links(robot: Robot) -> tuple[str, ...]:
-    """Return the leaf links, one per rigid group, without those that do not move against the palm.
+    """Return the links at the ends of chains, one per rigid group, without those that do not move against the palm.
 
-    Of several links fixed to each other, it is the first with a collision shape.
+    Of several links fixed to each other, it is the first leaf with a collision shape; where none has one, as frames and
+    links that are only visible, it is the last link with a shape above the first leaf.
     """
     parents, groups = set(robot.parents.values()), robot.rigid_groups
     leaves = [link for link in robot.links if link not in parents]
@@ -86,8 +103,21 @@ def leaf_links(robot: Robot) -> tuple[str, ...]:
         return tuple(leaves)
     chosen: dict[str, str] = {}
     for link in sorted(moving, key=lambda link: not robot.shapes.get(link)):
-        chosen.setdefault(groups[link], link)
-    return tuple(link for link in moving if chosen[groups[link]] == link)
+        chosen.setdefault(groups[link], _nearest_with_shape(robot, link))
+    return tuple(dict.fromkeys(chosen[groups[link]] for link in moving))
+
+
+def _nearest_with_shape(robot: Robot, link: str) -> str:
+    """Return the nearest link with a shape above a link, itself included, in its rigid group; itself without any."""
+    above = [joint.child for joint in robot.chain(link) if robot.rigid_groups[joint.child] == robot.rigid_groups[link]]
+    return next((other for other in reversed(above) if robot.shapes.get(other)), link)
+
+
+def borrowed_shapes(robot: Robot, link: str) -> tuple[str, ...]:
+    """Return the links whose shapes serve for a link without its own, as they are fixed to it; empty if it has some."""
+    if robot.shapes.get(link):
+        return ()
+    return tuple(other for other in robot.shapes if robot.rigid_groups[other] == robot.rigid_groups[link])
 
 
 def suggest_tip(robot: Robot, link: str) -> SuggestedTip:

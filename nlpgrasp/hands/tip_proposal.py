@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 
 from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.closing_trial import FRICTION, MOST_TIPS, ClosingWidths, closing_widths
-from nlpgrasp.hands.finger_chains import driving_joints
+from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.finger_chains import arm_above, common_ancestor, driving_joints
+from nlpgrasp.hands.fitted_tips import link_poses_at
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.opposition import mean_alignment, opposed_tips
@@ -19,7 +22,8 @@ from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, sugge
 from nlpgrasp.hands.urdf_hand import resolve_tips
 
 NO_SHAPE, FACES_NONE, FOLLOWS = "no collision shape", "faces no other", "moves along behind a fingertip"
-FIXED = "does not move against the palm"
+FIXED, CLOSES_WITH_NONE = "does not move against the palm", "does not close with the others"
+SURFACE_SAMPLES, OVERLAP = 500, 1e-4  # points on a shape; metres by which parts that are joined overlap
 POSTURES = 200  # random postures
 LONGEST_FINGER = 0.4  # metres from the palm to a fingertip; 0.22 at most in hands of the tests, 0.54 in the least legs
 SMALLEST_TIP = 3e-3  # metres: length of the shapes of a fingertip; smaller ones stand for motors and frames
@@ -88,13 +92,18 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
     refusal = _refusal(robot, links)
     if refusal:
         return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, refusal=refusal)
-    moving = _links_moving_against(robot, _common_ancestor(robot, links), links)
+    moving = _links_moving_against(robot, common_ancestor(robot, links), links)
     if len(moving) >= 2:
         left_out |= {link: FIXED for link in links if link not in moving}
         links = moving
     if not robot.free_joints or not 2 <= len(links) <= MOST_TIPS:
         return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out)
     with_tips = _with_tips(tree, links)
+    joined = _followers(with_tips, joined=True)
+    if len(links) - len(joined) >= 2:
+        left_out |= {links[i]: FOLLOWS for i in joined}
+        links = [link for i, link in enumerate(links) if i not in joined]
+        with_tips = _with_tips(tree, links)
     opposed = opposed_tips(with_tips, rest_posture)
     if len(opposed) >= 2:
         left_out |= {link: FACES_NONE for i, link in enumerate(links) if i not in opposed}
@@ -108,7 +117,23 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
         if len(closing_without) > len(closing):
             left_out |= {links[i]: FOLLOWS for i in followers}
             links, closing = [link for link, _ in leaders], closing_without
-    return TipProposal(tuple(suggest_tip(robot, link) for link in links), left_out, closing)
+    if not closing and len(links) > 2:
+        pair = _most_opposed_pair(with_tips)
+        closing = closing_widths(LinkTree(robot, [with_tips.tips[i] for i in pair], tree.approach), fits)
+        if closing:
+            left_out |= {link: CLOSES_WITH_NONE for i, link in enumerate(links) if i not in pair}
+            links = [links[i] for i in pair]
+    tips = tuple(suggest_tip(robot, link) for link in links)
+    names = ", ".join(links)
+    refusal = "" if closing else f"Links at the ends: {names}. They close on {closing}: --fingertip LINK states others."
+    return TipProposal(tips, left_out, closing, refusal)
+
+
+def _most_opposed_pair(tree: LinkTree) -> tuple[int, int]:
+    """Return the two fingertips that face each other most, on average over random postures."""
+    lower, upper = tree.joint_limits
+    alignment = mean_alignment(tree, np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower))))
+    return min(combinations(range(len(tree.tips)), 2), key=lambda pair: float(alignment[pair]))
 
 
 def _shape_length(robot: Robot, link: str) -> float:
@@ -127,10 +152,15 @@ def _refusal(robot: Robot, links: Sequence[str]) -> str:
     if len(links) < 2:
         need = "To hold a body takes two fingertips at least: --fingertip LINK states each, also on a fixed jaw."
         return f"Only one link is at an end: {links[0]}. {need}"
-    palm = _common_ancestor(robot, links)
+    palm = common_ancestor(robot, links)
     longest = max(_finger_length(robot, palm, link) for link in links)
     if longest <= LONGEST_FINGER:
-        return ""
+        arm = arm_above(robot, links)
+        return (
+            ""
+            if arm is None
+            else f"An arm of {len(arm[1])} joints is above the fingers: --palm {arm[0]} leaves it out."
+        )
     palms = _palms(robot, links)
     names = ", ".join(palms[:MOST_PALMS])
     likely = f" (likely {names})" if names else ""
@@ -145,7 +175,7 @@ def _palms(robot: Robot, links: Sequence[str]) -> tuple[str, ...]:
     """Return the links from which several of the given leaf links branch, all of them within a finger's length."""
     if len(links) < 2:
         return ()
-    palm = _common_ancestor(robot, links)
+    palm = common_ancestor(robot, links)
     moving = _links_moving_against(robot, palm, links)
     if len(moving) < len(links):
         return _palms(robot, moving)
@@ -156,16 +186,6 @@ def _palms(robot: Robot, links: Sequence[str]) -> tuple[str, ...]:
     for link in links:
         branches.setdefault(robot.chain(link)[depth].child, []).append(link)
     return tuple(name for branch in branches.values() for name in _palms(robot, branch))
-
-
-def _common_ancestor(robot: Robot, links: Sequence[str]) -> str:
-    """Return the nearest link from which all given links hang."""
-    ancestor = robot.root
-    for joints in zip(*(robot.chain(link) for link in links), strict=False):
-        if len({joint.child for joint in joints}) > 1:
-            break
-        ancestor = joints[0].child
-    return ancestor
 
 
 def _links_moving_against(robot: Robot, palm: str, links: Sequence[str]) -> list[str]:
@@ -185,10 +205,47 @@ def _with_tips(tree: LinkTree, links: Sequence[str]) -> LinkTree:
     return LinkTree(tree.robot, resolve_tips(tree.robot, guessed), tree.approach)
 
 
-def _followers(tree: LinkTree) -> set[int]:
+def _joined(robot: Robot, link: str, other: str) -> bool:
+    """Return whether a link's shapes overlap those of a part of another link's chain that its own chain lacks.
+
+    So do rods and couplers of a linkage, which is a tree in the file, with what they are joined to. The posture is that
+    of the file, all joints as near to zero as their limits allow.
+    """
+    lower, upper = np.array([robot.ranges[joint.name][:2] for joint in robot.free_joints]).T
+    posture = np.clip(np.zeros((1, len(lower))), lower, upper)
+    groups, own = robot.rigid_groups, {joint.child for joint in robot.chain(link)}
+    parts = {groups[joint.child] for joint in robot.chain(other) if joint.moves and joint.child not in own}
+    transforms = {part: link_poses_at(robot, part, posture)[0] for part in (link, *parts)}
+    shapes = robot.group_shapes(link)
+    for part in parts:
+        to_part = np.linalg.inv(transforms[part]) @ transforms[link]
+        for (a, Ta), (b, Tb) in product(shapes, robot.group_shapes(part)):
+            relative = np.linalg.inv(Tb) @ to_part @ Ta
+            if _overlap(a, b, relative):
+                return True
+    return False
+
+
+def _overlap(a: CollisionShape, b: CollisionShape, relative: FloatArray) -> bool:
+    """Return whether two shapes overlap, by samples of their surfaces.
+
+    The first is at a pose (4, 4) in the second's frame.
+    """
+    for first, second, pose in ((a, b, relative), (b, a, np.linalg.inv(relative))):
+        points = first.mesh.sample(SURFACE_SAMPLES, seed=0) @ pose[:3, :3].T + pose[:3, 3]
+        low, high = second.mesh.bounds
+        near = points[np.all((points > low) & (points < high), axis=1)]
+        if len(near) and np.max(second.depth(near)) > OVERLAP:
+            return True
+    return False
+
+
+def _followers(tree: LinkTree, joined: bool = False) -> set[int]:
     """Return the fingertips that lie behind another one, face the same way and are moved by the same joints.
 
-    Such are the knuckles of a linkage, and the shorter fingers of a hand whose fingers have one motor.
+    Such are the knuckles of a linkage, and the shorter fingers of a hand whose fingers have one motor. With ``joined``,
+    those whose links are joined to the other's finger instead: rods and couplers of a linkage, moved by joints of their
+    own where the file's tree leaves the linkage open.
     """
     lower, upper = tree.joint_limits
     joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
@@ -199,5 +256,7 @@ def _followers(tree: LinkTree) -> set[int]:
         i
         for i in range(len(drivers))
         for j in range(len(drivers))
-        if drivers[i] == drivers[j] and alignment[i, j] > 0.0 and reach[i] < reach[j]
+        if (alignment[i, j] > 0.0 or joined)
+        and reach[i] < reach[j]
+        and (_joined(tree.robot, tree.tips[i][0], tree.tips[j][0]) if joined else drivers[i] == drivers[j])
     }

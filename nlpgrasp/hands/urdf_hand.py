@@ -30,6 +30,7 @@ from nlpgrasp.common.validation import (
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import HandVariable, Values
 from nlpgrasp.hands.file_units import check_units, refuse_implausible_lengths, unit_questions
+from nlpgrasp.hands.finger_chains import arm_above
 from nlpgrasp.hands.fitted_tips import fit_hull_tips
 from nlpgrasp.hands.kinematics import LinkTree, require_kinematics
 from nlpgrasp.hands.link_spheres import SphereFit, fit_around_tips, fit_hand
@@ -45,6 +46,7 @@ from nlpgrasp.hands.self_collision import (
 )
 from nlpgrasp.hands.suggested_tips import (
     MOST_OVERHANG,
+    borrowed_shapes,
     leaf_links,
     noticeable_overhang,
     overhang,
@@ -52,6 +54,7 @@ from nlpgrasp.hands.suggested_tips import (
     tip_from_shapes,
 )
 from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
+from nlpgrasp.hands.visible_shapes import visible_warning
 
 ROUNDING = 1e-9  # metres: rounding tolerance of an overhang
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
@@ -236,7 +239,10 @@ class URDFHand(LinkedHand):
             warn(f"{robot.source}: {text}")
         tips = resolve_tips(robot, fingertips)
         require_kinematics()
+        _refuse_arm(robot, tips)
         check_overhangs(robot, tips, tip_overhang)
+        if text := visible_warning(robot, dict(tips)):
+            warn(f"{robot.source}: {text}")
         return cls(
             LinkTree(robot, tips, unit_approach(approach)),
             resolve_torque_limits(robot, torque_limits),
@@ -409,6 +415,15 @@ def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str,
     return result
 
 
+def _refuse_arm(robot: Robot, tips: Sequence[tuple[str, Tip]]) -> None:
+    """Raise for an arm between the palm and the fingers: its joints move what the palm's pose moves already."""
+    arm = arm_above(robot, [link for link, _ in tips])
+    if arm is not None:
+        palm, joints = arm
+        given = f"{robot.root}, with an arm of {len(joints)} joints ({', '.join(joints)}) above the fingers"
+        raise InputError("URDFHand.palm", given, f"the link that the fingers hang from, probably palm={palm!r}")
+
+
 def check_overhangs(robot: Robot, tips: Sequence[tuple[str, Tip]], most: float | None) -> None:
     """Raise for fingertips that protrude from their links' shapes by more than ``most``, metres.
 
@@ -445,6 +460,10 @@ def _tips_from_shapes(robot: Robot, fingertips: Mapping[str, object]) -> dict[st
     shape_tips = {link: tip_from_shapes(robot.shapes.get(link, ())) for link in unstated}
     result = {link: tip for link, tip in shape_tips.items() if tip is not None}
     fitted = [link for link in unstated if link not in result]
+    for link in fitted:
+        if others := borrowed_shapes(robot, link):
+            text = f"a link without a collision shape, fitted to those of {', '.join(others)}, fixed to it"
+            warn(f"URDFHand.fingertips[{link!r}]: {text}")
     return {**result, **fit_hull_tips(robot, fitted, [link for link in fingertips if link not in fitted])}
 
 
@@ -494,6 +513,11 @@ def modelling_warnings(robot: Robot) -> list[str]:
     result = []
     if robot.negated_limits:
         result.append(f"taken with the other sign: {'; '.join(robot.negated_limits)}")
+    if robot.empty_ranges:
+        text = "limits 0 to 0 of joints that follow others are taken as none, so that the followed joints' limits count"
+        result.append(f"{text}: {', '.join(robot.empty_ranges)}")
+    if still := [j.name for j in robot.free_joints if robot.ranges[j.name][0] == robot.ranges[j.name][1]]:
+        result.append(f"joints whose limits leave one position do not move: {', '.join(still)}")
     if robot.unmodelled_couplings:
         result.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled_couplings)}")
     if robot.open_loops:

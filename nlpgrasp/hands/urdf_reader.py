@@ -79,9 +79,37 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
         units=units,
         open_loops=loops,
         unreadable=unreadable,
+        empty_ranges=tuple(edge.name for edge in joint_edges if _has_empty_range(edge.element)),
     )
     check_ranges(source, robot)
     return robot
+
+
+def urdf_visible_shapes(path: Path, names: Sequence[str], units: UrdfUnits) -> dict[str, tuple[CollisionShape, ...]]:
+    """Return the visible shapes of the named links, but for links that are visible by their collision shapes.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        On shapes that cannot be read.
+    """
+    source, root, _ = _read_links(path)
+    units.convert(root)
+    result = {}
+    for element in root.findall("link"):
+        name = element.get("name", "")
+        visuals = element.findall("visual")
+        solid = {_geometry_text(collision) for collision in element.findall("collision")}
+        if name in names and not {_geometry_text(visual) for visual in visuals} <= solid:
+            shapes = [_urdf_shape(source, name, visual, []) for visual in visuals]
+            result[name] = tuple(shape for shape in shapes if shape is not None)
+    return result
+
+
+def _geometry_text(element: ET.Element) -> str:
+    """Return origin and geometry of a visual or collision element as text."""
+    parts = [element.find(tag) for tag in ("origin", "geometry")]
+    return "".join(ET.tostring(part, encoding="unicode").strip() for part in parts if part is not None)
 
 
 def link_names(path: str | Path) -> tuple[str, ...]:
@@ -270,7 +298,10 @@ def _read_joint(source: Path, edge: Edge) -> Joint:
 
 
 def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
-    """Return lower limit, upper limit and effort of a joint; infinite limits for mimic joints without limits."""
+    """Return lower limit, upper limit and effort of a joint; infinite limits for mimic joints without a range.
+
+    A range from 0 to 0 is none: exporters write it where nothing is stated.
+    """
     limit = element.find("limit")
     if kind == "fixed":
         return 0.0, 0.0, None
@@ -291,7 +322,16 @@ def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tu
     upper = float(attribute_numbers(source, f"{label}, upper", limit.get("upper"), [0.0])[0])
     if lower > upper:
         raise_invalid(source, f"{label} with limits {lower:g} to {upper:g}", "a lower limit below the upper one")
-    return lower, upper, torque
+    return (-np.inf, np.inf, torque) if _has_empty_range(element) else (lower, upper, torque)
+
+
+def _has_empty_range(element: ET.Element) -> bool:
+    """Return whether the joint is a moving mimic joint with a range from 0 to 0."""
+    limit = element.find("limit")
+    if limit is None or element.find("mimic") is None or element.get("type") not in ("revolute", "prismatic"):
+        return False
+    ends = [limit.get(key) for key in ("lower", "upper")]
+    return ends != [None, None] and all(float(end or 0.0) == 0.0 for end in ends)
 
 
 def _read_mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:

@@ -192,12 +192,13 @@ def _with_signed_limits(link: Link, links: Sequence[Link]) -> Link:
 
 
 def _read_range(element: ET.Element, kind: str) -> tuple[float, float]:
-    """Return the limits of a URDF's joint; infinite if the file has none."""
+    """Return the limits of a URDF's joint; infinite if the file has none, or 0 to 0 for a mimic joint."""
     if kind == "continuous":
         return -HALF_TURN, HALF_TURN
     if not (_attribute(element, "limit", "lower", "") or _attribute(element, "limit", "upper", "")):
         return -np.inf, np.inf
-    return float(_attribute(element, "limit", "lower", "0")), float(_attribute(element, "limit", "upper", "0"))
+    limits = float(_attribute(element, "limit", "lower", "0")), float(_attribute(element, "limit", "upper", "0"))
+    return (-np.inf, np.inf) if limits == (0.0, 0.0) and element.find("mimic") is not None else limits
 
 
 def _attribute(element: ET.Element, tag: str, key: str, default: str) -> str:

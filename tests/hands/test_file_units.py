@@ -268,3 +268,27 @@ def test_links_that_lost_their_only_shape_are_named(tmp_path):
     )
     with pytest.warns(UserWarning, match=rf"^hand\.urdf: {text}: collisions with it are not checked$"):
         ng.URDFHand.load(path, {"left_link": 0.01, "right_link": 0.01})
+
+
+@pytest.mark.parametrize(("thickness", "gap"), [(0.006, 4.0), (0.012, 1.0), (0.024, 5.0)])
+def test_collision_shapes_that_are_not_what_is_visible_are_said(thickness, gap, tmp_path):
+    """Fingers of 14 mm, with boxes for collisions that are thinner or thicker by twice the gap, millimetres."""
+    text = '<link name="palm"><collision><geometry><box size="0.1 0.04 0.02"/></geometry></collision></link>'
+    for i in range(2):
+        box = '<origin xyz="0 0 0.03"/><geometry><box size="{0} {0} 0.06"/></geometry>'
+        text += (
+            f'<link name="f{i}"><visual>{box.format(0.014)}</visual><collision>{box.format(thickness)}</collision>'
+            f'</link><joint name="j{i}" type="revolute"><parent link="palm"/><child link="f{i}"/><axis xyz="0 1 0"/>'
+            f'<origin xyz="{0.08 * i - 0.04} 0 0.01"/><limit lower="-0.6" upper="0.6" effort="3"/></joint>'
+        )
+    path = tmp_path / "visible.urdf"
+    path.write_text(f'<robot name="visible">{text}</robot>')
+    said = r"grasps are found for the collision shapes, which are not the visible hand at f0 \(up to (.*) mm\), f1 "
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        hand = ng.URDFHand.load(path, ["f0", "f1"])
+    texts = [finding.text for finding in inspect(hand).findings]
+    found = [re.search(said, text, re.IGNORECASE) for text in [*(str(w.message) for w in caught), *texts]]
+    gaps = [float(match[1]) for match in found if match]
+    assert len(gaps) == (2 if gap > 3.0 else 0)
+    assert all(gap <= stated <= gap * np.sqrt(2.0) for stated in gaps)  # most at the edges

@@ -273,6 +273,57 @@ def test_a_link_without_a_shape_is_refused(tmp_path):
         ng.URDFHand.load(path, {"f1": None, "f2": 0.01})
 
 
+def write_pads_on_racks(folder, own_shapes=True):
+    """Write two sliding carriages whose racks reach across to the other side, with pads fixed to them."""
+
+    def box(size, at):
+        return f'<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
+
+    text = f'<link name="palm">{box("0.09 0.09 0.05", "0 0 0")}</link>'
+    for i, side in ((1, 1), (2, -1)):
+        racks = "".join(box("0.08 0.012 0.006", f"{-0.04 * side} 0 {z}") for z in (0.0, 0.006))
+        pad = box("0.004 0.05 0.028", f"{-0.002 * side} 0.025 0") if own_shapes else ""
+        text += (
+            f'<link name="carriage_{i}">{racks}{box("0.015 0.02 0.02", f"{-0.0075 * side} 0.005 0")}</link>'
+            f'<link name="pad_{i}">{pad}</link><joint name="slide_{i}" type="prismatic"><parent link="palm"/>'
+            f'<child link="carriage_{i}"/><origin xyz="{0.04 * side} 0.06 {0.015 * side}"/><axis xyz="{-side} 0 0"/>'
+            '<limit lower="-0.02" upper="0.0245" effort="20" velocity="0.2"/></joint>'
+            f'<joint name="fix_{i}" type="fixed"><parent link="carriage_{i}"/><child link="pad_{i}"/>'
+            f'<origin xyz="{-0.011 * side} 0.03 {-0.015 * side}"/></joint>'
+        )
+    path = folder / "racks.urdf"
+    path.write_text(f'<robot name="racks">{text}</robot>')
+    return path
+
+
+def test_the_named_link_is_fitted_and_not_what_is_fixed_to_it(tmp_path):
+    hand = ng.URDFHand.load(write_pads_on_racks(tmp_path), ["pad_1", "pad_2"], approach=[0.0, 1.0, 0.0])
+    for (_, tip), side in zip(hand.tips, (1, -1), strict=True):
+        patch = tip.surface().vertices
+        middle, half = np.array([-0.002 * side, 0.025, 0.0]), np.array([0.002, 0.025, 0.014])
+        assert np.max(np.abs(distance_from_box(patch, middle, half))) < 1e-3
+        assert -side * tip.facing[0] > 0.5
+
+
+def test_shapes_fixed_to_a_link_without_its_own_serve_and_it_is_said(tmp_path):
+    path = write_pads_on_racks(tmp_path, own_shapes=False)
+    message = r"\['pad_2'\]: a link without a collision shape, fitted to those of carriage_2, fixed to it"
+    with pytest.warns(UserWarning, match=message):
+        ng.URDFHand.load(path, {"pad_1": 0.005, "pad_2": None}, tip_overhang=1.0)
+
+
+def test_a_link_inside_another_that_is_fixed_to_it_is_refused(tmp_path):
+    """A sensor in the finger: the finger touches, and not the sensor."""
+    path = two_fingers(tmp_path)
+    shape = '<collision><origin xyz="0 -0.003 0"/><geometry><box size="0.004 0.003 0.006"/></geometry></collision>'
+    path.write_text(path.read_text().replace('<link name="t1"/>', f'<link name="t1">{shape}</link>'))
+    message = (
+        r"fingertips\['t1'\]: got a link whose collision shapes are inside those of links fixed to it, expected the"
+    )
+    with pytest.raises(ng.InputError, match=message):
+        ng.URDFHand.load(path, ["t1", "f2"])
+
+
 def preset(name):
     """Load a preset from the folder of outside hands; skip the test without it."""
     folder = os.environ.get(VARIABLE)

@@ -1,8 +1,10 @@
 """Hand presets: fingertips, motor limits, and errors on other robot files."""
 
+import os
 import re
 import sys
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from tests.hands.urdf import FOUR
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
 PANDA = "panda_description/urdf/panda.urdf"
 QUICK = ng.SolveOptions(workers=1)
+VARIABLE = "NLPGRASP_TEST_DATA"
 ENDING = {"inspire": "index_proximal", "robotiq_2f85": "finger_joint", "robotiq_3f": "joint_{}", "barrett": "med_joint"}
 LIMITS = {
     "ability": 2.0,
@@ -392,3 +395,62 @@ def test_fingertips_that_hang_from_no_palm_are_named(tmp_path):
     for options in ({}, {"palm": "palm_lower"}):
         with pytest.raises(ng.InputError, match=re.escape(message)):
             ng.hands.leap(path, **options)
+
+
+def write_menagerie(folder, hand):
+    """Write an MJCF with the names of MuJoCo Menagerie's hand, the fingers of capsules or boxes on two joints each."""
+    palm, tips, shape, kind, marks = {
+        "allegro": ("palm", ("ff_tip", "mf_tip", "rf_tip", "th_tip"), CAPSULE, "hinge", ("ff_medial", "th_medial")),
+        "leap": ("palm", ("if_ds", "mf_ds", "rf_ds", "th_ds"), CORE, "hinge", ("if_md", "th_px")),
+        "panda": ("hand", ("left_finger", "right_finger"), CORE, "slide", ()),
+        "shadow": ("rh_palm", [f"rh_{f}distal" for f in ("ff", "mf", "rf", "lf", "th")], CORE, "hinge", ()),
+    }[hand]
+    bodies = ""
+    for i, tip in enumerate(tips):
+        side = -1 if tip == tips[-1] else 1
+        joint = f"finger_joint{i + 1}" if hand == "panda" else f"j{i}"
+        mark = "".join(f'<body name="{m}"><geom size="0.001"/></body>' for m in marks if m[:2] == tip[:2])
+        bodies += (
+            f'<body name="{tip}" pos="{0.03 * i} {-0.04 * side} 0.05"><joint name="{joint}" type="{kind}" '
+            f'axis="{"0 1 0" if kind == "slide" else f"{-side} 0 0"}" range="-0.3 0.04"/>{shape}{mark}</body>'
+        )
+    path = folder / f"{hand}.xml"
+    path.write_text(
+        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
+        f'<body name="{palm}"><geom type="box" size="0.03 0.03 0.02"/>{bodies}</body></worldbody></mujoco>'
+    )
+    return path
+
+
+CAPSULE = '<geom type="capsule" size="0.012 0.01" pos="0 0 0.019"/>'
+CORE = '<geom type="box" size="0.008 0.01 0.03" pos="0 0 0.03"/>'
+
+
+@pytest.mark.filterwarnings("ignore:.*no joint turns by more than:UserWarning")
+@pytest.mark.parametrize("name", ["allegro", "leap", "panda", "shadow"])
+def test_hands_of_menagerie_are_known_and_touch_with_the_shapes_of_their_files(name, tmp_path):
+    path = write_menagerie(tmp_path, name)
+    assert matching_preset(path).name == name
+    hand = getattr(ng.hands, name)(path)
+    assert hand.count == len(PRESETS[name].tips)
+    for link, tip in hand.tips:
+        assert tip.kind == ("capsule" if name == "allegro" else "hull")  # the preset's own balls and pads are elsewhere
+        assert overhang(tip, link, hand.robot) < 1e-3
+    if name == "panda":
+        other = path.read_text().replace("finger_joint", "slide")
+        path.write_text(other)
+        assert matching_preset(path) is None  # many grippers have a left_finger
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_the_2f_85_of_menagerie_touches_with_its_pads():
+    folder = os.environ.get(VARIABLE)
+    path = Path(folder or ".") / "hands/robotiq_2f85_mjcf/2f85.xml"
+    if folder is None or not path.is_file():
+        pytest.skip(f"no {path.name}: set {VARIABLE}")
+    hand = ng.hands.robotiq_2f85(path)
+    assert [link for link, _ in hand.tips] == ["left_pad", "right_pad"]
+    for link, tip in hand.tips:
+        depth = np.max([shape.depth(tip.surface().vertices) for shape in hand.robot.shapes[link]], axis=0)
+        assert np.max(np.abs(depth)) < 1e-5
+        assert tip.frame[1, 2] == pytest.approx(-1.0)

@@ -1,5 +1,7 @@
 """Proposed fingertips: which leaf links, and the bodies that they close on, of grippers with known openings."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -209,5 +211,73 @@ def test_fingertips_that_face_one_another_are_opposed():
 
 def test_two_box_fingers_are_proposed_with_what_they_close_on(tmp_path):
     result = proposal(two_fingers(tmp_path))
-    assert [tip.link for tip in result.tips] == ["t1", "t2"]
+    assert [tip.link for tip in result.tips] == ["f1", "f2"]  # and not the frames t1 and t2, which have no shape
     assert result.closing.box == tuple(width for width in WIDTHS if 0.02 <= width <= 0.12)
+
+
+def write_two_on_arm(folder, joints):
+    """Write the gripper with box jaws on a chain of short links that turn, without other ends."""
+    path = write_jaws(folder, -0.002, 0.05)
+    chain = '<link name="arm_0"/>'
+    for i in range(joints):
+        child = "palm" if i == joints - 1 else f"arm_{i + 1}"
+        chain += (
+            "" if child == "palm" else f'<link name="{child}">{BOX.format(xyz="0 0 0.05", size="0.05 0.05 0.1")}</link>'
+        )
+        chain += (
+            f'<joint name="a{i}" type="revolute"><parent link="arm_{i}"/><child link="{child}"/><origin xyz="0 0 0.2"/>'
+            f'<axis xyz="0 {i % 2} {1 - i % 2}"/><limit lower="-2" upper="2" effort="50" velocity="1"/></joint>'
+        )
+    path.write_text(path.read_text().replace("</robot>", f"{chain}</robot>"))
+    return path
+
+
+@pytest.mark.parametrize("joints", [3, 6, 7])
+def test_the_palm_below_an_arm_is_asked_for(joints, tmp_path):
+    path = write_two_on_arm(tmp_path, joints)
+    names = ", ".join(f"a{i}" for i in range(joints))
+    message = (
+        f"URDFHand.palm: got arm_0, with an arm of {joints} joints ({names}) above the fingers, expected the link that "
+        "the fingers hang from, probably palm='palm'"
+    )
+    for tips in (["left", "right"], ["left"]):
+        with pytest.raises(ng.InputError, match=re.escape(message)):
+            ng.URDFHand.load(path, tips)
+    text, lines = notice(path)
+    assert (
+        text == f"No fingertips are stated. An arm of {joints} joints is above the fingers: --palm palm leaves it out."
+    )
+    assert lines == ()
+    assert ng.URDFHand.load(path, ["left", "right"], palm="palm").count == 2
+
+
+def test_a_wrist_is_no_arm(tmp_path):
+    assert ng.URDFHand.load(write_two_on_arm(tmp_path, 2), ["left", "right"]).count == 2
+
+
+@pytest.mark.slow
+def test_tips_that_close_on_nothing_are_no_proposal(tmp_path):
+    text, lines = notice(write_jaws(tmp_path, 0.046, 0.0465))
+    assert text == (
+        "No fingertips are stated. Links at the ends: left, right. They close on none of the cylinders and boxes of "
+        "10 to 100 mm that were tried: --fingertip LINK states others."
+    )
+    assert lines == ()
+
+
+@pytest.mark.slow
+def test_couplers_of_a_linkage_and_links_that_are_only_visible_are_no_fingertips(tmp_path):
+    """A rod from the palm overlaps each jaw, whose tip has a visible frame fixed to it."""
+    extra = ""
+    for name, y, side in (("left", -0.05, 1), ("right", 0.05, -1)):
+        rod = BOX.format(xyz=f"0 {-0.005 * side} 0.01", size="0.004 0.004 0.05")
+        extra += f'<link name="{name}_rod">{rod}</link><joint name="{name}_turn" type="revolute"><parent link="palm"/>'
+        extra += f'<child link="{name}_rod"/><origin xyz="0 {y} 0.01"/><axis xyz="1 0 0"/>'
+        extra += '<limit lower="-1" upper="1" effort="5" velocity="1"/></joint>'
+        extra += f'<link name="{name}_visuals"><visual><geometry><sphere radius="0.005"/></geometry></visual></link>'
+        extra += f'<joint name="{name}_fixed" type="fixed"><parent link="{name}"/><child link="{name}_visuals"/>'
+        extra += '<origin xyz="0 0 0.08"/></joint>'
+    result = proposal(write_jaws(tmp_path, -0.002, 0.05, extra))
+    assert [tip.link for tip in result.tips] == ["left", "right"]
+    assert result.left_out == dict.fromkeys(["left_rod", "right_rod"], "moves along behind a fingertip")
+    assert result.closing.box == WIDTHS

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.hands.inspection import inspect
 from tests.hands.test_grasps import solve_grasp
 from tests.hands.urdf import FOUR, FOUR_TIPS, Mujoco, body_frame, four_finger_hand
 
@@ -86,3 +87,44 @@ def test_a_joint_that_moves_two_contacts_feels_both(drawn):
     assert hand.loaded_joints == joints
     assert moved[0].tolist() == [True] * 4
     assert moved[1].tolist() == [True, True, True, False]  # the distal joint is beyond the inner contact
+
+
+def write_efforts(folder, efforts, kind="revolute"):
+    """Write a gripper of two box fingers with the given efforts."""
+    text = '<link name="palm"><collision><geometry><box size="0.1 0.04 0.02"/></geometry></collision></link>'
+    for i, effort in enumerate(efforts):
+        text += (
+            f'<link name="f{i}"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.01 0.06"/></geometry>'
+            f'</collision></link><joint name="j{i}" type="{kind}"><parent link="palm"/><child link="f{i}"/>'
+            f'<origin xyz="{0.08 * i - 0.04} 0 0.01"/><axis xyz="0 1 0"/>'
+            f'<limit lower="-0.6" upper="0.6" effort="{effort}" velocity="1"/></joint>'
+        )
+    path = folder / "efforts.urdf"
+    path.write_text(f'<robot name="efforts">{text}</robot>')
+    return path
+
+
+@pytest.mark.parametrize(
+    ("efforts", "kind", "text"),
+    [
+        ((100, 100), "revolute", "An effort of 100 N m or more at all 2 joints looks like a placeholder"),
+        ((100, 0.5), "revolute", "An effort of 100 N m or more at joint j0 looks like a placeholder"),
+        ((9999, 9999), "revolute", "An effort of 100 N m or more at all 2 joints looks like a placeholder"),
+        ((1000, 1000), "prismatic", "An effort of 1000 N or more at all 2 joints looks like a placeholder"),
+        ((10, 10), "revolute", "All 2 joints state one effort, 10, which may be a placeholder"),
+        ((1, 1), "revolute", "All 2 joints state one effort, 1, which may be a placeholder"),
+        ((100, 100), "prismatic", "All 2 joints state one effort, 100, which may be a placeholder"),
+        ((0, 0), "revolute", "No joint has an effort limit"),
+        ((0.95, 0.95), "revolute", ""),
+        ((1, 10), "revolute", ""),
+        ((70, 70), "prismatic", ""),
+    ],
+)
+def test_efforts_that_look_like_placeholders_are_said(efforts, kind, text, tmp_path):
+    path = write_efforts(tmp_path, efforts, kind)
+    texts = [finding.text for finding in inspect(ng.URDFHand.load(path, ["f0", "f1"])).findings]
+    found = [line for line in texts if "placeholder" in line or "effort limit" in line]
+    assert len(found) == (text != "")
+    assert all(line.startswith(text) for line in found)
+    stated = inspect(ng.URDFHand.load(path, ["f0", "f1"], torque_limits=3.0)).findings
+    assert not any("placeholder" in finding.text for finding in stated)

@@ -266,7 +266,7 @@ def test_proposed_fingertips_lie_on_their_links_and_others_are_refused(tmp_path)
     path = two_fingers(tmp_path)
     proposal = inspect(inspect_without_tips(path, None, (0, 0, 1)))
     assert proposal.lines[1] == (
-        "  - No fingertips are stated. Links at the ends: t1, t2. They close on cylinders and boxes of 20 to 100 mm "
+        "  - No fingertips are stated. Links at the ends: f1, f2. They close on cylinders and boxes of 20 to 100 mm "
         "(links as spheres, friction 0.7). To use them:"
     )
     hand = eval(proposal.usage_lines[1], {"ng": ng})  # noqa: S307
@@ -284,13 +284,13 @@ def test_proposed_fingertips_lie_on_their_links_and_others_are_refused(tmp_path)
 
 def test_the_overhang_that_the_error_names_is_accepted(tmp_path):
     path = two_fingers(tmp_path)
-    tips = {"t1": 0.0123, "t2": None}
+    tips = {"t1": 0.0123, "f2": None}
     with pytest.raises(ng.InputError, match=r"reaches 12\.3 mm .* tip_overhang=0\.013 allows it$"):
         ng.URDFHand.load(path, tips)
     ng.URDFHand.load(path, tips, tip_overhang=0.013)
     message = r"\['t1'\]: a fingertip that reaches 2\.0 mm .*: the finger itself does not touch there; expected None"
     with pytest.warns(UserWarning, match=message):
-        ng.URDFHand.load(path, {"t1": 0.002, "t2": None})
+        ng.URDFHand.load(path, {"t1": 0.002, "f2": None})
 
 
 @pytest.mark.slow

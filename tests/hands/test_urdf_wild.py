@@ -67,6 +67,30 @@ def test_follower_without_limits_follows_everywhere(tmp_path):
     )
 
 
+@pytest.mark.parametrize("multiplier", ["1", "-1", "-0.5"])
+@pytest.mark.parametrize("ends", ['lower="0" upper="0"', 'lower="0.0"', 'lower="-0" upper="0e0"'])
+def test_a_follower_from_0_to_0_follows_everywhere(tmp_path, ends, multiplier):
+    """As exporters write it where nothing is stated. Who checks a grasp takes the same limits."""
+    text = with_mimic(tmp_path, f'multiplier="{multiplier}"').read_text()
+    at = text.index("<limit", text.index('name="right_slide"'))
+    path = write_hand(tmp_path, f'{text[:at]}<limit {ends} effort="1"/>{text[text.index("/>", at) + 2 :]}')
+    with pytest.warns(
+        UserWarning, match=r"limits 0 to 0 of joints that follow others are taken as none.*: right_slide$"
+    ):
+        hand = ng.URDFHand.load(path, PAD)
+    np.testing.assert_array_equal(hand.tree.joint_limits, ng.URDFHand.load(GRIPPER, PAD).tree.joint_limits)
+    links = links_in_urdf(read_root_element(path), hand.robot.root)
+    assert [link.upper for link in links if link.joint == "right_slide"] == [np.inf]
+
+
+def test_a_free_joint_from_0_to_0_is_said_to_stand_still(tmp_path):
+    text = FOUR.read_text()
+    at = text.index("<limit", text.index('type="revolute"'))
+    path = write_hand(tmp_path, f'{text[:at]}<limit lower="0" upper="0"/>{text[text.index("/>", at) + 2 :]}')
+    with pytest.warns(UserWarning, match="joints whose limits leave one position do not move: "):
+        ng.URDFHand.load(path, FOUR_TIPS)
+
+
 def test_follower_that_leaves_one_position(tmp_path):
     upper = float(read_urdf(GRIPPER).joints[0].upper)
     path = with_mimic(tmp_path, f'multiplier="1" offset="{upper}"')
