@@ -23,7 +23,7 @@ from nlpgrasp.simulation.robot_hand_scene import PREFIX, mjcf_with_hand
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import GRIPPERS, SHADOW, ability_urdf, in_radians, model, robot
 
-STARTS, FRICTION, TORSION, PUSH, PUSHES = 2, 0.7, 5e-3, 1.0, 6
+STARTS, FRICTION, TORSION, WRENCHES = 2, 0.7, 5e-3, 6
 DEEPEST, OFF_BODY = 1e-3, 3e-4  # metres: largest penetration of a link, and distance of a fingertip's links
 REACH, GRASP = 0.02, "grasp"  # metres: largest distance looked for; keyframe
 BODIES = {
@@ -72,7 +72,7 @@ HANDS = {
 
 
 def run(hands=None, bodies=None):
-    print(f"{'':24}tips     seconds  status   mu       deepest link, mm  tips off, mm  held of {PUSHES}")
+    print(f"{'':24}tips     seconds  status   mu       deepest link, mm  tips off, mm  held of {WRENCHES}")
     counts = np.zeros(5, dtype=int)
     for label, path, make, body in hands_and_bodies(HANDS, BODIES, hands, bodies, "strawberry"):
         try:
@@ -98,15 +98,15 @@ def _row(name, path, hand, body):
     depth, gap = link_distances(solution, path, hand) if solution.squeeze is not None else (np.nan, np.nan)
     held_count = "-"
     if solution.squeeze is not None:
-        trials = ng.simulate_hand(solution, path, ng.HandSceneOptions(mass=0.1), push=PUSH).of(AS_SOLVED)
-        held_count = sum(trial.strict for trial in trials[:PUSHES])
+        trials = ng.simulate_hand(solution, path, ng.HandSceneOptions(mass=0.1), wrenches=WRENCHES - 1).of(AS_SOLVED)
+        held_count = sum(trial.strict for trial in trials[:WRENCHES])
     tips = ",".join(sorted({tip.kind for _, tip in hand.tips}))
     print(
         f"{name:24}{tips:9}{seconds:7.1f}  {solution.status.name[:8]:9}{solution.mu.lower:<9.3g}{1e3 * depth:<18.2f}"
         f"{1e3 * gap:<14.2f}{held_count}",
         flush=True,
     )
-    return np.array([1, solution.success, depth < DEEPEST, gap <= OFF_BODY, held_count == PUSHES])
+    return np.array([1, solution.success, depth < DEEPEST, gap <= OFF_BODY, held_count == WRENCHES])
 
 
 def link_distances(solution, path, hand):

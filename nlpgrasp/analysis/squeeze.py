@@ -14,7 +14,7 @@ from nlpgrasp.motion.keyframes import add_squeeze_and_lift
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_friction import NoBalanceError, balanced_forces
 from nlpgrasp.solution.solution import GraspSolution, require_solution
-from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, default_gain
+from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, servo_gain
 from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons, the usual least normal force of each contact
@@ -84,11 +84,12 @@ def squeeze(
     return replace(result, joints=joints)
 
 
-def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gain: Gain | None = None) -> Squeeze:
+def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None) -> Squeeze:
     """Return the squeeze whose least normal force is the largest one that the task requires.
 
     It is at least the default normal force, and above that loads no joint beyond 60 % of its limit. It is reduced where
-    ``max_force`` or a joint's limit would be exceeded. Balanced forces scale, and so do joint torques.
+    ``max_force`` or a joint's limit would be exceeded. Balanced forces scale, and so do joint torques. The gain of the
+    joints' position control follows from these forces (``servo_gain``).
 
     Parameters
     ----------
@@ -96,21 +97,22 @@ def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gai
         With a grasp.
     hand : PosedHand, optional
         Whose joints exert it; forces alone without one, as of parallel jaws.
-    gain : float or mapping of str to float, optional
-        Of the joints' position control.
 
     Raises
     ------
     InputError
         As ``squeeze``.
     """
-    usual = squeeze(solution, gain=gain, hand=hand)
+    usual = squeeze(solution, hand=hand)
     force = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
     effort = 0.0 if usual.joints is None or usual.joints.worst is None else usual.joints.worst[1]
     limit_share = 0.0 if solution.max_force is None else usual.largest / solution.max_force
     factor = min(force / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
     factor /= max(1.0, factor * effort / MOST_EFFORT, factor * limit_share)
-    return usual if factor == 1.0 else squeeze(solution, factor * NORMAL_FORCE, gain=gain, hand=hand)
+    result = usual if factor == 1.0 else squeeze(solution, factor * NORMAL_FORCE, hand=hand)
+    if result.joints is None:
+        return result
+    return replace(result, joints=replace(result.joints, gain=servo_gain(result.joints, result.normal)))
 
 
 def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
@@ -121,7 +123,7 @@ def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        result = squeeze_for_task(solution, hand, default_gain(hand.sliding_joints))
+        result = squeeze_for_task(solution, hand)
     except NoBalanceError as error:
         reason = {"reason": error.reason, **({} if error.friction is None else {"friction": error.friction})}
         return replace(solution, hand={**(solution.hand or {}), "no_squeeze": reason})

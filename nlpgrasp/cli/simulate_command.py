@@ -24,13 +24,12 @@ from nlpgrasp.cli.console import (
 
 THROUGH = "File of the hand that the problem was solved with: the object is pressed through its joints."
 PICTURES = "File for the pictures; by default F-simulation.png, with --hand F-simulation-hand.png."
-SHARE = "Without --hand: share of certified mu at which the wrenches are applied."
+SHARE = "Size of the wrenches: share of certified mu; with --hand of the task, as far as the squeeze is hard enough."
 MASS = (
     "Mass of the object, kilograms. By default with --hand the weight that the task carries, or 0.1 where it carries "
     "none; without --hand so little that it hardly matters."
 )
-WRENCHES = "Without --hand: how many wrenches of the task are applied besides the hardest one."
-PUSH = "With --hand: force of each push, newtons; 1 by default."
+WRENCHES = "How many wrenches of the task are applied besides the hardest one."
 
 
 def simulate_command(
@@ -40,7 +39,6 @@ def simulate_command(
     mass: Annotated[float | None, typer.Option("--mass", help=MASS)] = None,
     wrenches: Annotated[int, typer.Option("--wrenches", help=WRENCHES)] = 12,
     hand: Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=THROUGH)] = None,
-    push: Annotated[float | None, typer.Option("--push", help=PUSH)] = None,
     gain: Gain = None,
     damping: Damping = None,
     frictionloss: FrictionLoss = None,
@@ -51,8 +49,9 @@ def simulate_command(
 
     Without --hand: fingertips hold wrenches of the task, then the hardest one grows until the object is lost.
 
-    With --hand: the hand squeezes through its own joints; the object is pushed without gravity, and lifted with it.
-    The pushes are repeated with weaker servos, with half the friction and with the object displaced.
+    With --hand: the hand squeezes through its own joints; wrenches of the task load the object without gravity.
+    It is lifted under gravity where the task carries a weight.
+    The wrenches are repeated with weaker servos, with half the friction and with the object displaced.
     A control without the squeeze has to lose the object.
     """
     from nlpgrasp.common.optional_packages import import_mujoco, pyplot
@@ -63,11 +62,11 @@ def simulate_command(
     writable(target, file)
     import_mujoco("a simulation")
     pyplot("a strip of pictures")  # before the work
-    values = {"push": push, "gain": gain, "damping": damping, "frictionloss": frictionloss}
+    values = {"gain": gain, "damping": damping, "frictionloss": frictionloss}
     values["normal_force"] = normal_force
     joint_options = hand_options(values, hand, "a hand's own joints")
     if hand is not None:
-        _simulate_by_hand(solution, hand, mass, joint_options, target, as_json)
+        _simulate_by_hand(solution, hand, (mass, share, wrenches), joint_options, target, as_json)
         return
     with report_steps("simulating") as report:
         simulation = ng.simulate(solution, share, mass, wrenches, report)
@@ -107,19 +106,22 @@ def picture_of(file: Path, hand: Path | None) -> Path:
 def _simulate_by_hand(
     solution: ng.GraspSolution,
     hand: Path,
-    mass: float | None,
+    trials: tuple[float | None, float, int],
     joint_options: dict[str, float],
     target: Path,
     as_json: bool,
 ) -> None:
-    """Simulate the squeeze by the hand's joints, print the result and draw the pictures."""
+    """Simulate the squeeze by the hand's joints, print the result and draw the pictures.
+
+    ``trials`` are mass, share and number of wrenches.
+    """
     from nlpgrasp.simulation.picture_strips import write_hand_strip
     from nlpgrasp.solution.squeeze_record import friction_warning, weak_squeeze_warning
 
-    push = joint_options.pop("push", 1.0)
+    mass, share, wrenches = trials
     options = ng.HandSceneOptions(mass=mass, **joint_options)
     with report_steps("simulating") as report:
-        simulation = ng.simulate_hand(solution, hand, options, push, report)
+        simulation = ng.simulate_hand(solution, hand, options, share, wrenches, report)
     weakness = weak_squeeze_warning(solution.squeeze, solution.needed, joint_options.get("normal_force"))
     notes = (weakness, friction_warning(solution.squeeze), solution.approach_line())
     _print_simulation(simulation, simulation.to_dict(), notes, as_json)

@@ -16,13 +16,13 @@ AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted 20 cm"
 
 @dataclass(frozen=True)
 class HandTrial:
-    """One trial that tries to take the object out of the hand: a push or a lift.
+    """One trial that tries to take the object out of the hand: a wrench of the task or a lift.
 
     Parameters
     ----------
     condition : str
     label : str
-        Description of the push or lift.
+        Description of the wrench or lift.
     squeezed : Motion
         Motion of the object by the squeeze itself.
     motion : Motion
@@ -42,8 +42,8 @@ class HandTrial:
 
     @property
     def is_lift(self) -> bool:
-        """Whether the trial is a lift under gravity; otherwise it is a push without gravity."""
-        return self.label == LIFTED
+        """Whether the trial is a lift under gravity; otherwise it is a wrench without gravity."""
+        return self.label.startswith(LIFTED)
 
     @property
     def whole(self) -> Motion:
@@ -83,14 +83,14 @@ def format_outcome(trials: Sequence[HandTrial]) -> str:
     if trials[0].condition == CONTROL:
         expectation = "as it should be" if strict < count else "although it should be"
         return f"lost in {count - strict} of {count}, {expectation}"
-    pushes, lifts = [t for t in trials if not t.is_lift], [t for t in trials if t.is_lift]
-    pushed = f"{sum(t.strict for t in pushes)} of {len(pushes)} pushes"
+    loads, lifts = [t for t in trials if not t.is_lift], [t for t in trials if t.is_lift]
+    loaded = f"{sum(t.strict for t in loads)} of {len(loads)} wrenches"
     if not lifts:
-        text = f"{pushed} held (no lift)"
+        text = f"{loaded} held (no lift)"
     elif strict == count:
-        text = f"{pushed} and the lift held"
+        text = f"{loaded} and the lift held"
     else:
-        text = f"{pushed} held, the lift {'held' if all(t.strict for t in lifts) else 'lost'}"
+        text = f"{loaded} held, the lift {'held' if all(t.strict for t in lifts) else 'lost'}"
     return text if loose == strict else f"{text}, loosely {loose} of {count}"
 
 
@@ -106,19 +106,20 @@ def format_row(trials: Sequence[HandTrial]) -> str:
     return f"{text}; the squeeze moves it by {squeezed}, then {'it is lost' if motion.gone else f'at most {motion}'}"
 
 
-def trial_legend(trials: Sequence[HandTrial], push: float) -> list[str]:
+def trial_legend(trials: Sequence[HandTrial], share: float) -> list[str]:
     """Return lines of text that explain the trials and the motion limits.
 
     Parameters
     ----------
     trials : sequence of HandTrial
         Of all conditions.
-    push : float
-        Newtons.
+    share : float
+        Size of the wrenches, as a share of the task's.
     """
-    protocol = (
-        f"  six pushes of {push:g} N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
-    )
+    solved = [t for t in trials if t.condition == AS_SOLVED]
+    protocol = f"  wrenches of the task's boundary at {format_number(share, 3)} of its size, without gravity"
+    if lifts := [t.label for t in solved if t.is_lift]:
+        protocol += f"; as solved and in the control also {lifts[0]}, with gravity"
     limits = f"  held: moved in the hand by at most {_format_motion_limits(STRICT)}"
     is_loose_listed = any(t.loose != t.strict for t in trials if t.condition != CONTROL)
     return [protocol, f"{limits}; loosely: {_format_motion_limits(LOOSE)}" if is_loose_listed else limits]
@@ -154,12 +155,12 @@ class HandSimulation:
         The solution's.
     mass : float
         Of the object, kilograms.
-    push : float
-        Newtons.
+    share : float
+        Size of the wrenches, as a share of the task's.
     normal_force : float
         Requested least normal force of each finger, newtons.
     trials : tuple of HandTrial
-        One for each condition and push, in order.
+        One for each condition and wrench or lift, in order.
     grasp : HandSnapshot
         State in the grasp.
     mass_source : str
@@ -172,7 +173,7 @@ class HandSimulation:
 
     name: str
     mass: float
-    push: float
+    share: float
     normal_force: float
     trials: tuple[HandTrial, ...]
     grasp: HandSnapshot
@@ -189,7 +190,7 @@ class HandSimulation:
         """Return the trials under a given condition."""
         return tuple(t for t in self.trials if t.condition == condition)
 
-    def share(self, condition: str) -> float:
+    def share_held(self, condition: str) -> float:
         """Return the fraction of a condition's trials that were held strictly."""
         trials = self.of(condition)
         return sum(t.strict for t in trials) / len(trials)
@@ -245,7 +246,7 @@ class HandSimulation:
             "verdict": self.verdict,
             "mass": self.mass,
             "mass_source": self.mass_source,
-            "push": self.push,
+            "share": self.share,
             "normal_force": self.normal_force,
             "normal_forces": list(self.normal_forces),
             "touching": self.touching,
@@ -256,5 +257,5 @@ class HandSimulation:
         source = f", {self.mass_source}" if self.mass_source else ""
         forces = format_normal_forces(self.normal_force, self.normal_forces)
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
-        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {forces}", *trial_legend(self.trials, self.push)]
+        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {forces}", *trial_legend(self.trials, self.share)]
         return "\n".join([*lines, *(format_row(self.of(condition)) for condition in self.conditions)])

@@ -1,15 +1,16 @@
-"""Simulation protocol of a robot hand: six pushes under several conditions, a lift, a control without squeeze."""
+"""Simulation protocol of a robot hand: wrenches of the task under several conditions, a lift, a control."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.common.formatting import format_wrench
 from nlpgrasp.common.optional_packages import import_mujoco
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.simulation.hand_outcome import (
@@ -24,16 +25,16 @@ from nlpgrasp.simulation.hand_outcome import (
 from nlpgrasp.simulation.hand_world import SETTLE, STRICT, TRAVEL, HandSnapshot, HandWorld, Motion
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_hand
 from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
-from nlpgrasp.simulation.simulation_input import EARTH
+from nlpgrasp.simulation.simulation_input import EARTH, boundary_wrenches
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 
-PUSH, SECONDS = 1.0, 2.0  # newtons; seconds of each push
-DEFAULT_MASS = ObjectMass(0.1, "as the task carries no weight upwards")  # kilograms: default mass
+SHARE, WRENCHES = 0.8, 12  # size of the wrenches, as a share of the task's; number beside the hardest
+SECONDS = 1.0  # of each wrench at its full size
+DEFAULT_MASS = ObjectMass(0.1, "as the task carries no weight upwards", is_default=True)  # kilograms
 TORQUES, SLIPPERY, DISPLACED = "torques, a fifth of the gain", "half the friction", "object 5 mm, 5 deg off"
 FRICTION_SHARE, GAIN_SHARE = 0.5, 0.2  # shares of the friction and of the gain
 OFFSET, TILT, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # metres and radians of displacement; draws
-AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
 Progress = Callable[[str], None]
 
 
@@ -41,16 +42,18 @@ def simulate_hand(
     solution: GraspSolution,
     urdf: str | Path,
     options: HandSceneOptions | None = None,
-    push: float = PUSH,
+    share: float = SHARE,
+    wrenches: int = WRENCHES,
     progress: Progress | None = None,
 ) -> HandSimulation:
     """Simulate a grasp in MuJoCo with the joints of its hand, in trials that try to take the object away.
 
     The hand goes through the grasp's phases under position control: it opens, closes, squeezes. Then the object is
-    pushed along six directions for two seconds each, without gravity. It is strictly held if it moves by at most 1 cm
-    and 10 degrees in the hand, loosely up to 5 cm and 15 degrees. It is lifted by 20 cm under gravity. The pushes,
-    without the lift, are repeated with half the friction, with the object displaced by 5 mm and 5 degrees, and with the
-    squeeze's torques at the joints and a fifth of their gain. A control without squeeze has to lose the object.
+    loaded with wrenches of the task's boundary, one after another, without gravity. It is strictly held if it moves by
+    at most 1 cm and 10 degrees in the hand, loosely up to 5 cm and 15 degrees. Where the task carries a weight, or one
+    is stated, it is lifted by 20 cm under gravity, and tilted as the task says. The wrenches, without the lift, are
+    repeated with half the friction, with the object displaced by 5 mm and 5 degrees, and with the squeeze's torques at
+    the joints and a fifth of their gain. A control without squeeze has to lose the object.
 
     The object's mass is that of the options, else that of the weight in the task, such as that of ``ng.lift`` or
     ``ng.gravity``, else 100 g; ``mass_source`` of the result says which.
@@ -63,8 +66,10 @@ def simulate_hand(
         The hand's file.
     options : HandSceneOptions, optional
         Gain, damping and dry friction of the joints, the object's mass, normal force of the fingers.
-    push : float
-        Newtons.
+    share : float
+        Size of the wrenches, as a share of the task's; less, by as much, where the squeeze is weaker than it needs.
+    wrenches : int
+        Number of ends of the task's semi-axes to load with beside the hardest wrench.
     progress : callable, optional
         Called with messages on slow steps and on the end of each condition.
 
@@ -83,7 +88,8 @@ def simulate_hand(
     solution = require_solution(solution)
     import_mujoco("a simulation")
     touching = warn_of_touching(solution.name, solution.hand)
-    size = number("push", push, above=0.0)
+    size = number("share", share, above=0.0)
+    count = integer("wrenches", wrenches, at_least=1)
     settings = HandSceneOptions() if options is None else options
     mass = object_mass(solution, settings.mass, DEFAULT_MASS)
     settings = replace(settings, mass=mass.kilograms)
@@ -91,18 +97,21 @@ def simulate_hand(
     squeeze = solution.squeeze
     if squeeze is None:
         raise InputError("solution", "a hand without a squeeze", "one whose contacts can press")
+    normal_force = settings.normal_force or squeeze.normal_force
+    size *= _attained_share(solution, normal_force)
+    loads = _task_loads(solution, size, count)
+    lift = None if mass.is_default else mass
     trials: list[HandTrial] = []
     less_friction = replace(settings, friction=FRICTION_SHARE * settings.friction)
-    for outcomes in _run_conditions(scene, lambda: mjcf_with_hand(solution, urdf, less_friction), size):
+    for outcomes in _run_conditions(scene, lambda: mjcf_with_hand(solution, urdf, less_friction), loads, lift):
         trials += outcomes
         if progress is not None:
             progress(f"{condition_name(outcomes[0].condition)}: {format_outcome(outcomes)}")
-    normal_force = settings.normal_force or squeeze.normal_force
     forces = tuple((squeeze.normal * (normal_force / squeeze.normal_force)).tolist())
     return HandSimulation(
         name=solution.name,
         mass=mass.kilograms,
-        push=size,
+        share=size,
         normal_force=normal_force,
         trials=tuple(trials),
         grasp=_initial_snapshot(scene),
@@ -114,12 +123,12 @@ def simulate_hand(
 
 @dataclass(frozen=True)
 class HoldTest:
-    """Result of ``try_hold``: pushes and a lift, with the squeeze and without.
+    """Result of ``try_hold``: wrenches of the task and a lift, with the squeeze and without.
 
     Parameters
     ----------
     held : bool
-        Whether six pushes and the lift were all held strictly, as ``HandSimulation.held``.
+        Whether wrenches and lift were all held strictly, as ``HandSimulation.held``.
     caged : bool
         Whether the hand without the squeeze held all of them too; false where the squeeze itself lost the object.
     motion : Motion
@@ -140,12 +149,13 @@ def try_hold(
     solution: GraspSolution,
     urdf: str | Path,
     options: HandSceneOptions | None = None,
-    push: float = PUSH,
+    share: float = SHARE,
+    wrenches: int = WRENCHES,
     robot: Robot | None = None,
 ) -> HoldTest:
-    """Test a grasp by pushes and a lift, with the squeeze and then without, each until the first loss.
+    """Test a grasp by wrenches and a lift, with the squeeze and then without, each until the first loss.
 
-    A push ends when the object has rested for a fifth of a second, or has moved by more than 1 cm or 10 degrees.
+    A wrench ends when the object has rested for a fifth of a second, or has moved by more than 1 cm or 10 degrees.
 
     Parameters
     ----------
@@ -155,8 +165,8 @@ def try_hold(
         The hand's file.
     options : HandSceneOptions, optional
         As for ``simulate_hand``.
-    push : float
-        Newtons.
+    share, wrenches
+        As for ``simulate_hand``.
     robot : Robot, optional
         The robot of the file, where it has been read already.
 
@@ -168,30 +178,67 @@ def try_hold(
     settings = HandSceneOptions() if options is None else options
     mass = object_mass(solution, settings.mass, DEFAULT_MASS)
     world = HandWorld(mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms), robot=robot))
+    size = share * _attained_share(solution, settings.normal_force or solution.require_squeeze().normal_force)
+    loads, lift = _task_loads(solution, size, wrenches), None if mass.is_default else mass
     motions = list[Motion]()
-    for motion in _hold_motions(world, True, push):
+    for motion in _hold_motions(world, True, loads, lift):
         motions.append(motion)
         if not motion.within(STRICT):
             return HoldTest(False, False, Motion.largest(motions))
-    is_caged = all(motion.within(STRICT) for motion in _hold_motions(world, False, push))
+    is_caged = all(motion.within(STRICT) for motion in _hold_motions(world, False, loads, lift))
     return HoldTest(True, is_caged, Motion.largest(motions))
 
 
-def _hold_motions(world: HandWorld, squeeze: bool, push: float) -> Iterator[Motion]:
-    """Yield the largest motion of the object since the grasp, in each of six pushes and a lift.
+@dataclass(frozen=True)
+class _Load:
+    """Load on the object: a wrench that the fingers have to withstand.
+
+    Parameters
+    ----------
+    label : str
+        The wrench that the fingers exert, as text.
+    wrench : (6,) array
+        On the object, newtons and newton-metres, body frame in the grasp.
+    point : (3,) array
+        Reference point of the moment, body frame, metres.
+    """
+
+    label: str
+    wrench: FloatArray
+    point: FloatArray
+
+
+def _task_loads(solution: GraspSolution, share: float, count: int) -> list[_Load]:
+    """Return the loads of the task's boundary, the hardest first, at a share of their size."""
+    wrenches = share * boundary_wrenches(solution, count)
+    point = solution.require_grasp().torque_origin
+    return [_Load(f"the wrench {format_wrench(wrench)}", -wrench, point) for wrench in wrenches]
+
+
+def _attained_share(solution: GraspSolution, normal_force: float) -> float:
+    """Return the share of the task for which fingers that press with a least normal force press hard enough."""
+    return 1.0 if solution.needed is None else min(1.0, normal_force / float(np.max(solution.needed.normal)))
+
+
+def _hold_motions(world: HandWorld, squeeze: bool, loads: Sequence[_Load], lift: ObjectMass | None) -> Iterator[Motion]:
+    """Yield the largest motion of the object since the grasp, under each load and in a lift.
 
     Each ends early where its outcome is known.
     """
     squeezed = close_hand(world, squeeze, None)
     closed = world.state()
-    for axis in AXES.values():
+    for load in loads:
         world.restore(closed)
-        yield squeezed + world.largest_motion(SECONDS, force=push * np.array(axis, float))
-    world.restore(closed)
-    yield squeezed + world.largest_motion(2.0 * TRAVEL, _lift_controls(world, squeeze), gravity=EARTH)
+        yield squeezed + world.largest_motion(SECONDS, load=(load.wrench, load.point))
+    if lift is not None:
+        world.restore(closed)
+        target = _lift_controls(world, squeeze)
+        yield squeezed + world.largest_motion(2.0 * TRAVEL, target, gravity=EARTH, ups=lift.ups)
 
 
-def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) -> Iterator[list[HandTrial]]:
+def _run_conditions(
+    scene: str, slippery_scene: Callable[[], str], loads: Sequence[_Load], lift: ObjectMass | None
+) -> Iterator[list[HandTrial]]:
     """Yield the trials of each condition.
 
     The scene with less friction is built when it is needed.
@@ -202,55 +249,54 @@ def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) 
         MJCF text.
     slippery_scene : callable
         To MJCF text of the scene with less friction.
-    size : float
-        Of the pushes, newtons.
+    loads : sequence of _Load
+    lift : ObjectMass or None
+        The weight that is lifted, and tilted; None where there is none.
     """
-    yield [*_push_trials(AS_SOLVED, HandWorld(scene), size), _lift_trial(AS_SOLVED, HandWorld(scene))]
-    yield _push_trials(TORQUES, HandWorld(scene), size, torques=True)
-    yield _push_trials(SLIPPERY, HandWorld(slippery_scene()), size)
+    yield _solved_trials(AS_SOLVED, scene, loads, lift)
+    yield _load_trials(TORQUES, HandWorld(scene), loads, torques=True)
+    yield _load_trials(SLIPPERY, HandWorld(slippery_scene()), loads)
     rng = np.random.default_rng(SEED)
     draws = [_random_displacement(rng) for _ in range(DRAWS)]
-    yield [trial for draw in draws for trial in _push_trials(DISPLACED, HandWorld(scene), size, displacement=draw)]
-    pushes = _push_trials(CONTROL, HandWorld(scene), size, squeeze=False)
-    yield [*pushes, _lift_trial(CONTROL, HandWorld(scene), squeeze=False)]
+    yield [trial for draw in draws for trial in _load_trials(DISPLACED, HandWorld(scene), loads, displacement=draw)]
+    yield _solved_trials(CONTROL, scene, loads, lift, squeeze=False)
 
 
-def _push_trials(
+def _solved_trials(
+    condition: str, scene: str, loads: Sequence[_Load], lift: ObjectMass | None, squeeze: bool = True
+) -> list[HandTrial]:
+    """Return the trials of the loads and, where there is a weight, of the lift."""
+    trials = _load_trials(condition, HandWorld(scene), loads, squeeze=squeeze)
+    return trials if lift is None else [*trials, _lift_trial(condition, HandWorld(scene), lift, squeeze)]
+
+
+def _load_trials(
     condition: str,
     world: HandWorld,
-    size: float,
+    loads: Sequence[_Load],
     *,
     squeeze: bool = True,
     torques: bool = False,
     displacement: tuple[FloatArray, FloatArray] | None = None,
 ) -> list[HandTrial]:
-    """Close the hand and return six push trials, each from the same closed state."""
+    """Close the hand and return one trial a load, each from the same closed state."""
     squeezed = close_hand(world, squeeze, displacement)
     if torques:
         world.soften(GAIN_SHARE)
-    return list(_push_closed(condition, world, squeezed, size, displacement is not None))
-
-
-def _push_closed(
-    condition: str, world: HandWorld, squeezed: Motion, size: float, placed_off: bool = False
-) -> Iterator[HandTrial]:
-    """Yield six push trials, each from the current state of a closed hand."""
-    closed = world.state()
-    for name, axis in AXES.items():
+    closed, trials = world.state(), []
+    for load in loads:
         world.restore(closed)
-        motion, snapshots = world.push(size * np.array(axis, float), SECONDS)
-        yield HandTrial(condition, f"a push along {name}", squeezed, motion, snapshots, placed_off)
+        motion, snapshots = world.load(load.wrench, load.point, SECONDS)
+        trials.append(HandTrial(condition, load.label, squeezed, motion, snapshots, displacement is not None))
+    return trials
 
 
-def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
-    """Close the hand, lift the object under gravity, and return the trial."""
-    return _lift_closed(condition, world, close_hand(world, squeeze, None), squeeze)
-
-
-def _lift_closed(condition: str, world: HandWorld, squeezed: Motion, squeeze: bool) -> HandTrial:
-    """Return the trial of a lift, from the current state of a closed hand."""
-    motion, snapshots = world.run_recorded(2.0 * TRAVEL, _lift_controls(world, squeeze), EARTH)
-    return HandTrial(condition, LIFTED, squeezed, motion, snapshots)
+def _lift_trial(condition: str, world: HandWorld, lift: ObjectMass, squeeze: bool = True) -> HandTrial:
+    """Close the hand, lift the object under gravity, tilt it, and return the trial."""
+    squeezed = close_hand(world, squeeze, None)
+    motion, snapshots = world.run_recorded(2.0 * TRAVEL, _lift_controls(world, squeeze), EARTH, lift.ups)
+    tilted = f" and tilted by {np.degrees(lift.tilt):.0f} degrees" if lift.tilt else ""
+    return HandTrial(condition, LIFTED + tilted, squeezed, motion, snapshots)
 
 
 def _lift_controls(world: HandWorld, squeeze: bool) -> FloatArray:

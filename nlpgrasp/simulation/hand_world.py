@@ -16,6 +16,7 @@ from nlpgrasp.errors import NlpgraspError
 STRICT, LOOSE = (0.01, float(np.radians(10.0))), (0.05, float(np.radians(15.0)))  # metres and radians of a held object
 LOST_DISTANCE = 1.0  # metres: an object this far away is lost, and its motion not reported
 REPORTED_MOTION = 0.005  # millimetres and degrees: smaller motions are reported as none
+RISE, TILT_STEP = 0.5, 0.25  # seconds of a load's growth, and between directions of a tilt
 TRAVEL, SETTLE = 1.0, 0.5  # seconds between keyframes, and of rest after the squeeze
 LEAST_FRICTION = 1e-5  # least coefficient of friction, as MuJoCo requires
 SNAPSHOT_RATE = 25  # recorded states per second
@@ -90,6 +91,7 @@ class Pose:
         )
 
 
+Directions = Sequence[tuple[float, float, float]]  # upward directions, unit
 END = object()  # returned by the callback of a run to end it
 PREFIX = "hand_"  # prefix of the names of the hand's bodies
 STILL = Motion()  # no motion
@@ -179,31 +181,59 @@ class HandWorld:
             self.model.actuator_biasprm[motor, 1] *= fraction
             self.data.ctrl[motor] += (1.0 / fraction - 1.0) * offsets[motor]
 
-    def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Push the object's centre of mass with a force (3,), newtons; return the largest motion and the snapshots."""
-        self.data.xfrc_applied[self._object, :3] = force
-        outcome = self.run_recorded(seconds, None)
+    def load(self, wrench: FloatArray, point: FloatArray, seconds: float) -> tuple[Motion, tuple[HandSnapshot, ...]]:
+        """Load the object with a wrench for some seconds; return the largest motion and the snapshots.
+
+        Parameters
+        ----------
+        wrench : (6,) array
+            Force and moment about a point of the body, newtons and newton-metres, scene frame. It grows for ``RISE``.
+        point : (3,) array
+            Body frame, metres.
+        seconds : float
+        """
+        before, motions, snapshots = self.pose(), [STILL], [self.snapshot()]
+
+        def record(_: float) -> None:
+            motions.append(self.pose().motion_from(before))
+            snapshots.append(self.snapshot(motions[-1]))
+
+        self._load_slowly(wrench, point, record)
+        self.run(seconds, None, record)
         self.data.xfrc_applied[:] = 0.0
-        return outcome
+        return Motion.largest(motions), tuple(snapshots)
+
+    def _load_slowly(self, wrench: FloatArray, point: FloatArray, callback: Callable[[float], object]) -> None:
+        """Raise a wrench on the object linearly over ``RISE`` seconds; arguments as for ``load``."""
+        rotation = self.data.xmat[self._object].reshape(3, 3)
+        arm = rotation @ (point - self.model.body_ipos[self._object])
+        full = np.concatenate([wrench[:3], wrench[3:] + np.cross(arm, wrench[:3])])
+        steps = max(round(RISE * SNAPSHOT_RATE), 1)
+        for step in range(1, steps + 1):
+            self.data.xfrc_applied[self._object] = step / steps * full
+            self.run(RISE / steps)
+            if callback(step / steps) is END:
+                break
 
     def largest_motion(
         self,
         seconds: float,
         target: FloatArray | None = None,
         *,
-        force: FloatArray | None = None,
+        load: tuple[FloatArray, FloatArray] | None = None,
         gravity: float = 0.0,
+        ups: Directions = (),
     ) -> Motion:
         """Return the object's largest motion in a run that ends early where its outcome is known.
 
-        It ends where the object is not strictly held any more and, under a constant force, where it rests.
+        It ends where the object is not strictly held any more and, under a constant load, where it rests.
 
         Parameters
         ----------
-        seconds, target, gravity
+        seconds, target, gravity, ups
             As for ``run_recorded``.
-        force : (3,) array, optional
-            On the object's centre of mass, newtons, constant.
+        load : pair of (6,) and (3,) arrays, optional
+            Wrench and point, as for ``load``.
         """
         before, motion, poses = self.pose(), STILL, list[Pose]()
 
@@ -211,16 +241,20 @@ class HandWorld:
             nonlocal motion
             poses.append(self.pose())
             motion = Motion.largest([motion, poses[-1].motion_from(before)])
-            rests = force is not None and self._rests(poses)
+            rests = rise_over and self._rests(poses)
             return END if rests or not motion.within(STRICT) else None
 
-        if force is not None:
-            self.data.xfrc_applied[self._object, :3] = force
+        rise_over = False
+        if load is not None:
+            self._load_slowly(*load, is_over)
+            rise_over = True
         if gravity:
             self.raise_gravity(gravity, is_over)
         if motion.within(STRICT):
             self.run(seconds, target, is_over)
-        self.data.xfrc_applied[:], self.model.opt.gravity[2] = 0.0, 0.0
+        if len(ups) > 1 and motion.within(STRICT):
+            self.turn_gravity(gravity, ups, is_over)
+        self.data.xfrc_applied[:], self.model.opt.gravity[:] = 0.0, 0.0
         return motion
 
     def _rests(self, poses: Sequence[Pose]) -> bool:
@@ -229,9 +263,12 @@ class HandWorld:
         return len(last) > REST_STATES and all(pose.motion_from(last[-1]).within(AT_REST) for pose in last)
 
     def run_recorded(
-        self, seconds: float, target: FloatArray | None, gravity: float = 0.0
+        self, seconds: float, target: FloatArray | None, gravity: float = 0.0, ups: Directions = ()
     ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Raise gravity (m / s^2, along -z), then run as ``run``; return the largest motion and the snapshots."""
+        """Raise gravity (m / s^2, along -z), then run as ``run``; return the largest motion and the snapshots.
+
+        At the end gravity turns so that upwards is each of ``ups`` in turn, as where hand and object are tilted.
+        """
         before, motions, snapshots = self.pose(), [STILL], [self.snapshot()]
 
         def record(_: float) -> None:
@@ -241,7 +278,9 @@ class HandWorld:
         if gravity:
             self.raise_gravity(gravity, record)
         self.run(seconds, target, record)
-        self.model.opt.gravity[2] = 0.0
+        if len(ups) > 1:
+            self.turn_gravity(gravity, ups, record)
+        self.model.opt.gravity[:] = 0.0
         return Motion.largest(motions), tuple(snapshots)
 
     def raise_gravity(self, gravity: float, callback: Callable[[float], object] | None = None) -> None:
@@ -252,6 +291,12 @@ class HandWorld:
             return None if callback is None else callback(fraction)
 
         self.run(TRAVEL, None, raise_to)
+
+    def turn_gravity(self, gravity: float, ups: Directions, callback: Callable[[float], object] | None = None) -> None:
+        """Turn gravity, m / s^2, so that upwards is each of the directions in turn; ``callback`` as in ``run``."""
+        for up in ups[1:]:
+            self.model.opt.gravity[:] = -gravity * np.asarray(up)
+            self.run(TILT_STEP, None, callback)
 
     def controls_with(self, key: str, set_points: Mapping[str, float]) -> FloatArray:
         """Return the servo commands of a keyframe, (nu,), with other set-points of the given joints."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Comment, Element, SubElement
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.types import Json
@@ -29,10 +33,13 @@ from nlpgrasp.simulation.fingertip_scene import (
     solid_mass,
     xml_text,
 )
-from nlpgrasp.simulation.scene_object import Progress, add_object_geoms, object_mass
+from nlpgrasp.simulation.scene_object import Progress, add_object_geoms, convex_pieces, object_mass
 from nlpgrasp.solution.obstructions import tip_deviations
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeeze_record import LEVER, Squeeze
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 CYLINDER_SIDES = 128  # of a prism that stands for a cylinder: 0.009 mm inside one of 30 mm radius, at most
 PAD_HALF_THICKNESS = 1e-3  # m, half the thickness of a flat fingertip's geom, behind its face
@@ -47,6 +54,7 @@ OBJECT_CONTACT = {"contype": "1", "conaffinity": "0"}
 LIFT = 0.2  # m, along z, if the file has no phases
 SQUEEZING_PHASES = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
 STEP = 1e-3  # s, time step
+WAY_STEPS, HULL_DEPTH = 10, 5e-4  # looks between keyframes; metres inside the object from which on a hull is decomposed
 EFFORT_TOLERANCE = 1e-9  # relative tolerance of joint efforts
 CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of all geoms and mimic-joint equalities
 SOLVER = {
@@ -73,9 +81,10 @@ def mjcf_with_hand(
 ) -> str:
     """Return the scene of a grasp with the articulated hand as MJCF text; world frame = body frame.
 
-    Units are metres and newtons. The hand is built from its file: collision shapes (meshes as convex hulls), stated
-    masses, mimic joints as equalities. Each fingertip has the friction of its contact model, and collides as the
-    problem's fingertip shape in addition to its link's shapes. Three sliding joints carry the palm. The text is
+    Units are metres and newtons. The hand is built from its file: collision shapes (meshes as convex hulls, or convex
+    pieces where the hull would be inside the object in the grasp or on the way), stated masses, mimic joints as
+    equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
+    addition to its link's shapes. Three sliding joints carry the palm. The text is
     self-contained, without mesh files.
 
     Parameters
@@ -116,21 +125,67 @@ def mjcf_with_hand(
     slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
     object_surface = {"friction": slipperiest["friction"], "condim": "3"}
     add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, object_surface, progress)
-    gains = position_gains(robot, squeeze, settings.gain)
+    scale = _squeeze_scale(squeeze, settings.normal_force)
+    _require_effort(squeeze, scale)
+    gains = position_gains(robot, squeeze, settings.gain, scale)
     limits = _effort_limits(solution)
     tips = tuple(solution.problem["hand"]["fingertips"])
     floating = tip_deviations(solution.hand)
     posed = PosedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
-    add_hand(root, posed, surfaces, settings)
-    scale = _squeeze_scale(squeeze, settings.normal_force)
-    _require_effort(squeeze, scale)
     keyframes = scene_keyframes(hand, robot, squeeze, gains, scale)
+    without_hand = deepcopy(root)
+    text = _scene_text(root, posed, surfaces, settings, keyframes)
+    model = _compiled(text, urdf)
+    if concave := _hulls_in_object(model, robot):
+        pieces = {shape: _link_pieces(robot, shape, progress) for shape in concave}
+        text = _scene_text(without_hand, replace(posed, pieces=pieces), surfaces, settings, keyframes)
+        _compiled(text, urdf)
+    return text
+
+
+def _scene_text(
+    root: Element,
+    posed: PosedRobot,
+    surfaces: list[dict[str, str]],
+    options: HandSceneOptions,
+    keyframes: Sequence[Keyframe],
+) -> str:
+    """Add hand and keyframes to a scene with the object, and return its MJCF text."""
+    add_hand(root, posed, surfaces, options)
     root.insert(0, Comment(USAGE.format(names=", ".join(frame.name for frame in keyframes), stiction=STICTION)))
     add_keyframes(root, keyframes)
     _replace_cylinders(root)
-    text = xml_text(root)
-    _check_compiles(text, urdf)
-    return text
+    return xml_text(root)
+
+
+def _hulls_in_object(model: MjModel, robot: Robot) -> list[tuple[str, int]]:
+    """Return the concave meshes, by link and index, whose hulls are inside the object in the grasp or on the way to it.
+
+    The links themselves are outside there, or by no more than the solution says: the hull would push the object away.
+    """
+    mujoco = import_mujoco("a scene with the hand")
+    data, found = mujoco.MjData(model), set[str]()
+    names = [model.key(i).name for i in range(model.nkey)]
+    states = np.array(model.key_qpos)[: names.index("grasp") + 1]
+    shares = np.linspace(0.0, 1.0, WAY_STEPS, endpoint=False)
+    between = [a + share * (b - a) for a, b in pairwise(states) for share in shares]
+    for state in (*between, states[-1]):
+        data.qpos[:] = state
+        mujoco.mj_fwdPosition(model, data)
+        deep = data.contact.geom[data.contact.dist < -HULL_DEPTH]
+        found |= {model.geom(int(geom)).name for geom in np.ravel(deep)}
+    return [
+        (link, i)
+        for link, shapes in robot.shapes.items()
+        for i, shape in enumerate(shapes)
+        if f"{PREFIX}{link}_{i}" in found and shape.kind == "mesh"
+    ]
+
+
+def _link_pieces(robot: Robot, shape: tuple[str, int], progress: Progress | None) -> list[FloatArray]:
+    """Return the corners of the convex pieces of a link's mesh, given the link and the index of the shape."""
+    mesh = robot.shapes[shape[0]][shape[1]].mesh
+    return convex_pieces(Triangles(np.asarray(mesh.vertices), np.asarray(mesh.faces)), progress)
 
 
 def _require_posture(solution: GraspSolution) -> Json:
@@ -172,11 +227,11 @@ def _replace_cylinders(root: Element) -> None:
             geom.attrib |= {"type": "mesh", "mesh": name}
 
 
-def _check_compiles(scene: str, urdf: str | Path) -> None:
-    """Raise if MuJoCo rejects a scene."""
+def _compiled(scene: str, urdf: str | Path) -> MjModel:
+    """Return the MuJoCo model of a scene; raise if MuJoCo rejects it."""
     mujoco = import_mujoco("a scene with the hand")
     try:
-        mujoco.MjModel.from_xml_string(scene)
+        return mujoco.MjModel.from_xml_string(scene)
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(str(urdf), " ".join(str(error).split()), "a hand that MuJoCo can simulate") from None
 
@@ -190,10 +245,10 @@ class HandSceneOptions:
     Parameters
     ----------
     gain : float, optional
-        Of the joints' position control, N m / rad; by default that of the file's squeeze. Prismatic joints keep the
-        file's.
-    damping : float
-        Of the joints, N m s / rad.
+        Of the joints' position control, N m / rad; by default that of the file's squeeze, times the factor on its
+        force. Prismatic joints keep the file's.
+    damping : float, optional
+        Of the joints, N m s / rad; by default critical for gain and armature.
     frictionloss : float
         Dry friction of the joints, N m.
     mass : float, optional
@@ -205,7 +260,7 @@ class HandSceneOptions:
     """
 
     gain: float | None = None
-    damping: float = 0.1
+    damping: float | None = None
     frictionloss: float = 0.005
     mass: float | None = None
     normal_force: float | None = None
@@ -217,7 +272,9 @@ class HandSceneOptions:
             if value is not None:
                 object.__setattr__(self, name, number(name, value, above=0.0))
         for name in ("damping", "frictionloss", "friction"):
-            object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0))
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, number(name, value, at_least=0.0))
 
 
 def read_hand(urdf: str | Path, palm: str, units: UrdfUnits) -> Robot:
@@ -296,6 +353,8 @@ class PosedRobot:
         Torque limits by joint.
     floating : collection of int
         Fingertips that are off their links in the grasp: the scene has only the links' own shapes there.
+    pieces : mapping of (str, int) to list of (m, 3) arrays
+        Corners of the convex pieces of meshes, by link and index of the shape, that replace the mesh's hull.
     """
 
     robot: Robot
@@ -305,6 +364,7 @@ class PosedRobot:
     gains: Mapping[str, float]
     limits: Mapping[str, float]
     floating: Collection[int] = ()
+    pieces: Mapping[tuple[str, int], Sequence[FloatArray]] = field(default_factory=dict)
 
 
 def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
@@ -333,10 +393,11 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
         body = SubElement(parent, "body", {"name": PREFIX + link, "gravcomp": "1", **pose})
         bodies[link] = body
         if joint is not None and joint.moves:
-            _add_joint(body, joint, options)
+            _add_joint(body, joint, options, posed.gains[robot.driving_joint(joint)[0]])
         _add_inertial(body, posed.inertials.get(link))
         for i, shape in enumerate(robot.shapes.get(link, ())):
-            _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, link_surfaces.get(link, {}))
+            surface = link_surfaces.get(link, {})
+            _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, surface, posed.pieces.get((link, i)))
     for i, (tip, surface) in enumerate(zip(posed.tips, surfaces, strict=True)):
         geom = tip_geom(tip)
         if geom is not None and i not in posed.floating:
@@ -379,16 +440,18 @@ def _joint_pose(joint: Joint) -> dict[str, str]:
     return {"pos": format_numbers(joint.xyz), "quat": quaternion(rotation)}
 
 
-def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
+def _add_joint(body: Element, joint: Joint, options: HandSceneOptions, gain: float) -> None:
     """Add a joint with its damping, dry friction, armature and limits."""
     arm = 1.0 if joint.is_revolute else LEVER  # a prismatic joint counts as a revolute one on such a lever
+    armature = ARMATURE[joint.is_revolute]
+    damping = 2.0 * np.sqrt(gain * armature) if options.damping is None else options.damping / arm**2
     attributes = {
         "name": PREFIX + joint.name,
         "type": "hinge" if joint.is_revolute else "slide",
         "axis": format_numbers(joint.axis),
-        "damping": f"{options.damping / arm**2:.9g}",
+        "damping": f"{damping:.9g}",
         "frictionloss": f"{options.frictionloss / arm:.9g}",
-        "armature": f"{ARMATURE[joint.is_revolute]:.9g}",
+        "armature": f"{armature:.9g}",
     }
     is_limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
     SubElement(
@@ -406,8 +469,15 @@ def _add_inertial(body: Element, inertial: Inertial | None) -> None:
     SubElement(body, "inertial", pos=format_numbers(center), mass=f"{mass:.9g}", fullinertia=components)
 
 
-def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, surface: dict[str, str]) -> None:
-    """Add a collision shape to a link's body, as a MuJoCo primitive or the convex hull of its mesh."""
+def _add_shape(
+    asset: Element,
+    body: Element,
+    name: str,
+    shape: CollisionShape,
+    surface: dict[str, str],
+    pieces: Sequence[FloatArray] | None,
+) -> None:
+    """Add a collision shape to a link's body: a MuJoCo primitive, the convex hull of its mesh, or its convex pieces."""
     geom = {"name": name, **APPEARANCE, **OBJECT_CONTACT, **surface}
     if shape.centre is not None:
         geom |= {"type": "sphere", "size": format_numbers([shape.radius]), "pos": format_numbers(shape.centre)}
@@ -416,9 +486,11 @@ def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, 
         pose = {"pos": format_numbers(shape.pose[:3, 3]), "quat": quaternion(shape.pose[:3, :3])}
         geom |= {"type": shape.kind, "size": format_numbers(half), **pose}
     else:
-        hull: FloatArray = np.asarray(shape.mesh.convex_hull.vertices)
-        SubElement(asset, "mesh", name=name, vertex=format_numbers(hull.ravel()))
-        geom |= {"type": "mesh", "mesh": name}
+        for i, corners in enumerate(pieces or [np.asarray(shape.mesh.convex_hull.vertices)]):
+            piece = f"{name}_{i}" if pieces else name
+            SubElement(asset, "mesh", name=piece, vertex=format_numbers(corners.ravel()))
+            SubElement(body, "geom", geom | {"name": piece, "type": "mesh", "mesh": piece})
+        return
     SubElement(body, "geom", geom)
 
 
@@ -443,11 +515,11 @@ def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) 
     SubElement(actuator, "position", {**attributes, **force_range})
 
 
-def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
+def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None, scale: float = 1.0) -> dict[str, float]:
     """Return the position gain of each free joint.
 
-    It is the squeeze's, or ``gain`` for revolute joints if that is given. A joint that the squeeze does not name has
-    the largest gain of those it names.
+    It is the squeeze's times ``scale``, the factor on its force, or ``gain`` for revolute joints if that is given. A
+    joint that the squeeze does not name has the largest gain of those it names.
 
     Raises
     ------
@@ -461,7 +533,7 @@ def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[s
     default = max(by_joint.values(), default=0.0) if isinstance(gains, Mapping) else gains
     result = {}
     for joint in robot.free_joints:
-        joint_gain = by_joint.get(joint.name, default)
+        joint_gain = scale * by_joint.get(joint.name, default)
         result[joint.name] = gain if gain is not None and joint.is_revolute else joint_gain
     return result
 

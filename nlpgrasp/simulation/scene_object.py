@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
@@ -15,7 +16,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.simulation.fingertip_scene import DENSITY, format_numbers, solid_mass
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.tasks.base import parts_of
 from nlpgrasp.tasks.tools import WEIGHT
 
@@ -23,16 +24,20 @@ CONVEX_VOLUME = 0.999  # share of its hull's volume above which a body counts as
 CONCAVITY, PIECES, SEED = 0.02, 64, 0  # coacd: relative concavity threshold, largest number of pieces, seed
 APPEARANCE = {"rgba": "0.56 0.64 0.71 1"}
 
-DECOMPOSING = "decomposing the body into convex pieces ..."
+DECOMPOSING = "decomposing a shape into convex pieces ..."
 MAX_LATERAL = 0.1  # largest lateral force of a weight, as a share of the upward force
 PUSH_START = 0.01  # share of the upward force below which the least force is that of a tool's push, no weight
 ISOTROPY = 1e-6  # relative tolerance of isotropic forces at one point
 CENTRE_DISTANCE = 0.5  # largest distance of a weight from the centre of mass, as a share of half the body's diagonal
+UP = (0.0, 0.0, 1.0)  # first upward direction, body frame
+MIN_TILTS, MOST_CORNER = 4, 1.05  # corners of a tilt's part: at least; their largest force over the weight
+UPRIGHT_COSINE, STEP_COSINE = 0.995, 0.9  # of a tilt's first direction from upright, and between neighbours
 STATED, UPRIGHT = "as stated", "the weight that the task carries"
 ANY_WAY, OF_WATER = "the weight that the task carries in any orientation", "as if of water"
 
 
-_last: dict[bytes, list[FloatArray]] = {}  # cache of the last body's pieces, which a simulation needs twice
+_pieces: dict[bytes, list[FloatArray]] = {}  # of the last meshes: a simulation needs them twice, a set more often
+MOST_CACHED = 64  # meshes
 
 Progress = Callable[[str], None]
 Size = Callable[[Json], Iterable[float]]
@@ -116,8 +121,8 @@ def convex_pieces(shape: Triangles, progress: Progress | None = None) -> list[Fl
     except ImportError:
         raise MissingExtraError("convex pieces of a body that is not convex (coacd)", "sim") from None
     vertices, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
-    key = vertices.tobytes() + faces.tobytes()
-    pieces = _last.get(key)
+    key = hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
+    pieces = _pieces.get(key)
     if pieces is None:
         if progress is not None:
             progress(DECOMPOSING)
@@ -125,8 +130,9 @@ def convex_pieces(shape: Triangles, progress: Progress | None = None) -> list[Fl
         mesh_input = coacd.Mesh(vertices, faces)
         parts = coacd.run_coacd(mesh_input, threshold=CONCAVITY, max_convex_hull=PIECES, seed=SEED)
         pieces = [np.asarray(corners, dtype=float) for corners, _ in parts]
-        _last.clear()
-        _last[key] = pieces
+        if len(_pieces) >= MOST_CACHED:
+            _pieces.clear()
+        _pieces[key] = pieces
     return list(pieces)
 
 
@@ -139,18 +145,30 @@ class ObjectMass:
     kilograms : float
     source : str
         Text such as ``the weight that the task carries``.
+    ups : tuple of (3,) tuples
+        Upward directions in the body frame that the task goes through in turn, unit: one, or those of a tilt.
+    is_default : bool
+        Whether neither the task nor the user states a weight.
     """
 
     kilograms: float
     source: str
+    ups: tuple[tuple[float, float, float], ...] = (UP,)
+    is_default: bool = False
+
+    @property
+    def tilt(self) -> float:
+        """Largest angle from the first upward direction, radians."""
+        return float(np.max(np.arccos(np.clip(np.array(self.ups) @ self.ups[0], -1.0, 1.0))))
 
 
 def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
     """Return the mass of a solution's object: as given, else from the weight in the task, else a default.
 
     A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, as in
-    ``ng.lift``. A part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in
-    ``ng.gravity``; it counts if there is no other.
+    ``ng.lift``, or if a part's corners are a weight at one point that turns away from that axis, as in ``ng.pour``. A
+    part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in ``ng.gravity``;
+    it counts if there is no other.
 
     Parameters
     ----------
@@ -166,16 +184,43 @@ def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMa
     InputError
         Without a grasp or a drawing, or if the density of water is used and the drawing has no volume.
     """
-    if mass is not None:
-        return ObjectMass(mass, STATED)
     parts = parts_of(solution.task) if solution.task.dimension == 6 else ()
-    carried = sum(_carried_weight(part) for part in parts)
+    turning = [found for part in parts if (found := _turning_weight(part)) is not None]
+    ups = tuple(tuple(map(float, up)) for up in turning[0][1]) if turning else (UP,)
+    if mass is not None:
+        return ObjectMass(mass, STATED, ups)
+    carried = sum(_carried_weight(part) for part in parts if _turning_weight(part) is None)
+    carried += sum(weight for weight, _ in turning)
     if carried > 0.0:
-        return ObjectMass(carried / WEIGHT, UPRIGHT)
+        return ObjectMass(carried / WEIGHT, UPRIGHT, ups)
     isotropic = max((_isotropic_force(part, solution) for part in parts), default=0.0)
     if isotropic > 0.0:
         return ObjectMass(isotropic / WEIGHT, ANY_WAY)
-    return otherwise or ObjectMass(solid_mass(solution.require_drawing().body, DENSITY).mass, OF_WATER)
+    return otherwise or ObjectMass(solid_mass(solution.require_drawing().body, DENSITY).mass, OF_WATER, is_default=True)
+
+
+def _turning_weight(part: Task) -> tuple[float, FloatArray] | None:
+    """Return the weight, newtons, of a part that turns a body from upright, and the upward directions (m, 3) in turn.
+
+    The part's corners are forces at one point, in small steps of direction, and the least of them is the weight: those
+    between contain the arc. None for other parts.
+    """
+    if not isinstance(part, TaskPolytope) or len(part.wrenches) < MIN_TILTS:
+        return None
+    forces, moments = part.wrenches[:, :3], part.wrenches[:, 3:]
+    sizes = np.linalg.norm(forces, axis=1)
+    weight = float(np.min(sizes))
+    if weight <= 0.0 or np.max(sizes) > MOST_CORNER * weight:
+        return None
+    directions = forces / sizes[:, None]
+    directions = directions[np.argsort(-directions[:, 2], kind="stable")]
+    steps = np.sum(directions[1:] * directions[:-1], axis=1)
+    rows = -np.concatenate([np.cross(np.eye(3), force).T for force in forces])  # f x p
+    point = np.linalg.lstsq(rows, -moments.ravel(), rcond=None)[0]
+    errors = np.cross(point, forces) - moments
+    if directions[0, 2] < UPRIGHT_COSINE or np.min(steps) < STEP_COSINE or np.max(np.abs(errors)) > ISOTROPY * weight:
+        return None
+    return weight, directions
 
 
 def _carried_weight(part: Task) -> float:

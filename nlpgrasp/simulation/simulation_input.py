@@ -75,13 +75,9 @@ def build_simulation_input(solution: GraspSolution, share: float, mass: float | 
         raise InputError(
             "quality.mu", str(solution.mu), f"bounds within a factor of {MAX_BOUND_RATIO:g}: solve it again"
         )
-    budget, task = solution.budget, solution.task
+    budget = solution.budget
     effort = 1.0 if budget.absolute else 1.0 / solution.mu.lower
-    hardest = solution.mu.worst_direction
-    if hardest is None:
-        hardest = mu(grasp, task, RTOL, force_budget=budget).worst_direction
-    ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
-    wrenches = effort * solution.mu.lower * np.array([*ends, *task.ends()[:count]])
+    wrenches = effort * solution.mu.lower * boundary_wrenches(solution, count)
     water_mass = solid_mass(drawing.body, DENSITY)
     unit_weight = _weight_wrench(grasp, water_mass)
     unit_forces = finger_forces(grasp, unit_weight, force_budget=budget)
@@ -94,6 +90,15 @@ def build_simulation_input(solution: GraspSolution, share: float, mass: float | 
     labels = tuple(format_wrench(share * w) for w in wrenches)
     weight = kilograms * EARTH * unit_weight
     return SimulationInput(solution, grasp, budget, effort, water_mass.scaled(kilograms), wrenches, labels, weight)
+
+
+def boundary_wrenches(solution: GraspSolution, count: int) -> FloatArray:
+    """Return the task's hardest wrench and ``count`` ends, about the grasp's torque origin, (m, d)."""
+    grasp, task, hardest = solution.require_grasp(), solution.task, solution.mu.worst_direction
+    if hardest is None:
+        hardest = mu(grasp, task, RTOL, force_budget=solution.budget).worst_direction
+    ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
+    return np.array([*ends, *task.ends()[:count]])
 
 
 def _weight_wrench(grasp: Grasp, mass: Mass) -> FloatArray:

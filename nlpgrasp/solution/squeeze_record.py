@@ -15,9 +15,10 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.force_records import ForcesNeeded, finger_entries
 
-GAIN = 5.0  # N m / rad: default gain of the joints' position control
+DEFLECTION = 2e-3  # metres: a contact's, under the force of its finger, by the joints' position control
+LEAST_GAIN = 1.0  # N m / rad: of joints that hardly move their contact
 LEAST = 1e-9  # newton-metres, or radians per rate: smaller values count as zero
-LEVER = 0.05  # metres: moment arm that converts the default gain to sliding joints
+LEVER = 0.05  # metres: moment arm that converts values of turning joints to sliding ones
 NONE = 1e-5  # friction below the solver's tolerance, written as none
 SPENT = 0.9  # share of the available friction above which a squeeze is warned of
 FULL = 0.95  # share of a joint's effort that suggestions use
@@ -494,14 +495,20 @@ def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
     return {str(name): number(f"gain of {name}", value, above=0.0) for name, value in gain.items()}
 
 
-def default_gain(sliding: Mapping[str, bool]) -> Gain:
-    """Return the default gain of position control, N m / rad, or N / m for sliding joints.
+def servo_gain(joints: JointSqueeze, normal: FloatArray) -> dict[str, float]:
+    """Return the gain of position control by joint with which a finger gives way by ``DEFLECTION`` under its own force.
+
+    A joint with lever arm r turns by ``F r / gain`` under a force F, which moves the contact by ``F r^2 / gain``: each
+    of n joints of a finger has ``n F r^2 / DEFLECTION``, N m / rad, N / m for sliding joints, at least ``LEAST_GAIN``.
 
     Parameters
     ----------
-    sliding : mapping of str to bool
-        By joint, whether it slides.
+    joints : JointSqueeze
+        With the Jacobians of the contacts.
+    normal : (k,) array
+        Normal force of each finger in the squeeze, newtons.
     """
-    if not any(sliding.values()):
-        return GAIN
-    return {name: GAIN / LEVER**2 if slides else GAIN for name, slides in sliding.items()}
+    arms = np.linalg.norm(joints.jacobians[:, :3], axis=1)  # (k, m), metres a radian, 1 for sliding joints
+    counts = np.sum(arms > LEAST, axis=1)
+    gains = np.max((counts * normal)[:, None] * arms**2, axis=0) / DEFLECTION
+    return {name: max(float(gain), LEAST_GAIN) for name, gain in zip(joints.torques, gains, strict=True)}

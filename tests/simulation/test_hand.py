@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.common.formatting import format_wrench
 from nlpgrasp.errors import InputError
 from nlpgrasp.simulation import hand_protocol, hand_world
 from nlpgrasp.simulation.hand_outcome import format_outcome, format_row
@@ -33,11 +34,12 @@ def held():
 
 @pytest.fixture(scope="module")
 def simulated(held):
-    """The protocol with pushes of half a second: what is lost is lost by then."""
+    """The protocol with wrenches of half a second: what is lost is lost by then."""
     messages = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hand_protocol, "SECONDS", 0.5)
-        return ng.simulate_hand(held, HAND, progress=messages.append), messages
+        options = ng.HandSceneOptions(mass=0.1)  # stated, and so lifted
+        return ng.simulate_hand(held, HAND, options, wrenches=5, progress=messages.append), messages
 
 
 @pytest.mark.slow
@@ -45,19 +47,17 @@ def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
     simulation, messages = simulated
     assert simulation.confirmed
     assert simulation.verdict == "confirmed: held as solved, lost without the squeeze"
-    assert [t.label for t in simulation.of("as solved")] == [
-        *(f"a push along {axis}" for axis in ("+x", "-x", "+y", "-y", "+z", "-z")),
-        "lifted 20 cm",
-    ]
-    assert simulation.share("as solved") == simulation.share("half the friction") == 1.0
+    labels = [t.label for t in simulation.of("as solved")]
+    assert labels[1:] == [f"the wrench {format_wrench(0.8 * w)}" for w in held.task.ends()[:5]] + ["lifted 20 cm"]
+    assert simulation.share_held("as solved") == simulation.share_held("half the friction") == 1.0
     assert simulation.squeezed.within((5e-4, np.radians(0.5)))
-    assert simulation.share("control: no squeeze") < 1.0
+    assert simulation.share_held("control: no squeeze") < 1.0
     assert len(simulation.of("object 5 mm, 5 deg off")) == 18
     lost = sum(not t.strict for t in simulation.of("control: no squeeze"))
-    assert messages[0] == "as solved: 6 of 6 pushes and the lift held"
+    assert messages[0] == "as solved: 6 of 6 wrenches and the lift held"
     assert messages[2:] == [
-        "half the friction: 6 of 6 pushes held (no lift)",
-        "object 5 mm, 5 deg off: 18 of 18 pushes held (no lift)",
+        "half the friction: 6 of 6 wrenches held (no lift)",
+        "object 5 mm, 5 deg off: 18 of 18 wrenches held (no lift)",
         f"control, no squeeze: lost in {lost} of 7, as it should be",
     ]
     data = simulation.to_dict()
@@ -71,7 +71,8 @@ def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
 def test_a_set_asks_the_same_of_a_grasp(simulated, held, monkeypatch):
     monkeypatch.setattr(hand_protocol, "SECONDS", 0.5)
     simulation, _ = simulated
-    hold = hand_protocol.try_hold(held, HAND)
+    options = ng.HandSceneOptions(mass=0.1)
+    hold = hand_protocol.try_hold(held, HAND, options, wrenches=5)
     assert (hold.held, hold.caged, hold.verdict) == (simulation.held, False, "held by the squeeze")
     whole = Motion.largest(trial.whole for trial in simulation.of("as solved"))
     assert (hold.motion.slip, hold.motion.turn) == pytest.approx((whole.slip, whole.turn), abs=1e-4)
@@ -83,15 +84,15 @@ def test_a_set_asks_the_same_of_a_grasp(simulated, held, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_push_ends_where_the_object_rests_or_is_lost(held):
+def test_a_load_ends_where_the_object_rests_or_is_lost(held):
     world = HandWorld(mjcf_with_hand(held, HAND))
     for size, holds in {1.0: True, 100.0: False}.items():
         hand_protocol.close_hand(world, True, None)
-        closed, force = world.state(), np.array([0.0, 0.0, size])
-        whole, _ = world.push(force, 2.0)
+        closed, load = world.state(), (np.array([0.0, 0.0, size, 0.0, 0.0, 0.0]), held.grasp.torque_origin)
+        whole, _ = world.load(*load, 2.0)
         world.restore(closed)
-        motion, before = world.largest_motion(2.0, force=force), closed[0][0]
-        assert world.data.time - before < 1.0
+        motion, before = world.largest_motion(2.0, load=load), closed[0][0]
+        assert world.data.time - before < 1.5
         assert motion.within(hand_world.STRICT) == whole.within(hand_world.STRICT) == holds
         assert motion.slip <= whole.slip
         assert not holds or motion.slip == pytest.approx(whole.slip, abs=1e-4)
@@ -104,7 +105,7 @@ def test_what_the_verdict_says(simulated):
     assert not lost.strict
     assert lost.loose
     assert replace(simulation, trials=(lost, *simulation.trials[1:])).verdict == (
-        "NOT confirmed: lost at a push along +x (20 mm, 0 deg)"
+        f"NOT confirmed: lost at {lost.label} (20 mm, 0 deg)"
     )
     caged = tuple(replace(t, squeezed=Motion(), motion=Motion()) for t in simulation.trials)
     assert "held without a squeeze as well" in replace(simulation, trials=caged).verdict
@@ -134,16 +135,16 @@ def test_what_is_printed_says_what_was_done(simulated):
     """Which rows are lifted, what held means, where the mass comes from, what the control is for."""
     simulation, _ = simulated
     first, protocol, means, *rows = str(simulation).splitlines()
-    assert first.startswith("a <hand> & more: 0.1 kg, as the task carries no weight upwards; each finger presses with ")
-    assert (
-        protocol
-        == "  six pushes of 1 N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
+    assert first.startswith("a <hand> & more: 0.1 kg, as stated; each finger presses with ")
+    assert protocol == (
+        "  wrenches of the task's boundary at 0.8 of its size, without gravity; as solved and in the control also "
+        "lifted 20 cm, with gravity"
     )
     assert means == "  held: moved in the hand by at most 1 cm and 10 degrees"
     assert rows[0].startswith(
-        "  as solved                    6 of 6 pushes and the lift held; the squeeze moves it by "
+        "  as solved                    6 of 6 wrenches and the lift held; the squeeze moves it by "
     )
-    assert rows[2].startswith("  half the friction            6 of 6 pushes held (no lift); the squeeze moves it by ")
+    assert rows[2].startswith("  half the friction            6 of 6 wrenches held (no lift); the squeeze moves it by ")
     assert re.match(r"  control, no squeeze          lost in \d of 7, as it should be", rows[4])
     assert "loose" not in str(simulation)
     uneven = replace(simulation, normal_force=2.0, normal_forces=(2.08, 5.86, 2.0, 6.01))
@@ -157,9 +158,9 @@ def test_rows_of_what_was_lost(simulated):
     seven = simulation.of("as solved")
     moved, lost_motion = Motion(0.02, np.radians(1.0)), Motion(2.0, 0.0)
     text = format_outcome((replace(seven[0], motion=moved), replace(seven[1], motion=lost_motion), *seven[2:]))
-    assert text == "4 of 6 pushes held, the lift held, loosely 6 of 7"
+    assert text == "4 of 6 wrenches held, the lift held, loosely 6 of 7"
     dropped = (*seven[:6], replace(seven[6], motion=lost_motion))
-    assert format_outcome(dropped) == "6 of 6 pushes held, the lift lost"
+    assert format_outcome(dropped) == "6 of 6 wrenches held, the lift lost"
     assert format_row(dropped).endswith(", then it is lost")
     assert (
         replace(simulation, trials=(*dropped, *simulation.trials[7:])).verdict
@@ -219,18 +220,71 @@ def test_the_object_begins_where_it_is_put(held):
     assert moved.turn == pytest.approx(0.1, rel=1e-6)
 
 
-def test_a_push_is_newtons_times_time(held):
-    """Far from the hand a free object of 0.1 kg under 1 N for 0.2 s goes 0.2 m: F t^2 / 2 m."""
+def test_a_load_is_newtons_times_time(held):
+    """Far from the hand a free object of 0.1 kg goes as a force of 1 N moves it that grows for 0.5 s."""
     world = HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)))
-    world.begin("pregrasp", (np.array([2.0, 0.0, 0.0]), np.zeros(3)))
-    motion, snapshots = world.push(np.array([1.0, 0.0, 0.0]), 0.2)
-    assert motion.slip == pytest.approx(0.2, rel=0.01)
-    assert len(snapshots) == 6
-    closed = world.state()
-    world.push(np.array([0.0, 1.0, 0.0]), 0.1)
-    pushed = world.pose()
+    centre = world.model.body("object").ipos
+    world.begin("pregrasp", (np.array([20.0, 0.0, 0.0]), np.zeros(3)))
+    closed, wrench = world.state(), np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    motion, snapshots = world.load(wrench, centre, 0.2)
+    assert motion.slip == pytest.approx(10.0 * (0.5**2 / 6.0 + 0.2 * 0.5 / 2.0 + 0.2**2 / 2.0), rel=0.1)
+    assert motion.turn == pytest.approx(0.0, abs=1e-6)
+    assert len(snapshots) > 10
     world.restore(closed)
-    assert world.pose().motion_from(pushed).slip > 0.03
+    inertia, arm = world.model.body("object").inertia, np.array([0.0, 0.01, 0.0])
+    turned, _ = world.load(wrench, centre + arm, 0.0)  # about a point beside the centre: it turns too
+    assert turned.turn > 0.05
+    world.restore(closed)
+    balanced = np.concatenate([wrench[:3], np.cross(-arm, wrench[:3])])
+    still, _ = world.load(balanced, centre + arm, 0.0)  # the same force at the centre
+    assert still.turn == pytest.approx(0.0, abs=1e-6)
+    assert np.all(inertia > 0.0)
+
+
+def test_what_the_task_asks_is_what_is_tried(held):
+    """The loads are the opposite of the task's wrenches, about its torque origin, at their share."""
+    loads = hand_protocol._task_loads(held, 0.8, 12)
+    assert len(loads) == 13
+    values = [float(held.task.support(-load.wrench[None] / np.linalg.norm(load.wrench))[0][0]) for load in loads]
+    sizes = [float(np.linalg.norm(load.wrench)) for load in loads]
+    assert all(size <= 0.8 * value * (1.0 + 1e-9) for size, value in zip(sizes, values, strict=True))
+    np.testing.assert_array_equal(loads[0].point, held.grasp.torque_origin)
+    needed = float(np.max(held.needed.normal))
+    assert hand_protocol._attained_share(held, 0.5 * needed) == pytest.approx(0.5)
+    assert hand_protocol._attained_share(held, 2.0 * needed) == 1.0
+
+
+@pytest.mark.slow
+def test_a_pour_has_its_mass_and_is_tilted(held):
+    pour = ng.pour([0.0, 0.0, 0.0], 0.3, [1.0, 0.0, 0.0], np.radians(90.0)).at(held.grasp.torque_origin)
+    pouring = replace(held, problem={**held.problem, "task": pour.to_dict()})
+    options = ng.HandSceneOptions(normal_force=8.0)
+    simulation = ng.simulate_hand(pouring, HAND, options, wrenches=1)
+    assert simulation.mass == pytest.approx(0.3)
+    assert simulation.mass_source == "the weight that the task carries"
+    (lift,) = [trial for trial in simulation.of("as solved") if trial.is_lift]
+    assert lift.label == "lifted 20 cm and tilted by 90 degrees"
+    assert lift.strict
+    assert lift.seen[-1].time - lift.seen[0].time == pytest.approx(1.0 + 2.0 + 13 * 0.25, abs=0.1)
+    slippery = ng.HandSceneOptions(normal_force=8.0, friction=0.05)
+    assert not hand_protocol.try_hold(pouring, HAND, slippery).held
+
+
+def test_servos_give_way_by_two_millimetres_under_the_force_of_the_finger(held):
+    """By the Jacobians: each joint of a finger takes its share, whatever its length; twice the gain for twice the force."""
+    joints, gains = held.squeeze.joints, held.squeeze.joints.gain
+    arms = np.linalg.norm(joints.jacobians[:, :3], axis=1)
+    stiffness = np.array(list(gains.values()))
+    for arm, normal in zip(arms, held.squeeze.normal, strict=True):
+        given = float(np.sum(normal * arm**2 / stiffness))
+        assert 0.0 < given < 2.001e-3
+    scene, harder = (
+        HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(normal_force=force))).model for force in (2.0, 4.0)
+    )
+    servos = [scene.actuator(f"hand_{name}").id for name in gains]
+    np.testing.assert_allclose(scene.actuator_gainprm[servos, 0], stiffness, rtol=1e-6)
+    np.testing.assert_allclose(harder.actuator_gainprm[servos, 0], 2.0 * stiffness, rtol=1e-6)
+    np.testing.assert_allclose(harder.key("squeeze").ctrl, scene.key("squeeze").ctrl, atol=1e-9)
 
 
 def test_torques_of_the_squeeze_are_those_of_static_equilibrium(held):
@@ -246,8 +300,10 @@ def test_torques_of_the_squeeze_are_those_of_static_equilibrium(held):
 
 
 def test_bad_input(held):
-    with pytest.raises(InputError, match="push: got -1"):
-        ng.simulate_hand(held, HAND, push=-1.0)
+    with pytest.raises(InputError, match="share: got -1"):
+        ng.simulate_hand(held, HAND, share=-1.0)
+    with pytest.raises(InputError, match="wrenches: got 0"):
+        ng.simulate_hand(held, HAND, wrenches=0)
     with pytest.raises(InputError, match="the hand's URDF file"):
         ng.simulate_hand(held, "none.urdf")
 
@@ -260,15 +316,15 @@ def test_from_the_command_line(held, tmp_path):
         command = [sys.executable, "-m", "nlpgrasp", "simulate", tmp_path / "held.json", *arguments]
         return subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
 
-    result = run("--hand", HAND)
+    result = run("--hand", HAND, "--mass", 0.1, "--wrenches", 5)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "confirmed: held as solved, lost without the squeeze" in result.stdout
     assert min(panels_drawn(tmp_path / "held-simulation-hand.png", 5)) > 0.02
-    assert "half the friction: 6 of 6 pushes held (no lift)\n" in result.stderr
+    assert "half the friction: 6 of 6 wrenches held (no lift)\n" in result.stderr
     assert "control, no squeeze          lost in " in result.stdout
-    result = run("--hand", HAND, "--push", 50, "--json")
+    result = run("--hand", HAND, "--share", 40, "--wrenches", 5, "--json")
     assert result.returncode == 1
-    assert json.loads(result.stdout)["verdict"].startswith("NOT confirmed: lost at a push along")
-    result = run("--push", 2)
+    assert json.loads(result.stdout)["verdict"].startswith("NOT confirmed: lost at the wrench ")
+    result = run("--gain", 2)
     assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr == "nlpgrasp: --push: got 2.0, expected only with --hand, a hand's own joints\n"
+    assert result.stderr == "nlpgrasp: --gain: got 2.0, expected only with --hand, a hand's own joints\n"

@@ -25,6 +25,7 @@ from nlpgrasp.simulation.scene_object import (
     object_mass,
 )
 from tests.cli.test_cli import run_here
+from tests.hands.described import two_fingers
 from tests.hands.urdf import three_finger_hand
 from tests.once import GRASP, solve_once
 
@@ -142,6 +143,10 @@ CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
         (ng.lift(CENTRE, 0.3) + ng.press(HEAD, [1.0, 0.0, 0.0], 15.0), 0.3, UPRIGHT),
         (ng.lift(CENTRE, 0.3) + ng.press(HEAD, UP, 15.0), 0.3, UPRIGHT),
         (ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3, [0.0, 0.0, 1.962, 0.0, 0.0, 0.0]), 0.2, UPRIGHT),
+        (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5), 0.4, UPRIGHT),
+        (ng.pour([0.01, 0.0, 0.02], 0.4, [0.0, 1.0, 0.0], 0.5) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, UPRIGHT),
+        (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5, up=[0.0, 1.0, 0.0]), None, OF_WATER),
+        (ng.TaskPolytope(np.concatenate([np.eye(6), -np.eye(6)])), None, OF_WATER),
         (ng.gravity([0.005, 0.0, -0.002], 0.4), 0.4, ANY_WAY),
         (ng.gravity(CENTRE, 0.4) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, ANY_WAY),
         (ng.press(HEAD, UP, 15.0), None, OF_WATER),  # a push from nothing
@@ -159,7 +164,8 @@ def test_the_object_weighs_what_the_task_carries(held, task, kilograms, source):
         water if kilograms is None else kilograms, rel=0.02 if kilograms is None else 1e-9
     )
     assert weighed.source == source
-    assert object_mass(with_task(held, task), 0.7) == ObjectMass(0.7, "as stated")
+    stated = object_mass(with_task(held, task), 0.7)
+    assert (stated.kilograms, stated.source, stated.is_default) == (0.7, "as stated", False)
     light = ObjectMass(0.1, "light")
     assert (object_mass(with_task(held, task), None, light) == light) == (kilograms is None)
 
@@ -312,3 +318,33 @@ def test_the_command_line_says_that_a_body_is_decomposed(held, tmp_path):
     result = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
     assert (result.returncode, result.stderr) == (0, f"{DECOMPOSING}\n")
     assert result.stdout.startswith("written to ")
+
+
+@pytest.fixture(scope="module")
+def in_a_channel(tmp_path_factory):
+    """A cylinder between two fingers and between the walls of a palm whose hull contains it."""
+    folder = tmp_path_factory.mktemp("channel")
+    base = trimesh.creation.box([0.08, 0.16, 0.02])
+    walls = [trimesh.creation.box([0.004, 0.16, 0.06]).apply_translation([x, 0.0, 0.03]) for x in (-0.038, 0.038)]
+    trimesh.boolean.union([base, *walls]).export(folder / "palm.stl")
+    path = two_fingers(folder, tip_frames=False)
+    text = path.read_text()
+    path.write_text(text.replace('<box size="0.04 0.14 0.02"/>', '<mesh filename="palm.stl"/>'))
+    assert path.read_text() != text
+    hand = ng.URDFHand.load(path, ["f1", "f2"])
+    task = ng.lift([0.0, 0.0, 0.0], 0.2)
+    problem = ng.GraspProblem(ng.Cylinder(0.02, 0.05), ng.SoftContact(0.7, 0.01), task, hand=hand, name="channel")
+    return ng.solve(problem, starts=4, options=GRASP), path
+
+
+@pytest.mark.slow
+def test_the_hull_of_a_concave_link_does_not_push_the_object_out(in_a_channel):
+    solution, path = in_a_channel
+    assert solution.link_depth.depth <= 1e-3
+    model, data = load_model(mjcf_with_hand(solution, path), "grasp")
+    pieces = [name for name in (model.geom(i).name for i in range(model.ngeom)) if name.startswith("hand_palm_0")]
+    assert len(pieces) == 3  # base and walls
+    assert min(data.contact.dist[: data.ncon], default=0.0) > -5e-4
+    simulation = ng.simulate_hand(solution, path, wrenches=4)
+    assert simulation.verdict == "confirmed: held as solved, lost without the squeeze"
+    assert simulation.mass == pytest.approx(0.2)
