@@ -32,10 +32,10 @@ def visible_gaps(robot: Robot, links: Iterable[str]) -> dict[str, float]:
     if robot.path is None:
         return {}
     shaped = [link for link in links if robot.shapes.get(link)]
-    read = urdf_visible_shapes if _is_urdf(robot.path) else mjcf_visible_shapes
     try:
+        read = urdf_visible_shapes if _is_urdf(robot.path) else mjcf_visible_shapes
         visible = read(robot.path, shaped, robot.units)
-    except NlpgraspError:
+    except (NlpgraspError, OSError, ET.ParseError):  # a mesh that cannot be read, or a file that is gone by now
         return {}
     gaps = {link: _gap(visible[link], robot.shapes[link]) for link in shaped if visible.get(link)}
     return {link: gap for link, gap in gaps.items() if gap > NOTICEABLE}
@@ -53,7 +53,7 @@ def visible_warning(robot: Robot, links: Iterable[str]) -> str:
 
 
 def _is_urdf(path: Path) -> bool:
-    """Return whether a robot file is a URDF; the file was read before."""
+    """Return whether a robot file is a URDF, and not an MJCF."""
     _, root = next(iter(ET.iterparse(path, events=("start",))))  # noqa: S314  (the user's own file)
     return bool(root.tag == "robot")
 

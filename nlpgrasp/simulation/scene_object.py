@@ -186,7 +186,7 @@ def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMa
     """
     parts = parts_of(solution.task) if solution.task.dimension == 6 else ()
     turning = [found for part in parts if (found := _turning_weight(part)) is not None]
-    ups = tuple(tuple(map(float, up)) for up in turning[0][1]) if turning else (UP,)
+    ups = tuple((float(x), float(y), float(z)) for x, y, z in turning[0][1]) if turning else (UP,)
     if mass is not None:
         return ObjectMass(mass, STATED, ups)
     carried = sum(_carried_weight(part) for part in parts if _turning_weight(part) is None)

@@ -150,8 +150,8 @@ def test_a_file_holds_the_squeeze_and_makes_others(tmp_path):
     squeezed().save(tmp_path / "held.json")
     again = ng.GraspSolution.load(tmp_path / "held.json")
     assert again.squeeze.to_dict() == squeezed().squeeze.to_dict()
-    assert again.squeeze.joints.gain == 5.0
-    assert set(again.squeeze.positions()) == set(three_finger_hand().loaded_joints)
+    assert min(again.squeeze.joints.gain.values()) >= 1.0
+    assert set(again.squeeze.positions()) == set(again.squeeze.joints.gain) == set(three_finger_hand().loaded_joints)
     assert again.squeeze.line() in str(again)
     by_hand = ng.squeeze(grasped(), 1.0, 0.1, hand=three_finger_hand())
     assert ng.squeeze(again, 1.0, 0.1).torques == pytest.approx(by_hand.torques)

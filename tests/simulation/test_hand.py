@@ -271,7 +271,7 @@ def test_a_pour_has_its_mass_and_is_tilted(held):
 
 
 def test_servos_give_way_by_two_millimetres_under_the_force_of_the_finger(held):
-    """By the Jacobians: each joint of a finger takes its share, whatever its length; twice the gain for twice the force."""
+    """By the Jacobians, whatever the length of the finger; twice the gain for twice the force."""
     joints, gains = held.squeeze.joints, held.squeeze.joints.gain
     arms = np.linalg.norm(joints.jacobians[:, :3], axis=1)
     stiffness = np.array(list(gains.values()))
