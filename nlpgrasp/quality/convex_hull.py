@@ -1,9 +1,9 @@
 """Incremental convex hull by the beneath-beyond method (Barber et al. 1996, doi:10.1145/235815.235821).
 
-Qhull's incremental mode aborts the process on degenerate input, and rebuilding each round would take most of a
-certificate's time. Bounds do not rely on exact combinatorics: the cells are simplices with vertices in the set that
-surround the centre, and replacing any set of cells by the cone of the new point over that set's boundary surrounds it
-again. Rounding can therefore only widen a bound.
+Qhull fails on degenerate points, its incremental mode with the whole process, and rebuilding each round would take most
+of a certificate's time. Bounds do not rely on exact combinatorics: the cells are simplices with vertices in the set
+that surround the centre, and replacing any set of cells by the cone of the new point over that set's boundary surrounds
+it again. Rounding can therefore only widen a bound.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
+FLAT = 1e-13  # distance from the others' affine hull, relative to the first, below which points are flat
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
 MOST_NEW_CELLS = (
     8_000  # cells per new vertex above which rounding has failed (in 6 dimensions some hundreds are normal)
@@ -25,7 +25,7 @@ MOST_NEW_CELLS = (
 
 
 class IncrementalHull:
-    """Incremental convex hull, as simplicial cells around a centre, each with a value.
+    """Incremental convex hull, as simplicial cells around a centre, that is to contain a multiple of a set A.
 
     A cell's plane is ``{x : <a, x - centre> = 1}``.
 
@@ -33,43 +33,42 @@ class IncrementalHull:
     ----------
     points : (m, d) array
         First vertices, d at least 2.
-    measure : callable
-        Maps planes (f, d) and the centre (d,) to the cells' values (f,); the smallest are refined first.
+    reach : callable
+        Support function of A: maps directions (f, d) to values (f,).
 
     Attributes
     ----------
     centre : (d,) array
-        Mean of the first vertices.
+        Mean of the corners of a large simplex of the first vertices.
     planes : (f, d) array
         Rows a; zero for removed cells.
     values : (f,) array
-        Infinite for removed cells; those of new cells are set when ``insert`` returns.
+        ``phi_A(a)`` of the cells' planes; zero for removed cells; those of new cells are set when ``insert`` returns.
 
     Raises
     ------
-    scipy.spatial.QhullError
+    numpy.linalg.LinAlgError
         When the first points are (nearly) flat.
     """
 
-    def __init__(self, points: FloatArray, measure: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
-        self._measure = measure
-        self.centre: FloatArray = np.mean(points, axis=0)
-        self._points = points - self.centre
-        self._count: int = len(points)
+    def __init__(self, points: FloatArray, reach: Callable[[FloatArray], FloatArray]) -> None:
+        self._reach = reach
+        corners = _large_simplex(points)
         self._dimension: int = points.shape[1]
+        self._count = size = len(corners)
+        self.centre: FloatArray = np.mean(points[corners], axis=0)
+        self._points = points[corners] - self.centre
         self._random = np.random.default_rng(0)
-        self._names = self._new_names(self._count)
-        self._cells: IntArray = np.asarray(ConvexHull(points).simplices, dtype=np.intp)
-        self._neighbours = self._first_neighbours()
-        try:
-            corners = self._points[self._cells]
-            self.planes: FloatArray = np.linalg.solve(corners, np.ones((*self._cells.shape, 1)))[:, :, 0]
-        except np.linalg.LinAlgError:
-            raise QhullError("a facet whose plane passes through the centre") from None
-        self.values = measure(self.planes, self.centre)
-        self._marked = np.zeros(len(self.planes), dtype=bool)
-        self._size = len(self.planes)
+        self._names = self._new_names(size)
+        # the cell opposite a vertex has the others as corners; across the ridge opposite each is the cell opposite it
+        self._cells: IntArray = np.array([[i for i in range(size) if i != j] for j in range(size)], dtype=np.intp)
+        self._neighbours = self._cells.copy()
+        self.planes: FloatArray = np.linalg.solve(self._points[self._cells], np.ones((size, size - 1, 1)))[:, :, 0]
+        self.values = reach(self.planes)
+        self._marked = np.zeros(size, dtype=bool)
+        self._size = size
         self._free: IntArray = np.zeros(0, dtype=np.intp)
+        self.insert(np.delete(points, corners, axis=0))
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -85,13 +84,18 @@ class IncrementalHull:
         planes = self.planes[: self._size][live]
         return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
 
-    def worst(self, threshold: float, limit: int) -> IntArray:
-        """Return the indices of at most ``limit`` cells with values below a threshold, smallest first."""
-        values = self.values[: self._size]
-        cells = np.flatnonzero(values < threshold)
+    def exceeded(self, scale: float, limit: int) -> tuple[IntArray, FloatArray]:
+        """Return at most ``limit`` cells above whose planes ``scale A`` reaches, highest first, and its heights there.
+
+        A height is ``max <a, x - centre>`` over ``scale A``, more than 1. From the centre in the hull's interior it
+        ranks cells of planes through the origin too, which allow no multiple of A.
+        """
+        heights = scale * self.values[: self._size] - self.planes[: self._size] @ self.centre
+        cells = np.flatnonzero(heights > 1.0)
         if cells.size > limit:
-            cells = cells[np.argpartition(values[cells], limit - 1)[:limit]]
-        return cells[np.argsort(values[cells])]
+            cells = cells[np.argpartition(-heights[cells], limit - 1)[:limit]]
+        cells = cells[np.argsort(-heights[cells])]
+        return cells, heights[cells]
 
     def normals(self, cells: IntArray) -> FloatArray:
         """Return the unit normals of cells, (m, d)."""
@@ -102,7 +106,7 @@ class IncrementalHull:
         """Insert vertices (m, d); return whether any was outside and could be inserted."""
         added = [self._insert(p) for p in points - self.centre]
         new = np.flatnonzero(np.isnan(self.values[: self._size]))
-        self.values[new] = self._measure(self.planes[new], self.centre)
+        self.values[new] = self._reach(self.planes[new])
         return any(added)
 
     def _insert(self, p: FloatArray) -> bool:
@@ -177,21 +181,10 @@ class IncrementalHull:
         partner[first], partner[second] = rows[second], rows[first]
         return rows, slots, partner
 
-    def _first_neighbours(self) -> IntArray:
-        """Return the neighbours of Qhull's cells, each across the ridge opposite a vertex, (f, d)."""
-        cells = self._cells
-        pairs = self._match_ridges(cells, np.ones(cells.shape, dtype=bool))
-        if pairs is None:
-            raise QhullError("facets that do not close")
-        rows, slots, partner = pairs
-        neighbours = np.empty(cells.shape, dtype=np.intp)
-        neighbours[rows, slots] = partner
-        return neighbours
-
     def _slots(self, removed: IntArray, count: int) -> IntArray:
         """Return storage indices for new cells, reusing those of removed cells."""
         self.planes[removed] = 0.0
-        self.values[removed] = np.inf
+        self.values[removed] = 0.0
         pool = np.concatenate([removed, self._free])
         if pool.size < count:
             end = self._size + count - pool.size
@@ -205,7 +198,7 @@ class IncrementalHull:
     def _enlarge(self, size: int) -> None:
         extra = size - len(self.planes)
         self.planes = np.concatenate([self.planes, np.zeros((extra, self._dimension))])
-        self.values = np.concatenate([self.values, np.full(extra, np.inf)])
+        self.values = np.concatenate([self.values, np.zeros(extra)])
         for name in ("_cells", "_neighbours"):
             old = getattr(self, name)
             setattr(self, name, np.concatenate([old, np.zeros((extra, self._dimension), dtype=np.intp)]))
@@ -220,3 +213,18 @@ class IncrementalHull:
 
     def _new_names(self, count: int) -> NDArray[np.uint64]:
         return self._random.integers(0, 2**63, size=count, dtype=np.uint64)
+
+
+def _large_simplex(points: FloatArray) -> list[int]:
+    """Return indices of d + 1 of the points (m, d), each the farthest from the affine hull of those before."""
+    corners = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    rest = points - points[corners[0]]
+    size = np.max(np.linalg.norm(rest, axis=1))
+    for _ in range(points.shape[1]):
+        distances = np.linalg.norm(rest, axis=1)
+        corners.append(int(np.argmax(distances)))
+        if not distances[corners[-1]] > FLAT * size:
+            raise np.linalg.LinAlgError("points that are flat")
+        axis = rest[corners[-1]] / distances[corners[-1]]
+        rest = rest - np.outer(rest @ axis, axis)
+    return corners

@@ -2,7 +2,9 @@
 
 Support points ``s_j`` of the wrench set W span an inner polytope P, cut into cells around a centre c in its
 interior. A cell with plane ``{x : <a, x - c> = 1}`` allows ``alpha <= (1 + <a, c>) / phi_A(a)``; the least of these is
-a **lower** bound on the largest alpha with ``alpha A`` inside W. The exact ratio ``phi_W(y) / phi_A(y)`` at any
+a **lower** bound on the largest alpha with ``alpha A`` inside W. Without force closure the origin is a vertex of W:
+planes through it allow all multiples of the task or none, and cells are ranked by the height of the sought multiple
+above their planes, seen from c. The exact ratio ``phi_W(y) / phi_A(y)`` at any
 direction y is an **upper** bound, and its maximiser is a new point of P.
 """
 
@@ -12,14 +14,13 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import QhullError
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.convex_hull import IncrementalHull
-from nlpgrasp.quality.force_closure import has_no_support, separating_direction
+from nlpgrasp.quality.force_closure import has_no_support, separate_wrench, separating_direction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -89,9 +90,22 @@ def sandwich(
     if problem.rank == 1:
         return Bounds(state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding), direction)
     lower = 0.0 if state.hull is None else _certified_lower_bound(problem, state.hull) * (1.0 - problem.rounding)
+    if lower <= 0.0 and (proof := _separate_task(problem, state.worst)) is not None:
+        return Bounds(0.0, 0.0, problem.to_wrench_direction(proof))
     upper = state.upper * (1.0 + problem.rounding)
     is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
     return Bounds(min(lower, state.upper), upper, direction, limit="" if is_narrow else state.limit)
+
+
+def _separate_task(problem: Containment, u: FloatArray) -> FloatArray | None:
+    """Return a direction (r,) that proves that no multiple of the task is exerted, or None if none is found.
+
+    It separates the wrench of the task that is farthest along a direction u (r,) from all that the contacts exert.
+    """
+    wrench = problem.task.support(u[None, :])[1][0]
+    y = separate_wrench(problem.wrenches, wrench) if wrench.any() else None
+    is_proof = y is not None and y @ wrench > 0.0 and has_no_support(problem.wrenches, y)
+    return y if is_proof else None
 
 
 def tighten(
@@ -108,8 +122,8 @@ def tighten(
             state.limit = POINT_LIMIT if len(hull) >= MOST_POINTS else TIME_LIMIT
             break
         target = state.upper / (1.0 + 0.8 * rtol)
-        cells = hull.worst(target, 8 * BATCH)
-        if not cells.size or _is_limited_by_rounding(len(hull), hull.values[cells[0]] / target):
+        cells, heights = hull.exceeded(target, 8 * BATCH)
+        if not cells.size or _is_limited_by_rounding(len(hull), 1.0 / heights[0]):
             break
         normals = hull.normals(cells)
         ratios = problem.ratio(normals)[0]
@@ -118,7 +132,7 @@ def tighten(
             state.upper, state.worst = float(ratios[best]), normals[best]
             if has_no_support(problem.wrenches, state.worst):
                 return Sandwich(0.0, state.worst)
-        gap = max(1.0 - hull.values[cells[0]] / target, rtol)
+        gap = max(1.0 - 1.0 / heights[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
         if not hull.insert(_inner_points(problem, normals[chosen], shrink, rng)):
             break
@@ -171,31 +185,35 @@ def _initial_hull(
         if with_origin:
             points = np.concatenate([np.zeros((1, problem.rank)), points])
         try:
-            return IncrementalHull(
-                points, lambda planes, centre: allowed_scales(problem.task, planes, 1.0 + planes @ centre)
-            )
-        except QhullError:
+            return IncrementalHull(points, lambda planes: problem.task.support(planes)[0])
+        except np.linalg.LinAlgError:
             continue
     return None
 
 
-def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the largest alpha, (f,), for which a plane's half-space ``<a, x> <= offset`` contains ``alpha A``.
+def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest alpha, (f,) each, for which half-spaces contain ``alpha A``.
 
-    Planes a are (f, d).
+    They are ``<a, x> <= offset`` with planes a (f, d). One without the origin excludes small multiples of a task on its
+    side; the largest is 0 where it contains none.
     """
     offsets = np.where(np.abs(offsets) < ROUNDING, 0.0, offsets)
     reach = task.support(planes)[0]
-    binding = reach > 0.0
-    # a half-space that the task does not bound must still contain the origin
-    unbounded = np.where(offsets < 0.0, 0.0, np.inf)
-    return np.asarray(np.where(binding, np.maximum(offsets, 0.0) / np.where(binding, reach, 1.0), unbounded))
+    is_beyond, is_before = reach > 0.0, (reach < 0.0) & (offsets < 0.0)
+    largest = np.where(offsets < 0.0, 0.0, np.where(is_beyond, offsets / np.where(is_beyond, reach, 1.0), np.inf))
+    least = np.where(is_before, offsets / np.where(is_before, reach, 1.0), 0.0)
+    return least, np.where(is_before, np.inf, largest)
 
 
 def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float:
-    """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
+    """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex.
+
+    W contains the origin, hence with ``alpha A`` every smaller multiple: the polytope need not contain these.
+    """
     _, planes, heights = hull.corners()
-    return float(np.min(allowed_scales(problem.task, planes, np.minimum(heights, 1.0) + planes @ hull.centre)))
+    least, largest = allowed_scales(problem.task, planes, np.minimum(heights, 1.0) + planes @ hull.centre)
+    alpha = float(np.min(largest))
+    return alpha if alpha >= float(np.max(least)) else 0.0
 
 
 @dataclass(frozen=True)

@@ -240,7 +240,7 @@ class StackedHulls:
         """Set the values of new cells: the largest multiple of the task that each cell allows."""
         row, slot = self._new
         planes = self.planes[row, slot]
-        self.values[row, slot] = allowed_scales(task, planes, 1.0 + np.sum(planes * self.centre[row], axis=1))
+        self.values[row, slot] = _values(task, planes, 1.0 + np.sum(planes * self.centre[row], axis=1))
 
     def lowest(self) -> tuple[FloatArray, FloatArray]:
         """Return the least value of each hull, (b,), and its cell's unit normal, (b, d)."""
@@ -331,10 +331,16 @@ class StackedHulls:
         planes, corners = self.planes[row, slot], self._points[row[:, None], self._cells[row, slot]]
         heights = np.min((corners @ planes[:, :, None])[:, :, 0], axis=1)
         offsets = np.minimum(heights, 1.0) + np.sum(planes * self.centre[row], axis=1)
-        values = allowed_scales(task, planes, offsets)
+        values = _values(task, planes, offsets)
         lower = np.full(len(self.planes), np.inf)
         np.minimum.at(lower, row, np.where(heights > LEAST_HEIGHT, values, 0.0))
         return np.where(self.failed | ~np.isfinite(lower), 0.0, lower)
+
+
+def _values(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Return the largest multiples of a task, (f,), that half-spaces contain with all smaller ones."""
+    least, largest = allowed_scales(task, planes, offsets)
+    return np.where(least > 0.0, 0.0, largest)
 
 
 def _random_keys(random: np.random.Generator, count: int) -> NDArray[np.uint64]:

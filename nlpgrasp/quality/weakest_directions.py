@@ -158,7 +158,7 @@ def _hull_directions(problem: Containment, sandwich: Sandwich) -> tuple[FloatArr
     """Return the normals of a polytope's lowest facets, and their support ratios."""
     directions = sandwich.worst[None, :]
     if sandwich.hull is not None and problem.rank > 1:
-        cells = sandwich.hull.worst(SLACK * sandwich.upper, HULL_CELLS)
+        cells, _ = sandwich.hull.exceeded(SLACK * sandwich.upper, HULL_CELLS)
         directions = np.concatenate([directions, sandwich.hull.normals(cells)])
     return directions, problem.ratio(directions)[0]
 

@@ -9,13 +9,13 @@ from scipy.spatial import ConvexHull
 from nlpgrasp.quality.convex_hull import IncrementalHull
 
 
-def distances(planes, centre):
-    """Return distances of the planes of live cells to the origin, as the measure of a cell."""
-    return (1.0 + planes @ centre) / np.maximum(np.linalg.norm(planes, axis=1), 1e-300)
+def ball(directions):
+    """Return the support function of the unit ball."""
+    return np.linalg.norm(directions, axis=1)
 
 
 def grown(points, first):
-    hull = IncrementalHull(points[:first], distances)
+    hull = IncrementalHull(points[:first], ball)
     for p in points[first:]:
         hull.insert(p[None])
     return hull
@@ -25,13 +25,14 @@ def grown(points, first):
 def test_same_facets_as_qhull(dimension, rng):
     points = rng.standard_normal((80, dimension))
     hull, expected = grown(points, 12), ConvexHull(points)
-    values = np.sort(hull.values[np.isfinite(hull.values)])
-    np.testing.assert_allclose(values, np.sort(-expected.equations[:, -1]), rtol=1e-9, atol=1e-9)
+    planes = hull.planes[np.any(hull.planes != 0.0, axis=1)]
+    distances = np.sort((1.0 + planes @ hull.centre) / np.linalg.norm(planes, axis=1))
+    np.testing.assert_allclose(distances, np.sort(-expected.equations[:, -1]), rtol=1e-9, atol=1e-9)
 
 
 def test_a_point_inside_changes_nothing(rng):
     points = rng.standard_normal((30, 4))
-    hull = IncrementalHull(points, distances)
+    hull = IncrementalHull(points, ball)
     before = hull.values.copy()
     assert not hull.insert(points.mean(axis=0, keepdims=True))
     np.testing.assert_array_equal(hull.values, before)

@@ -186,6 +186,73 @@ def test_lower_bound_holds_against_a_conic_solver(seed):
     assert bounds.upper * needed[-1] >= 1.0 - 1e-6
 
 
+def least_normal_force(grasp, wrench, budget):
+    """Return the least total or largest normal force for a wrench by clarabel; inf when there is none."""
+    starts = np.cumsum([0] + [c.components(3) for c in grasp.contacts])[:-1]
+    unit = np.eye(grasp.G.shape[1] + 1)
+    totals = [unit[-1] - unit[starts].sum(axis=0)] if budget == "shared" else list(unit[-1] - unit[starts])
+    cones = [np.stack([c.friction * unit[i], unit[i + 1], unit[i + 2]]) for i, c in friction_starts(grasp, starts)]
+    flat = np.concatenate([unit[starts], totals])
+    A = np.concatenate([np.hstack([grasp.G, np.zeros((6, 1))]), -flat, *(-cone for cone in cones)])
+    kinds = [
+        clarabel.ZeroConeT(6),
+        clarabel.NonnegativeConeT(len(flat)),
+        *(clarabel.SecondOrderConeT(3) for _ in cones),
+    ]
+    options, nothing = clarabel.DefaultSettings(), sparse.csc_matrix((len(unit), len(unit)))
+    options.verbose = False
+    b = np.concatenate([wrench, np.zeros(len(A) - 6)])
+    solution = clarabel.DefaultSolver(nothing, unit[-1], sparse.csc_matrix(A), b, kinds, options).solve()
+    return solution.obj_val if str(solution.status) == "Solved" else np.inf
+
+
+def friction_starts(grasp, starts):
+    return [(i, c) for i, c in zip(starts, grasp.contacts, strict=True) if isinstance(c, ng.FrictionContact)]
+
+
+def one_sided(seed):
+    """Return a grasp of mixed contacts that is not force-closed, and a task well within what it exerts."""
+    rng = np.random.default_rng(seed)
+    while True:
+        k = int(rng.integers(3, 6))
+        normals = rng.standard_normal((k, 3)) + np.array([0.0, 0.0, 1.0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        models = [ng.FrictionContact(float(f)) if f > 0.3 else ng.PointContact() for f in rng.uniform(0.0, 0.8, k)]
+        grasp = ng.Grasp(0.025 * rng.standard_normal((k, 3)), normals, models, [0.0, 0.0, 0.0])
+        if grasp.G.shape[1] < 7 or np.linalg.matrix_rank(grasp.G, 1e-4) < 6 or ng.is_stable(grasp):
+            continue
+        size = 10.0 ** rng.uniform(-3, -2)
+        pressing = np.concatenate([rng.uniform(0.3, 1.0) * np.eye(1, c.components(3))[0] for c in models])
+        return grasp, ng.TaskEllipsoid(size * np.array([1, 1, 1, 0.03, 0.03, 0.03]), grasp.G @ pressing)
+
+
+@pytest.mark.parametrize("budget", ["shared", "per_finger"])
+@pytest.mark.parametrize("seed", range(8))
+def test_intervals_of_one_sided_grasps_close(seed, budget):
+    """No force is on the boundary of what such contacts exert: facets through it count for nothing or for all."""
+    grasp, task = one_sided(seed)
+    for rtol in (1e-2, 1e-3):
+        bounds = ng.mu(grasp, task, rtol, force_budget=budget)
+        assert 0.0 < bounds.lower <= bounds.upper <= (1.0 + 1.1 * rtol) * bounds.lower
+        assert not bounds.limit
+    u = np.random.default_rng(0).standard_normal((30, 6))
+    worst = task.support(bounds.worst_direction[None])[1][0]
+    wrenches = [*task.boundary(u / np.linalg.norm(u, axis=1, keepdims=True)), worst]
+    needed = [least_normal_force(grasp, w, budget) for w in wrenches]
+    assert max(needed) * bounds.lower <= 1.0 + 1e-6
+    assert needed[-1] * bounds.upper >= 1.0 - 1e-6
+
+
+@pytest.mark.parametrize("budget", ["shared", "per_finger", "l2"])
+def test_a_task_just_out_of_reach_is_refuted(budget):
+    """The task ends a little beyond the cone of what the contacts exert."""
+    points, normals = [[0.03, 0, 0], [-0.02, 0.03, 0], [-0.02, -0.03, 0]], [[0, 0, 1]] * 3
+    grasp = ng.Grasp(points, normals, ng.FrictionContact(0.5), [0.0, 0.0, 0.0])
+    for side, is_held in ((0.49, True), (0.51, False)):
+        bounds = ng.mu(grasp, ng.TaskPolytope([[0, 0, 1, 0, 0, 0], [side, 0, 1, 0, 0, 0]]), force_budget=budget)
+        assert (bounds.lower > 0.0) == is_held == (bounds.upper > 0.0)
+
+
 def test_a_certificate_that_was_begun_ends_with_a_direction_of_the_grasps_own_coordinates():
     rng = np.random.default_rng(1)
     grasp, turn = closed_ellipsoid_grasp(rng), random_rotation(rng, 6)
