@@ -37,6 +37,10 @@ class Gecko(RangeContact):
     kind: ClassVar[str] = "test gecko"
     grip: float
 
+    @property
+    def coefficients(self):
+        return {"grip": self.grip}
+
     def axes(self, space):
         return tuple(range(space))
 
@@ -166,10 +170,18 @@ def test_a_contact_model_from_elsewhere(tmp_path):
 
 def test_a_contact_model_says_what_it_lacks():
     contact = Gecko(0.5)
-    assert contact.coefficients == {}
-    assert contact.with_friction(0.5) is contact
+    assert contact.with_friction(0.9) == Gecko(0.45)
     with pytest.raises(ng.InputError, match="point, friction or soft contacts in a friction pyramid"):
         ng.ferrari_canny(ng.Grasp([[0, 0, 1.0]], [[0, 0, -1.0]], contact))
+
+
+@pytest.mark.parametrize("base", [Gecko.__base__, ng.PointContact.__mro__[2]])
+def test_a_contact_model_states_its_friction_coefficients(base):
+    entries = {name: value for name, value in vars(Gecko).items() if name not in ("coefficients", "__dict__")}
+    silent = type("Silent", (base,), {**entries, "kind": "test silent"})
+    for use in (register_contact, silent):
+        with pytest.raises(ng.InputError, match=r"Silent\.coefficients: .*friction coefficients by name"):
+            use(silent)
 
 
 @pytest.mark.slow

@@ -39,6 +39,12 @@ class ContactModel(ABC):
     unilateral: ClassVar[bool] = True  # whether it can only push; a bilateral contact can also pull
     faces: str | Iterable[str] | None = field(default=None, kw_only=True)
 
+    def __new__(cls, *args: object, **parameters: object) -> Self:
+        """Return a new contact; every model has to state its friction coefficients."""
+        del args, parameters
+        require_coefficients(cls)
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "faces", face_names(f"{type(self).__name__}.faces", self.faces))
 
@@ -66,9 +72,12 @@ class ContactModel(ABC):
         return np.eye(3 if space == 2 else 6)[:, list(self.axes(space))]
 
     @property
+    @abstractmethod
     def coefficients(self) -> dict[str, float]:
-        """Friction coefficients by name, if any: ``friction``, ``torsional_friction`` (metres)."""
-        return {}
+        """Friction coefficients by name of their fields, such as ``friction``; empty without friction.
+
+        A loss of friction multiplies all of them.
+        """
 
     def with_coefficients(self, **values: float) -> Self:
         """Return a copy with other friction coefficients.
@@ -246,6 +255,13 @@ class ContactModel(ABC):
     @abstractmethod
     def from_dict(cls, data: Json) -> ContactModel:
         """Return the model from the data of its ``to_dict``; raise for missing coefficients."""
+
+
+def require_coefficients(model: type[ContactModel]) -> None:
+    """Raise ``InputError`` for a class of contact models that does not state its friction coefficients."""
+    if getattr(model.coefficients, "__isabstractmethod__", False):
+        expected = "a property with the friction coefficients by name of their fields, {} without friction"
+        raise InputError(f"{model.__name__}.coefficients", None, expected)
 
 
 class Work(NamedTuple):

@@ -35,6 +35,11 @@ class BilateralContact(ContactModel):
         object.__setattr__(self, "faces", self.model.faces if self.faces is None else self.faces)
         super().__post_init__()
 
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Friction coefficients: none, as nothing limits the forces."""
+        return {}
+
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the indices of the wrapped model's wrench components, normal force first."""
         return self.model.axes(space)

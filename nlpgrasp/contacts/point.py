@@ -19,6 +19,11 @@ class PointContact(RangeContact):
 
     kind: ClassVar[str] = "point"
 
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Friction coefficients: none."""
+        return {}
+
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the index of the only component, the normal force."""
         return (0,)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from nlpgrasp.contacts.base import CONTACTS, ContactModel
+from nlpgrasp.contacts.base import CONTACTS, ContactModel, require_coefficients
 from nlpgrasp.contacts.bilateral import BilateralContact
 from nlpgrasp.contacts.friction import FrictionContact
 from nlpgrasp.contacts.line import LineContact
@@ -26,8 +26,9 @@ def register(model: type[Kind]) -> type[Kind]:
     Raises
     ------
     InputError
-        When another model has that name.
+        When another model has that name, or the model does not state its friction coefficients.
     """
+    require_coefficients(model)
     CONTACTS.add(model.kind, model)
     return model
 
