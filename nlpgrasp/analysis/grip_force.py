@@ -12,6 +12,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_grip import least_grip
 from nlpgrasp.solution.grip_record import GripForce
+from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, patch_share
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.tasks import Task
 
@@ -39,7 +40,8 @@ def grip_force(
     Returns
     -------
     GripForce
-        The least force, and the one with its margin; newtons.
+        The least force, and the one with its margin; newtons. None is stated where less than 90 % of a rectangular
+        contact is on its face.
 
     Raises
     ------
@@ -53,6 +55,9 @@ def grip_force(
     loss = number("friction_loss", friction_loss, at_least=0.0)
     if loss > MOST_LOSS:
         raise InputError("friction_loss", friction_loss, f"a share from 0 to {MOST_LOSS:g}")
+    share = patch_share(solution.hand, grasp.contacts)
+    if share < LEAST_PAD_SHARE:
+        return GripForce(factor, loss, pad_share=share)
     return _compute_grip(grasp, solution.task, factor, loss)
 
 

@@ -77,7 +77,8 @@ def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: in
         diagnosis = _contradiction(compiled, least_violated)
     else:
         diagnosis = _explain_unreachable(compiled, results)
-    if reasons := jaw_reasons(compiled.problem):
+    # what blocks pads and fingers is not why the contacts do not exert a wrench
+    if reasons := jaw_reasons(compiled.problem, with_solids=diagnosis.direction is None):
         return replace(diagnosis, reasons=reasons, advice=())
     named = {conflict.name for conflict in diagnosis.conflicts}
     return replace(diagnosis, reasons=(*diagnosis.reasons, *surroundings_in_the_way(compiled, named, seed, deadline)))

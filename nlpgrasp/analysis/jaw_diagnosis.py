@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.constraints import Approach
+from nlpgrasp.contacts import PlaneContact
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, surface_triangles
 from nlpgrasp.optimize.surface_samples import usable_mesh_samples
@@ -22,6 +25,7 @@ from nlpgrasp.solution.solution import GraspSolution
 SAMPLES = 2000  # points of the surface
 MOST_PAIRS = 60  # pairs at which poses are tried
 TURNS = 12  # approaches of each
+SHARES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)  # of a pad's sides that are tried where it overhangs all faces
 ALIKE = np.cos(np.radians(10.0))  # least cosine between two approaches that count as one
 OPPOSED = np.cos(np.radians(10.0))  # least cosine between a normal and that across, which curved parts rarely have at 1
 
@@ -31,7 +35,8 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
 
     Default pads are long along the approach from above. Where no sampled antipodal pair has them on its faces and a
     free way in, the approach is taken by which most pairs have, the steepest of those alike; where no pair has both,
-    that by which most pairs have the pads on faces, if the normals of all faces with room for them are vertical.
+    that by which most pairs have the pads on faces, if the normals of all faces with room for them are vertical. Where
+    no pair has the pads on faces, the contacts are smaller rectangles in their middle that are (``_smaller_pads``).
     Unchanged are other contacts, problems with an ``Approach``, and parts for which no approach is found.
     """
     hand, pads = problem.hand, problem.default_pads()
@@ -49,17 +54,60 @@ def with_usable_pads(problem: GraspProblem) -> GraspProblem:
     chosen = [direction for pose in turned for direction in clearance.usable_approaches(*pose)]
     if not chosen and isinstance(problem.body, Mesh) and not np.any(usable_mesh_samples(problem)[2]):
         chosen = [direction for pose in turned for direction in clearance.approaches_on_faces(*pose)]
-    if not chosen:
+    if chosen:
+        direction = _commonest(chosen)
+        warn(
+            f"GraspProblem.contacts: no sampled grasp from above has the gripper's pads on faces and a free way in; the"
+            f" pads are along the approach [{vector(np.array(direction))}] instead, as by ng.Approach"
+        )
+        return replace(problem, contacts=[replace(pad, direction=direction) for pad in pads])
+    if any(len(clearance.approaches_on_faces(*pose)) for pose in [*from_above, *turned]):
         return problem
-    directions = np.array(chosen)
+    smaller = _smaller_pads(clearance, pads[0], turned)
+    return problem if smaller is None else replace(problem, contacts=[smaller, smaller])
+
+
+def _commonest(approaches: Sequence[FloatArray]) -> tuple[float, float, float]:
+    """Return the approach (3,) with most others alike, the steepest of equals."""
+    directions = np.array(approaches)
     counts = np.sum(directions @ directions.T >= ALIKE, axis=1)
-    best = directions[np.lexsort([directions[:, 2], -counts])[0]]
-    x, y, z = best.tolist()
-    warn(
-        f"GraspProblem.contacts: no sampled grasp from above has the gripper's pads on faces and a free way in; the"
-        f" pads are along the approach [{vector(best)}] instead, as by ng.Approach"
-    )
-    return replace(problem, contacts=[replace(pad, direction=(x, y, z)) for pad in pads])
+    x, y, z = directions[np.lexsort([directions[:, 2], -counts])[0]].tolist()
+    return x, y, z
+
+
+def _smaller_pads(
+    clearance: JawClearance, pad: PlaneContact, turned: Sequence[tuple[FloatArray, FloatArray]]
+) -> PlaneContact | None:
+    """Return the rectangle in the middle of a pad that is on faces with a free way in, with a warning; None if none is.
+
+    Of the sizes tried, it has the largest product of area and number of pairs with it on their faces. A force on a part
+    of the pad is one on the pad: the contact exerts no more than what of the pad is on the face.
+
+    Parameters
+    ----------
+    clearance : JawClearance
+    pad : PlaneContact
+    turned : sequence of pairs
+        Contacts (2, 3) and approaches (m, 3).
+    """
+    length, width = pad.extents or (0.0, 0.0)
+    ranked = []
+    for sides in product(SHARES, SHARES):
+        smaller = replace(pad, extents=(sides[0] * length, sides[1] * width))
+        resized = clearance.with_contacts([smaller, smaller])
+        count = sum(len(resized.approaches_on_faces(*pose)) > 0 for pose in turned)
+        ranked.append((sides[0] * sides[1] * count, smaller, resized))
+    for score, smaller, resized in sorted(ranked, key=lambda entry: -entry[0]):
+        chosen = [d for pose in turned for d in resized.usable_approaches(*pose)] if score > 0.0 else []
+        if chosen:
+            direction = _commonest(chosen)
+            whole, part = (" x ".join(map(_millimetres, sides)) for sides in (pad.extents or (), smaller.extents or ()))
+            warn(
+                f"GraspProblem.contacts: no sampled grasp has the gripper's whole pads, {whole} mm, on faces; the"
+                f" contacts are {part} mm in their middle, along the approach [{vector(np.array(direction))}]"
+            )
+            return replace(smaller, direction=direction)
+    return None
 
 
 def _some(pairs: FloatArray) -> FloatArray:
@@ -81,11 +129,12 @@ def with_unusable_reason(solution: GraspSolution, problem: GraspProblem) -> Gras
     return replace(solution, hand={**hand, "approach": {**hand["approach"], "unusable": reasons[0]}})
 
 
-def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:
+def jaw_reasons(problem: GraspProblem, with_solids: bool = True) -> tuple[str, ...]:
     """Return the reason why parallel jaws cannot hold a part, as one sentence in a tuple.
 
     An empty tuple if no reason is found, and for other hands. Points are sampled, so that small faces can be missed:
-    the reasons are no proofs.
+    the reasons are no proofs. Pads, fingers and palm are a reason only ``with_solids``: a search ranks grasps by them,
+    but rejects none.
     """
     hand = problem.hand
     if not isinstance(hand, ParallelJaw) or problem.body.space != 3:
@@ -99,7 +148,7 @@ def jaw_reasons(problem: GraspProblem) -> tuple[str, ...]:
         needed, stroke = _millimetres(narrowest), _millimetres(hand.opening)
         return (f"The part needs an opening of at least {needed} mm, and the jaws open to {stroke} mm.",)
     within = pairs[openings <= hand.opening]
-    return _solid_reasons(problem, hand, within) if hand.is_solid else ()
+    return _solid_reasons(problem, hand, within) if with_solids and hand.is_solid else ()
 
 
 def sampled_antipodal_pairs(problem: GraspProblem) -> FloatArray:
@@ -139,7 +188,8 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
         if any(pose.is_free for pose in on_faces):
             return ()
     if not on_faces:
-        size, share = " x ".join(_millimetres(side) for side in hand.pad or ()), format_percent(most)
+        length, width, _ = clearance.patches[0]
+        size, share = f"{_millimetres(length)} x {_millimetres(width)}", format_percent(most)
         return (f"No face has room for a pad of {size} mm: at most {share} of it is on one.",)
     best = min(on_faces, key=_rank)
     depth = f"{_millimetres(_largest_depth(best))} mm"

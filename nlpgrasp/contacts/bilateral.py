@@ -37,7 +37,7 @@ class BilateralContact(ContactModel):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Friction coefficients: none, as nothing limits the forces."""
+        """Friction coefficients, of which there are none: nothing limits the forces."""
         return {}
 
     def axes(self, space: int) -> tuple[int, ...]:

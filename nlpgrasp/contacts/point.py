@@ -21,7 +21,7 @@ class PointContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Friction coefficients: none."""
+        """Friction coefficients, of which there are none."""
         return {}
 
     def axes(self, space: int) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from the surface is subtracted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -203,7 +204,7 @@ class JawClearance:
     constraints : sequence of PlacementConstraint
         Tables, obstacles and cones of the approach among them count.
     models : sequence of ContactModel
-        Of the contacts; where they are rectangles, the pads have to lie flat on their faces.
+        Of the contacts; where they are rectangles, these have to lie flat on their faces, and else the whole pads.
     """
 
     def __init__(
@@ -213,11 +214,17 @@ class JawClearance:
         constraints: Sequence[PlacementConstraint],
         models: Sequence[ContactModel] = (),
     ) -> None:
-        self.face_depth = FLAT_DEPTH if _rectangles(models) else FACE_DEPTH
         self.gripper, self.path = gripper, PATH_SIZES * body.size
+        self.patches = contact_patches(gripper.pad, models)
         self.touching = UNSTATED_TOUCHING if gripper.pad is None and gripper.finger is None else TOUCHING
         self.solids = build_solids(body, constraints)
         self.cones: list[Cone] = [(np.asarray(c.direction), c.angle) for c in constraints if isinstance(c, Approach)]
+
+    def with_contacts(self, models: Sequence[ContactModel]) -> JawClearance:
+        """Return the clearance of the same gripper, body and surroundings with other contacts."""
+        other = copy(self)
+        other.patches = contact_patches(self.gripper.pad, models)
+        return other
 
     def poses(
         self, points: FloatArray, turns: int, slides: Sequence[float] = (0.0,), directions: FloatArray | None = None
@@ -285,10 +292,11 @@ class JawClearance:
         return least_clearance, depths
 
     def pad_shares(self, points: FloatArray, directions: FloatArray) -> FloatArray:
-        """Return the fraction of each pad's area that is on its face, (m, 2); (m, 0) for a gripper without pads.
+        """Return the fraction of each contact's rectangle, or pad, that is on its face, (m, 2); (m, 0) without either.
 
         Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm, and
-        within 0.5 mm where the contacts are rectangles. They are clipped from the triangles that face the pad.
+        within 0.5 mm where the contact is the whole pad (``contact_patches``). They are clipped from the triangles that
+        face the pad.
 
         Parameters
         ----------
@@ -297,20 +305,14 @@ class JawClearance:
         directions : (m, 3) array
             Approaches across the closing line.
         """
-        if self.gripper.pad is None:
-            return np.zeros((len(directions), 0))
-        length, width = self.gripper.pad
         _, closing = _opening_and_closing(points)
-        half = 0.5 * np.array([width, length])
-        areas = []
-        for point, inward in zip(points, (closing, -closing), strict=True):
-            across = np.cross(directions, inward)
+        shares = [np.zeros((len(directions), 0))]
+        for point, inward, (length, width, depth) in zip(points, (closing, -closing), self.patches, strict=False):
+            half, across = 0.5 * np.array([width, length]), np.cross(directions, inward)
             frames = np.stack([np.broadcast_to(inward, across.shape), across, directions], axis=2)
-            facing = _facing_triangles(
-                self.solids[0].triangles - point, inward, float(np.hypot(*half)), self.face_depth
-            )
-            areas.append(_covered_areas(facing, frames, half, self.face_depth))
-        return np.minimum(np.stack(areas, axis=1) / (width * length), 1.0)
+            facing = _facing_triangles(self.solids[0].triangles - point, inward, float(np.hypot(*half)), depth)
+            shares.append(_covered_areas(facing, frames, half, depth)[:, None] / (width * length))
+        return np.minimum(np.concatenate(shares, axis=1), 1.0)
 
     def approaches_on_faces(self, points: FloatArray, directions: FloatArray) -> FloatArray:
         """Return the approaches (n, 3), of directions (m, 3), by which the pads are on their faces."""
@@ -354,6 +356,26 @@ class JawClearance:
         for axis, angle in self.cones:
             within &= np.arccos(np.clip(directions @ axis, -1.0, 1.0)) <= angle
         return within
+
+
+def contact_patches(pad: Sequence[float] | None, models: Sequence[ContactModel]) -> list[tuple[float, float, float]]:
+    """Return length and width of the patch of each of two contacts, and how far behind it the face may be, metres.
+
+    The patch is a contact's rectangle, or else the pad; an empty list without either. The whole pad as a contact yields
+    by 0.5 mm; smaller rectangles by the square of their share of its sides, as they would on a face equally curved.
+    """
+    patches = []
+    for model in (*models, None, None)[:2]:
+        extents = model.extents if isinstance(model, PlaneContact) else None
+        if extents is None and pad is None:
+            return []
+        length, width = extents or tuple(pad or ())
+        if extents is None:
+            patches.append((length, width, FACE_DEPTH))
+        else:
+            share = 1.0 if pad is None else min(1.0, length / pad[0], width / pad[1])
+            patches.append((length, width, FLAT_DEPTH * share**2))
+    return patches
 
 
 def _rectangles(models: Sequence[ContactModel]) -> list[PlaneContact]:

@@ -178,18 +178,14 @@ def _format_names(names: list[str]) -> str:
     return "faces " + ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
 
-def check_patches(models: Sequence[ContactModel], body: Body, are_pads: bool) -> None:
-    """Raise ``InputError`` for a contact patch longer than the body: a gripper's pad, or swapped arguments."""
+def check_patches(models: Sequence[ContactModel], body: Body) -> None:
+    """Raise ``InputError`` for a contact patch longer than the body, as by swapped arguments."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     for i, model in enumerate(models):
         for name in ("radius", "extents", "length"):
             length = getattr(model, name, None)
             if length is not None and np.max(length) > longest:
                 expected = f"metres, no more than the body's longest side, {longest:.3g}"
-                if are_pads:
-                    raise InputError(
-                        "GraspProblem.hand.pad", f"{np.max(length):g} m", f"{expected}; or other contacts="
-                    )
                 expected = f"{expected}; friction is friction=..."
                 raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(length):g} m", expected)
 

@@ -158,7 +158,8 @@ class GraspProblem(DisplayedProblem):
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._set_constraints()
-        check_patches(self.models, self.body, self.models == self.default_pads())
+        if not self.has_gripper_pads:  # of a pad longer than the body a part is on it
+            check_patches(self.models, self.body)
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         warn_of_lengths(self.body, self.models, self.constraints, self.hand)
         warn_of_surroundings(self.body, self.constraints, self.hand)

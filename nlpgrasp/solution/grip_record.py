@@ -10,7 +10,8 @@ import numpy as np
 from nlpgrasp.common.formatting import FORCE_UNIT, format_number, format_percent, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.record_fields import NULL_IF_INFINITE, NonNegative, Record, Share
+from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE
+from nlpgrasp.solution.record_fields import LEFT_OUT, NULL_IF_INFINITE, NonNegative, Record, Share
 
 DIGITS = 3  # digits of forces in text, rounded up
 UNKNOWN = Bounds(0.0, np.inf)
@@ -31,12 +32,16 @@ class GripForce(Record):
         bound the task is held. Infinite where no force holds it.
     with_margin : Bounds
         The same with ``friction_loss`` less friction, times ``safety_factor``, newtons.
+    pad_share : float
+        Least share of the rectangular contacts that is on a face. Below 0.9 the contact that was solved does not exist,
+        and no force is stated.
     """
 
     safety_factor: NonNegative
     friction_loss: Share
     force: Bounds = field(default=UNKNOWN, metadata=NULL_IF_INFINITE)
     with_margin: Bounds = field(default=UNKNOWN, metadata=NULL_IF_INFINITE)
+    pad_share: Share = field(default=1.0, metadata=LEFT_OUT)
 
     @cached_property
     def holds(self) -> bool:
@@ -67,7 +72,7 @@ class GripForce(Record):
         if self.holds and self.is_within(limit) is False:
             end = f"; ABOVE{end.removeprefix(';').replace(' is ', ' of ')}"
         if not self.holds:
-            return f"no force of the jaws holds the whole task{end}"
+            return f"{self._without_force}{end}"
         force, least = (format_upper(value, DIGITS) for value in (self.setting(limit), self.force.upper))
         needed = f"the task needs {least} {FORCE_UNIT}, {self._margin_text()}"
         return f"set the gripper to {force} {FORCE_UNIT} (normal force of each jaw; {needed}){end}"
@@ -75,7 +80,7 @@ class GripForce(Record):
     def warning(self, limit: float | None) -> str:
         """Return a warning that the jaws cannot hold the task with margin; an empty text if they can."""
         if not self.holds:
-            return "no force of the jaws holds the whole task"
+            return self._without_force
         most = "" if limit is None else f"{format_number(limit)} {FORCE_UNIT}"
         if limit is not None and self.force.upper > limit:
             force = format_upper(self.force.upper, DIGITS)
@@ -89,6 +94,17 @@ class GripForce(Record):
         if limit is not None and self.with_margin.upper > limit:
             return f"max_force = {most} leaves too little margin: {self._margin_text()}"
         return ""
+
+    @property
+    def _without_force(self) -> str:
+        """Text on why no force is stated."""
+        if self.pad_share >= LEAST_PAD_SHARE:
+            return "no force of the jaws holds the whole task"
+        return (
+            f"no grip force is stated: {format_percent(self.pad_share)} of a rectangular contact is on the face, and a"
+            f" force needs {format_percent(LEAST_PAD_SHARE)}; state contacts that exist, such as ng.LineContact along"
+            " a cylinder, ng.SoftContact, or a smaller ng.PlaneContact"
+        )
 
     def _margin_text(self) -> str:
         """Return a text on the grip force with margin: force, safety factor and friction loss."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.solution.record_fields import LATER, Count, NonNegative, Record
 
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
@@ -120,6 +122,11 @@ def jaws_cross_thin_part(hand: Json | None) -> bool:
 def pad_share(hand: Json | None) -> float:
     """Return the least fraction of a gripper's pads that is on its face; 1 for other hands."""
     return float(min((hand or {}).get("pads") or (), default=1.0))
+
+
+def patch_share(hand: Json | None, contacts: Sequence[ContactModel]) -> float:
+    """Return the least share of a gripper's rectangular contacts that is on a face; 1 for contacts at points."""
+    return pad_share(hand) if any(getattr(model, "extents", None) is not None for model in contacts) else 1.0
 
 
 def pad_overhang(hand: Json | None) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from nlpgrasp.common.formatting import format_percent
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.force_problem import solve_least_forces
@@ -17,6 +18,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_grip import BUDGET, least_grip
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.grip_record import GripForce, read_grip
+from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, patch_share
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check, NotCheckedError
@@ -36,6 +38,15 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
     stated = read_grip(solution.hand)
     if stated is None or len(grasp) != 2:
         return [Check("grip force", False, f"stated of {len(grasp)} contacts")]
+    share = patch_share(solution.hand, grasp.contacts)
+    if stated.holds and share < LEAST_PAD_SHARE:
+        text = f"stated with {format_percent(share)} of a rectangular contact on its face"
+        return [Check("grip force", False, text)]
+    if share < LEAST_PAD_SHARE and stated.pad_share != share:
+        text = f"a share of {stated.pad_share:.3g} of the contacts on faces stated, {share:.3g} with the pads"
+        return [Check("grip force", False, text)]
+    if share < LEAST_PAD_SHARE:
+        return [Check("grip force", True, "none stated, as a rectangular contact is not on its face")]
     weaker, factor = _with_friction(grasp, 1.0 - stated.friction_loss), stated.safety_factor
     try:
         errors = [*_factor_errors(solution, stated), *_interval_errors("the least force", stated.force, grasp, task)]

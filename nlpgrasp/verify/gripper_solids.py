@@ -187,29 +187,37 @@ def _vertex_errors(
 
 
 def _pad_checks(solution: GraspSolution, placement: StatedPlacement, body: NumericBody) -> list[Check]:
-    """Return the check of the stored fraction of each pad that is on its face."""
+    """Return the check of the stored fraction of each rectangular contact, or pad, that is on its face."""
     hand, pad = solution.hand or {}, solution.problem["hand"].get("pad")
-    if pad is None:
+    extents = [getattr(model, "extents", None) for model in solution.require_grasp().contacts]
+    if pad is None and None in extents:
         return []
-    are_rectangles = any(_is_rectangle(model) for model in solution.require_grasp().contacts)
-    depth = FLAT_DEPTH if are_rectangles else FACE_DEPTH
     stated = array("hand.pads", hand.get("pads", ()), (2,))
     frame, _ = _frame(placement.points, array(DIRECTION, hand["approach"]["direction"], (3,)))
     distance = vectorised_distance(body)
     inward = frame[:, 0], -frame[:, 0]
     fractions = [
-        _fraction_on_face(distance, p, n, frame, pad, depth) for p, n in zip(placement.points, inward, strict=True)
+        _fraction_on_face(distance, p, n, frame, sides or pad, _face_depth(sides, pad))
+        for p, n, sides in zip(placement.points, inward, extents, strict=True)
     ]
     agrees = bool(np.all(np.abs(stated - fractions) <= SHARE_TOLERANCE))
     claim, result = (f"{first:.3g} and {second:.3g}" for first, second in (stated, fractions))
     return [Check("pads", agrees, f"{claim} of the pads on their faces stated, {result} found")]
 
 
+def _face_depth(sides: Sequence[float] | None, pad: Sequence[float] | None) -> float:
+    """Return how far a face may be behind a contact's rectangle, or the pad of one without, metres."""
+    if sides is None:
+        return FACE_DEPTH
+    share = 1.0 if pad is None else min(1.0, *(side / whole for side, whole in zip(sides, pad, strict=True)))
+    return FLAT_DEPTH * share**2
+
+
 def _fraction_on_face(
     distance: Distance, point: FloatArray, inward: FloatArray, frame: FloatArray, pad: Sequence[float], depth: float
 ) -> float:
     """Return the fraction of a pad's sample rays that meet the surface within ``depth``, metres."""
-    counts = [max(2, round(side / PAD_SPACING)) for side in pad]
+    counts = [max(10, round(side / PAD_SPACING)) for side in pad]
     along, across = ((np.arange(n) + 0.5) / n * side - side / 2.0 for n, side in zip(counts, pad, strict=True))
     a, b = np.meshgrid(along, across, indexing="ij")
     starts = point + a.reshape(-1, 1) * frame[:, 2] + b.reshape(-1, 1) * frame[:, 1]

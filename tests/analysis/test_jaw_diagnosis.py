@@ -158,24 +158,102 @@ def test_pads_along_the_normal_of_every_face_are_refused():
         ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
 
 
-def test_a_pad_longer_than_the_part_is_refused_by_its_own_name():
-    gripper = ng.ParallelJaw(stroke=0.11, pad=(0.08, 0.012), finger=(0.06, 0.012, 0.014))
-    with pytest.raises(ng.InputError, match=r"^GraspProblem\.hand\.pad: got 0\.08 m, expected metres, no more than"):
-        ng.GraspProblem(BLOCK, task=TASK, hand=gripper)
+QUICK = ng.SolveOptions(workers=1, global_bound=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("part", "pad"), [(ng.Box([0.03] * 3), (0.0375, 0.022)), (BLOCK, (0.08, 0.012))])
+def test_a_part_smaller_than_the_pad_is_held_by_what_of_the_pad_is_on_it(part, pad):
+    """The contacts are rectangles of the pad on the face, and the force is enough for that of the whole overlap."""
+    gripper = ng.ParallelJaw(stroke=0.11, pad=pad, finger=(0.06, 0.012, pad[1] + 0.002))
+    task = ng.lift(part.centroid, 0.1) + ng.disturbance(0.5, 0.01, part.centroid)
+    with pytest.warns(UserWarning, match=r"whole pads, [0-9.]+ x [0-9.]+ mm, on faces; the contacts are [0-9.]+ x"):
+        solution = ng.solve(ng.GraspProblem(part, task=task, hand=gripper), starts=1, options=QUICK)
+    grasp, overlaps = solution.grasp, []
+    for point, normal, (first, second), model in zip(
+        grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True
+    ):
+        assert all(side <= whole for side, whole in zip(model.extents, pad, strict=True))
+        others = np.abs(normal) < 0.5
+        assert overhang(part, point, first, second, model.extents, others) < 0.11
+        overlaps += [(corner, normal) for corner in overlap(part, point, first, second, pad, others)]
+    points, normals = map(np.array, zip(*overlaps, strict=True))
+    whole = ng.mu(ng.Grasp(points, normals, ng.FrictionContact(0.5), grasp.torque_origin), task, force_budget="shared")
+    assert 0.5 / whole.upper <= solution.grip_force <= 1.4 * 0.5 / whole.lower
+    assert ng.verify(solution).passed
+
+
+def sides(part, point, first, second, extents, others):
+    """Return the lower and upper corner of a rectangle about a contact along the part's axes, and the part's halves."""
+    reach = 0.5 * (np.abs(first) * extents[0] + np.abs(second) * extents[1])
+    return (point - reach)[others], (point + reach)[others], 0.5 * np.asarray(part.extents)[others]
+
+
+def overhang(part, *rectangle):
+    """Return the share of a rectangle that is beyond its face of a box."""
+    low, high, half = sides(part, *rectangle)
+    return 1.0 - np.prod(np.minimum(high, half) - np.maximum(low, -half)) / np.prod(high - low)
+
+
+def overlap(part, point, *rectangle):
+    """Return the four corners (4, 3) of what of a rectangle is on its face of a box."""
+    low, high, half = sides(part, point, *rectangle)
+    others, corners = rectangle[-1], np.tile(point, (4, 1))
+    (a, c), (b, d) = np.maximum(low, -half), np.minimum(high, half)
+    corners[:, others] = [[a, c], [a, d], [b, c], [b, d]]
+    return corners
+
+
+@pytest.mark.slow
+def test_a_force_is_stated_only_for_a_contact_that_exists():
+    """Of a pad of 37.5 x 22 mm, less than half is on a bar of 26 mm radius: there the contact is a line."""
+    bar, gripper = ng.Cylinder(0.026, 0.2), ng.hands.jaws("2f-85")
+    task = ng.lift(bar.centroid, 0.1) + ng.disturbance(0.5, 0.01, bar.centroid)
+    solution = ng.solve(ng.GraspProblem(bar, task=task, hand=gripper), starts=1, options=QUICK)
+    assert max(solution.hand["pads"]) < 0.5
+    assert solution.grip_force is None or not np.isfinite(solution.grip_force)
+    assert re.search(r"no grip force is stated: 4\d % of a rectangular contact is on the face", solution.grip_line())
+    assert ng.verify(solution).passed
+    force = {"lower": 2.0, "upper": 2.01}
+    for lie in ({}, {"pads": [0.95, 0.95]}):
+        data = solution.to_dict()
+        grip = {key: value for key, value in data["hand"]["grip"].items() if key != "pad_share"}
+        data["hand"] = {**data["hand"], **lie, "grip": {**grip, "force": force, "with_margin": force}}
+        failed = {check.name for check in ng.verify(ng.GraspSolution.from_dict(data)).checks if not check.passed}
+        assert failed & {"grip force", "pads"}
+
+
+@pytest.mark.slow
+def test_a_pad_is_not_the_reason_where_a_torque_is():
+    """Two hard contacts exert no torque about the line between them, on whatever faces the pads are."""
+    part = ng.Box([0.03] * 3)
+    task = ng.lift(part.centroid, 0.1) + ng.disturbance(0.5, 0.01, part.centroid)
+    gripper = ng.hands.jaws("2f-85")
+    for contact, is_held in ((ng.FrictionContact(0.5), False), (ng.SoftContact(0.5, 0.005), True)):
+        solution = ng.solve(ng.GraspProblem(part, [contact] * 2, task, hand=gripper), starts=1, options=QUICK)
+        assert solution.success == is_held
+        if not is_held:
+            assert "a torque about" in str(solution.why_not)
+            assert "pad" not in str(solution.why_not)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("part", "pad", "words"),
+    ("part", "contacts", "pad", "words"),
     [
-        (BLOCK, (0.05, 0.045), "no face has room for a pad of 50 x 45 mm: at most 89 % of it is on one"),
-        (ng.Box([0.06, 0.04, 0.006]), (0.02, 0.012), "the gripper fits only with the table [0-9.]+ mm lower"),
+        (
+            BLOCK,
+            [ng.SoftContact(0.5, 0.005)] * 2,
+            (0.05, 0.045),
+            "no face has room for a pad of 50 x 45 mm: at most 89 % of it is on one",
+        ),
+        (ng.Box([0.06, 0.04, 0.006]), (), (0.02, 0.012), "the gripper fits only with the table [0-9.]+ mm lower"),
     ],
 )
-def test_an_answer_that_cannot_be_used_says_why_no_other_can(part, pad, words):
+def test_an_answer_that_cannot_be_used_says_why_no_other_can(part, contacts, pad, words):
     gripper = ng.ParallelJaw(stroke=0.11, pad=pad, finger=(0.06, 0.012, pad[1]), palm_size=(0.14, 0.06, 0.08))
     tables = [ng.Table.under(part, 0.001)]
-    problem = ng.GraspProblem(part, task=TASK, hand=gripper, constraints=tables, force_budget="shared")
+    problem = ng.GraspProblem(part, contacts, TASK, hand=gripper, constraints=tables, force_budget="shared")
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
     assert re.search(words, solution.told)
     assert ng.verify(solution).passed
