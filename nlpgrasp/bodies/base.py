@@ -19,7 +19,6 @@ from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, format_known_names
 from nlpgrasp.errors import InputError
 
-SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an edge above which it is sharp
 # functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")
 TINY = 1e-24  # m^2 under a square root, which makes it differentiable at zero

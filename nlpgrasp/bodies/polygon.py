@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import SHARP, TINY, Body, Face, exterior_angles
+from nlpgrasp.bodies.base import TINY, Body, Face, exterior_angles
 from nlpgrasp.bodies.triangulation import PLATE, extrude
+from nlpgrasp.common.meshes.sharp_edges import SHARP
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, IntArray, array, in_metres
 from nlpgrasp.errors import InputError

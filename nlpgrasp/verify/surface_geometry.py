@@ -8,11 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from nlpgrasp.common.meshes.sharp_edges import SHARP
 from nlpgrasp.common.validation import FloatArray, IntArray
 
 SMALLEST = 1e-300  # smallest divisor
-SHARP_COSINE = 0.75**0.5  # cosine of 30 degrees: an edge between directions further apart is sharp
-FLAT = 1e-12  # area over squared size below which a triangle counts as degenerate
 
 Distance = Callable[[FloatArray], float]
 """Function of a point (space,) of a face to its distance from the face's sharp edges, metres; infinite without any."""
@@ -103,7 +102,7 @@ def from_corners(v: FloatArray, i: int) -> Distance:
     sharp_ends = [
         corner
         for a, corner, b in ((previous, start, end), (start, end, following))
-        if _cosine(corner - a, b - corner) < SHARP_COSINE
+        if _cosine(corner - a, b - corner) < np.cos(SHARP)
     ]
     return lambda p: min((float(np.linalg.norm(p[:2] - corner)) for corner in sharp_ends), default=np.inf)
 
@@ -123,21 +122,3 @@ def from_segments(segments: FloatArray) -> Distance:
         return float(np.min(np.linalg.norm(p - start - t[:, None] * along, axis=1), initial=np.inf))
 
     return distance
-
-
-def sharp_segments(surface: TriangleSurface) -> FloatArray:
-    """Return the ends (m, 2, 3) of the sharp edges, where normals of two triangles differ by more than 30 degrees."""
-    faces = surface.faces
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    owner = np.repeat(np.arange(len(faces)), 3)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, owner = edges[order], owner[order]
-    is_first = np.concatenate([[True], np.any(edges[1:] != edges[:-1], axis=1)])
-    first = np.flatnonzero(is_first)
-    shared = first[np.diff(np.append(first, len(edges))) == 2]  # edges of exactly two triangles
-    left, right = owner[shared], owner[shared + 1]
-    a, b, c = (surface.corners[:, i] for i in range(3))
-    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    is_proper = np.minimum(areas[left], areas[right]) > FLAT * float(np.sum(np.ptp(surface.vertices, axis=0) ** 2))
-    is_sharp = is_proper & (np.sum(surface.normals[left] * surface.normals[right], axis=1) < SHARP_COSINE)
-    return np.asarray(surface.vertices[edges[shared[is_sharp]]])

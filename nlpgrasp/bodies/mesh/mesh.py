@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import SHARP, Body, Face
+from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.defects import defect_warnings, refuse_guessed_surface
 from nlpgrasp.bodies.mesh.signed_distance import (
     FINEST,
@@ -25,6 +25,7 @@ from nlpgrasp.common.meshes.intersections import is_covered, normals_of
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh, scale_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.meshes.sharp_edges import sharp_edges
 from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.user_warnings import warn_once
@@ -33,7 +34,6 @@ from nlpgrasp.common.validation import FloatArray, IntArray, integer, metres_per
 if TYPE_CHECKING:
     import trimesh
 
-FLAT = 1e-12  # of the squared size: area below which a triangle's normal is unreliable
 TOUCHING = 1e-6  # of the size: distance within which a triangle contains a point
 EDGE_OVERESTIMATE = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
 DRAWS = 4  # most draws of samples, while too few of them are off sharp edges
@@ -338,7 +338,7 @@ class Mesh(Body):
 
 
 class SharpEdges:
-    """Sharp edges of a mesh: more than 30 degrees between the adjacent triangles' normals, convex or concave.
+    """Sharp edges of a mesh, convex or concave, as ``sharp_edges`` defines them.
 
     Parameters
     ----------
@@ -347,11 +347,8 @@ class SharpEdges:
     """
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
-        areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
-        has_area = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
-        is_sharp = np.asarray(mesh.face_adjacency_angles) > SHARP
-        self._edges: IntArray = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[has_area & is_sharp]
         self._vertices = np.asarray(mesh.vertices, dtype=float)
+        self._edges: IntArray = sharp_edges(self._vertices, np.asarray(mesh.faces))
         self._tree = SearchTree(self._vertices, self._edges)
 
     @property

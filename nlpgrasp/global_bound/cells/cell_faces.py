@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
-from nlpgrasp.bodies.base import SHARP, exterior_angles
+from nlpgrasp.bodies.base import exterior_angles
+from nlpgrasp.common.meshes.sharp_edges import SHARP
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import CellFace
 from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidFace
