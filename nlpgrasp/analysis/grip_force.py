@@ -11,12 +11,11 @@ from nlpgrasp.hands.parallel_jaw import SAFETY_FACTOR
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_grip import least_grip
-from nlpgrasp.solution.grip_record import GripForce
+from nlpgrasp.solution.grip_record import FRICTION_LOSS, GripForce
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, patch_share
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.tasks import Task
 
-FRICTION_LOSS = 0.1  # default share of friction that is lost in the force with margin
 MOST_LOSS = 0.99  # largest friction loss
 
 

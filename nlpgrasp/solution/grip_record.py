@@ -13,6 +13,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE
 from nlpgrasp.solution.record_fields import LEFT_OUT, NULL_IF_INFINITE, NonNegative, Record, Share
 
+FRICTION_LOSS = 0.1  # share of friction that is lost in the force with margin of a solve
 DIGITS = 3  # digits of forces in text, rounded up
 UNKNOWN = Bounds(0.0, np.inf)
 

@@ -17,12 +17,12 @@ from nlpgrasp.quality.force_problem import solve_least_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_grip import BUDGET, least_grip
 from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.solution.grip_record import GripForce, read_grip
+from nlpgrasp.solution.grip_record import FRICTION_LOSS, GripForce, read_grip
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, patch_share
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check, NotCheckedError
-from nlpgrasp.verify.quality_checks import OTHER_SEED, are_overlapping
+from nlpgrasp.verify.quality_checks import OTHER_SEED, are_confirmed, is_finished, recompute_bounds
 
 RTOL = 0.01  # relative width of the recomputed intervals
 WIDTH = 0.05  # allowed relative excess of a stated interval over the recomputed one
@@ -34,7 +34,9 @@ CONIC_TOLERANCE = 1e-5  # relative tolerance of a conic program's least force
 def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
     """Return the check of the stored grip force, without and with its margin; an empty list if none is stored."""
     if (solution.hand or {}).get("grip") is None:
-        return []
+        is_jaw = (solution.problem.get("hand") or {}).get("type") == "parallel_jaw"
+        is_due = is_jaw and is_finished(solution) and solution.mu.lower > 0.0
+        return [Check("grip force", False, "not stated")] if is_due else []
     stated = read_grip(solution.hand)
     if stated is None or len(grasp) != 2:
         return [Check("grip force", False, f"stated of {len(grasp)} contacts")]
@@ -65,25 +67,35 @@ def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
     requested = number("problem.hand.safety_factor", hand.get("safety_factor", SAFETY_FACTOR))
     if stated.safety_factor != requested:
         yield f"a safety factor of {stated.safety_factor:g} stated, {requested:g} requested"
-    if not 0.0 <= stated.friction_loss < 1.0:
-        yield f"a friction loss of {stated.friction_loss:g}"
+    if stated.friction_loss != FRICTION_LOSS:
+        yield f"a friction loss of {stated.friction_loss:g} stated, {FRICTION_LOSS:g} is a solve's"
 
 
 def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float = 1.0) -> Iterator[str]:
     """Yield errors in a stored interval, newtons, of the least grip force times a factor."""
-    grip = least_grip(grasp, task, RTOL, seed=OTHER_SEED)
-    recomputed = Bounds(factor * grip.lower, factor * grip.upper)
-    if np.isfinite(stated.upper) != np.isfinite(recomputed.upper):
-        yield f"{name} stated {stated}, recomputed {recomputed}"
+    if stated.lower <= 0.0 and np.isfinite(stated.upper):
+        yield f"{name} stated {stated}: no force is too small"
         return
+
+    def certify(gap: float) -> Bounds:
+        return _inverse(least_grip(grasp, task, gap, seed=OTHER_SEED), 1.0)
+
+    quality = _inverse(stated, factor)
+    recomputed = recompute_bounds(quality, certify, RTOL)
+    is_narrow = recomputed.lower <= (1.0 + WIDTH) * quality.lower and recomputed.upper >= (1.0 - WIDTH) * quality.upper
+    if not (are_confirmed(quality, recomputed) and is_narrow):
+        yield f"{name} stated {stated}, recomputed {_inverse(recomputed, factor)}"
     if not np.isfinite(stated.upper):
         return
-    is_narrow = stated.lower >= (1.0 - WIDTH) * recomputed.lower and stated.upper <= (1.0 + WIDTH) * recomputed.upper
-    if not (are_overlapping(stated, recomputed) and is_narrow):
-        yield f"{name} stated {stated}, recomputed {recomputed}"
     hardest = factor * _hardest_grip(grasp, task)
     if not hardest <= stated.upper * (1.0 + CONIC_TOLERANCE):
         yield f"{name} stated {stated.upper:.6g} N, a wrench of the task takes {hardest:.6g} N"
+
+
+def _inverse(forces: Bounds, factor: float) -> Bounds:
+    """Return the interval of the quality under the shared budget that belongs to grip forces, and back."""
+    ends = [0.0 if np.isinf(x) else factor / x if x > 0.0 else np.inf for x in (forces.upper, forces.lower)]
+    return Bounds(ends[0], ends[1])
 
 
 def _hardest_grip(grasp: Grasp, task: Task) -> float:

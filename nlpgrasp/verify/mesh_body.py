@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh
+from nlpgrasp.common.meshes.sharp_edges import sharp_edges
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import UNITS, FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit
-from nlpgrasp.verify.surface_geometry import TriangleSurface, from_segments, sharp_segments
+from nlpgrasp.verify.surface_geometry import TriangleSurface, from_segments
 
 TOUCH_SHARE = 1e-6  # share of the body's size: triangles this close to a contact touch it
 ROUND_TIPS = ("sphere", "cylinder")  # fingertips whose normal is the direction from their centre to the contact
@@ -83,7 +84,8 @@ class MeshSurface:
 
     @cached_property
     def _sharp(self) -> FloatArray:
-        return sharp_segments(self.triangles)
+        vertices, faces = self.triangles.vertices, self.triangles.faces
+        return np.asarray(vertices[sharp_edges(vertices, faces)])
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distances of points (m, 3) from the mesh, not from a smoothed surface."""
@@ -154,7 +156,7 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
     Raises
     ------
     InputError
-        Where the fingerprint is that of another unit than the one recorded.
+        Where the fingerprint is that of another unit than the one recorded, or another number of triangles is.
     NotCheckedError
         Where the source is missing, is not a mesh, or (``OtherMeshError``) has another fingerprint.
     """
@@ -171,6 +173,9 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
                     raise InputError(
                         "problem.body.unit", recorded_unit, f"{unit}, in which {path.name} has the sha256 stated"
                     )
+                count = len(surface.triangles.faces)
+                if data.get("triangles", count) != count:
+                    raise InputError("problem.body.triangles", data["triangles"], f"{count}, as in {path.name}")
                 return surface
             readings.append(surface)
             readers |= {"manifold3d"} if repairs else set()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,12 +12,14 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.scalar_constraints import EDGE_MARGIN
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import number
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import delta, mu, unit_ball
+from nlpgrasp.quality.sandwich import SHRINK
 from nlpgrasp.quality.volume import nu
+from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
@@ -27,12 +31,20 @@ ZERO_WIDTH_FACTOR = 100.0  # the same, where the recomputed lower bound is zero
 ZERO_MU = 1e-9  # per unit force: smaller upper bounds count as zero
 ANY_GAP = 1.0  # relative gap assumed for files that do not state the requested one
 ERROR_BAR = 0.1  # largest relative error bar of nu; solves state less
-NU_RTOL = 0.05  # relative error bar of the recomputed nu
+NU_RTOL = 0.014  # relative error bar of the recomputed nu: a hull of twice the vertices of a solve's
+ROUNDING = 1e-9  # relative guard against rounding of a recomputed lower end
+UPPER_TOLERANCE = 2e-3  # relative tolerance of upper ends without a direction, which differ by the certificate's gap
+USUAL_RTOL = 0.01  # relative gap of certificates in files, unless their options state another
+GAP_SHARE = 0.2  # share of the gap asked for over all placements that a grasp's own certificate takes
+WIDTH_SHARE = 0.6  # share of the stated width with which a recomputation begins
+TIGHTENING, FINEST = 4.0, 1e-7  # the requested gap over the finest recomputed one; the least relative gap
 ZERO_SHARE = 1e-3  # share of the grasp's quality: a smaller upper bound counts as zero
 SHARE_TOLERANCE = 1e-9  # tolerance of shares, which follow from other numbers of the file
 OFFSET_FACTOR = 1.5  # allowed displacement over the stated offset, as surfaces are curved
 EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over it
 RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support ratio
+
+AnyBounds = TypeVar("AnyBounds", bound=Bounds)
 
 
 def interval_check(stated: Bounds) -> Check:
@@ -41,14 +53,81 @@ def interval_check(stated: Bounds) -> Check:
     return Check("interval", passed, f"stated {stated}")
 
 
-def are_overlapping(stated: Bounds, recomputed: Bounds) -> bool:
-    """Return whether a stored interval and a recomputed one overlap."""
-    return stated.lower <= recomputed.upper and recomputed.lower <= stated.upper
+def recompute_bounds(
+    stated: Bounds, certify: Callable[[float], AnyBounds], rtol: float, requested: float = USUAL_RTOL
+) -> AnyBounds:
+    """Return recomputed bounds, tightened as far as the stated ones require, at most to a quarter of their gap.
+
+    Parameters
+    ----------
+    stated : Bounds
+    certify : callable
+        Certified bounds to a relative gap.
+    rtol : float
+        Largest relative gap.
+    requested : float
+        Relative gap that the stated bounds were to have.
+    """
+    finest = min(rtol, requested) / TIGHTENING
+    width = stated.gap if np.isfinite(stated.upper) else 1.0
+    recomputed = certify(float(np.clip(WIDTH_SHARE * width, finest, rtol)))
+    if _is_undecided(stated, recomputed):
+        recomputed = certify(finest)
+    if _is_undecided(stated, recomputed) and recomputed.lower >= (1.0 - SHRINK) * stated.lower > 0.0:
+        # of a polytope only the shrinking of its points is left, which is a share of the gap
+        recomputed = certify(max(WIDTH_SHARE * (recomputed.upper / stated.lower - 1.0), FINEST))
+    return recomputed
 
 
-def overlap_check(name: str, stated: Bounds, recomputed: Bounds) -> Check:
-    """Return the check that a stored interval and a recomputed one overlap."""
-    return Check(name, are_overlapping(stated, recomputed), f"stated {stated}, recomputed {recomputed}")
+def requested_rtol(solution: GraspSolution, rtol: float) -> float:
+    """Return the relative gap that a solve's certificate of mu was to have; ``rtol`` if the file does not state it."""
+    options = solution.solver.get("options", {})
+    requested = number("solver.options.final_rtol", options.get("final_rtol", rtol), above=0.0)
+    gap = options.get("gap")
+    return requested if gap is None else min(requested, GAP_SHARE * number("solver.options.gap", gap, above=0.0))
+
+
+def _is_undecided(stated: Bounds, recomputed: Bounds) -> bool:
+    """Return whether a tighter recomputation may still confirm or contradict stated bounds."""
+    is_contradicted = stated.lower > recomputed.upper or recomputed.lower > stated.upper
+    return not (is_contradicted or are_confirmed(stated, recomputed) or recomputed.limit)
+
+
+def are_confirmed(stated: Bounds, recomputed: Bounds) -> bool:
+    """Return whether recomputed bounds prove the stated lower end, and agree with the stated upper end."""
+    is_proved = recomputed.lower >= stated.lower * (1.0 - ROUNDING)
+    agrees = recomputed.lower <= stated.upper and recomputed.upper <= stated.upper * (1.0 + UPPER_TOLERANCE) + ZERO_MU
+    return bool(is_proved and agrees)
+
+
+def bounds_check(name: str, stated: Bounds, recomputed: Bounds) -> Check:
+    """Return the check of stated bounds against recomputed ones."""
+    text, error = f"stated {stated}, recomputed {recomputed}", unconfirmed_end(stated, recomputed)
+    return Check.of_errors(name, [f"{text}: {error}"] if error else [], text)
+
+
+def unconfirmed_end(stated: Bounds, recomputed: Bounds) -> str:
+    """Return a text on the stated end that recomputed bounds do not confirm; empty if they confirm both."""
+    if are_confirmed(stated, recomputed):
+        return ""
+    if not recomputed.lower >= stated.lower * (1.0 - ROUNDING):
+        return f"at least {stated.lower:.9g} stated, {recomputed.lower:.9g} certified"
+    return f"at most {stated.upper:.9g} stated, from {recomputed.lower:.9g} to {recomputed.upper:.9g} certified"
+
+
+def recompute_mu(
+    stated: Bounds, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float, requested: float = USUAL_RTOL
+) -> Bounds:
+    """Return recomputed bounds on mu; the stated worst direction counts, too, with its recomputed support ratio."""
+    y, known = stated.worst_direction, np.inf
+    if y is not None and y.shape == (grasp.dimension,):
+        known = support_ratio(grasp, task, budget.at(grasp.frames, grasp.contacts), y)
+
+    def certify(gap: float) -> Bounds:
+        bounds = mu(grasp, task, gap, force_budget=budget, seed=OTHER_SEED)
+        return replace(bounds, upper=min(bounds.upper, max(known * (1.0 + ROUNDING), bounds.lower)))
+
+    return recompute_bounds(stated, certify, rtol, requested)
 
 
 def _widest_interval(recomputed: Bounds, rtol: float) -> tuple[float, float]:
@@ -75,6 +154,11 @@ def width_check(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> C
     return Check(name, _is_narrow(stated, recomputed, rtol), text)
 
 
+def is_finished(solution: GraspSolution) -> bool:
+    """Return whether a solve with a certified grasp ran to its end, so that its file states all that belongs to it."""
+    return bool(solution.starts) and solution.status in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
+
+
 def mu_width_checks(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
     """Return the check that the stored interval of mu is not too wide.
 
@@ -89,14 +173,17 @@ def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBud
     """Return the checks of the stored measures delta and nu."""
     checks = []
     if (stated := solution.delta) is not None:
-        recomputed = delta(grasp, stated.torque_scale or 1.0, rtol, force_budget=budget)
-        passed = are_overlapping(stated, recomputed) and _is_narrow(stated, recomputed, ANY_GAP)
-        checks.append(Check("delta", passed, f"stated {stated}, recomputed {recomputed}"))
+        scale = stated.torque_scale or 1.0
+        recomputed = recompute_bounds(stated, lambda gap: delta(grasp, scale, gap, force_budget=budget), rtol)
+        checks += [bounds_check("delta", stated, recomputed), width_check("delta, width", stated, recomputed, ANY_GAP)]
     if (stated_nu := solution.nu) is not None:
-        volume = nu(grasp, stated_nu.torque_scale or 1.0, NU_RTOL, force_budget=budget, seed=OTHER_SEED)
+        scale = stated_nu.torque_scale or 1.0
+        volume = recompute_bounds(
+            stated_nu, lambda gap: nu(grasp, scale, gap, force_budget=budget, seed=OTHER_SEED), NU_RTOL, NU_RTOL
+        )
         error = min(stated_nu.error, ERROR_BAR * abs(volume.value))  # a wider stated error bar would excuse any value
         is_near = abs(volume.value - stated_nu.value) <= 2.0 * (volume.error + error)
-        passed = is_near and stated_nu.value in stated_nu and are_overlapping(stated_nu, volume)
+        passed = is_near and stated_nu.value in stated_nu and are_confirmed(stated_nu, volume)
         checks.append(Check("nu", passed, f"stated {stated_nu}, recomputed {volume}"))
     return checks
 
@@ -114,30 +201,43 @@ def robustness_checks(
         displaced = Grasp(
             stated.points[remaining], stated.normals[remaining], [models[i] for i in remaining], grasp.torque_origin
         )
-        recomputed = mu(displaced, task, rtol, force_budget=budget, seed=OTHER_SEED)
+        recomputed = recompute_bounds(
+            stated.mu, lambda gap: mu(displaced, task, gap, force_budget=budget, seed=OTHER_SEED), rtol
+        )
+    displacement = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
+    errors = [*_robust_errors(solution, stated, budget), *_share_errors(solution, stated)]
+    if not displacement <= OFFSET_FACTOR * stated.offset + 1e-9:
+        errors.append("farther off than the stated offset")
+    if not are_confirmed(stated.mu, recomputed):
+        errors.append(unconfirmed_end(stated.mu, recomputed))
+    if not (stated.mu.upper <= ZERO_SHARE * solution.mu.upper or _is_narrow(stated.mu, recomputed, ANY_GAP)):
+        errors.append("wider than a certificate")
+    summary = f"{len(stated.lost)} over an edge; {stated.share(solution.mu):.3g} of mu left"
+    text = f"stated {stated.mu}, recomputed {recomputed}; contacts at most {1e3 * displacement:.3g} mm off; {summary}"
+    return [Check.of_errors("robustness", [f"{text}: {'; '.join(errors)}"] if errors else [], text)]
+
+
+def _robust_errors(solution: GraspSolution, stated: Robustness, budget: ForceBudget) -> Iterator[str]:
+    """Yield errors in the stated displacement and friction loss, and in the contacts that slip over an edge."""
+    options = solution.solver.get("options", {})
+    for name, value in (("robust_offset", stated.offset), ("robust_friction", stated.friction_share)):
+        if options.get(name, value) != value:
+            yield f"{name} {options[name]:g} among the options, {value:g} stated"
     near_edges = {
         c.fingers[0] for c in solution.constraints if c.kind == EDGE_MARGIN and c.value < EDGE_SHARE * stated.offset
     }
-    slipping = set() if budget.depends_on_frames else near_edges
-    displacement = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
-    is_zero = stated.mu.upper <= ZERO_SHARE * solution.mu.upper
-    fraction = stated.share(solution.mu) if stated.stated_share is None else stated.stated_share
-    is_fragile = stated.is_fragile(solution.mu) if stated.stated_fragile is None else stated.stated_fragile
-    passed = all(
-        (
-            are_overlapping(stated.mu, recomputed),
-            is_zero or _is_narrow(stated.mu, recomputed, ANY_GAP),
-            set(stated.lost) == slipping,
-            solution.solver.get("options", {}).get("robust_offset", stated.offset) == stated.offset,
-            displacement <= OFFSET_FACTOR * stated.offset + 1e-9,
-            stated.mu.lower <= solution.mu.upper,
-            abs(fraction - stated.share(solution.mu)) <= SHARE_TOLERANCE,
-            is_fragile == stated.is_fragile(solution.mu),
-        )
-    )
-    summary = f"{len(stated.lost)} over an edge; {fraction:.3g} of mu left, {'' if is_fragile else 'not '}fragile"
-    text = f"stated {stated.mu}, recomputed {recomputed}; contacts at most {1e3 * displacement:.3g} mm off; {summary}"
-    return [Check("robustness", passed, text)]
+    if set(stated.lost) != (set() if budget.depends_on_frames else near_edges):
+        yield "other contacts slip over an edge"
+
+
+def _share_errors(solution: GraspSolution, stated: Robustness) -> Iterator[str]:
+    """Yield errors in the stated share of the quality that is left, and in whether the grasp is fragile."""
+    if not stated.mu.lower <= solution.mu.upper:
+        yield "more is left than there was"
+    if stated.stated_share is None or not abs(stated.stated_share - stated.share(solution.mu)) <= SHARE_TOLERANCE:
+        yield f"a share of {stated.stated_share} stated"
+    if stated.stated_fragile is not stated.is_fragile(solution.mu):
+        yield f"fragile {stated.stated_fragile} stated"
 
 
 def grasp_map_check(grasp: Grasp) -> Check:
@@ -189,6 +289,16 @@ def _objective_checks(solution: GraspSolution, task: Task) -> list[Check]:
     return [Check("objective", agrees and is_its_task, text)]
 
 
+def support_ratio(grasp: Grasp, task: Task, force_set: ForceSet, y: FloatArray) -> float:
+    """Return an upper bound on mu: the wrench set's support over the task's in a direction (d,), inf where it is 0."""
+    task_support = float(task.support(y[None])[0][0])
+    if task_support <= 0.0:
+        return np.inf
+    contact_velocities = (grasp.G.T @ y)[None, :]
+    supports, maximisers = force_set.support(contact_velocities)
+    return max(0.0, float(max(supports[0], maximisers[0] @ contact_velocities[0]))) / task_support
+
+
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
     """Return the check that the stored bounds on mu are not above the support ratio along the worst direction.
 
@@ -199,12 +309,9 @@ def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_se
         return []
     if y.shape != (grasp.dimension,):
         return [Check("worst direction", False, f"{y.size} numbers for dimension {grasp.dimension}")]
-    task_support = float(task.support(y[None])[0][0])
-    if task_support <= 0.0:
+    ratio = support_ratio(grasp, task, force_set, y)
+    if not np.isfinite(ratio):
         return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
-    contact_velocities = (grasp.G.T @ y)[None, :]
-    supports, maximisers = force_set.support(contact_velocities)
-    ratio = float(max(supports[0], maximisers[0] @ contact_velocities[0])) / task_support
     lower, upper = solution.mu.lower, solution.mu.upper
-    passed = lower <= ratio * (1.0 + 1e-6) + 1e-12 and upper <= max(ratio, 0.0) * (1.0 + RATIO_TOLERANCE) + 1e-12
+    passed = lower <= ratio * (1.0 + 1e-6) + 1e-12 and abs(upper - ratio) <= RATIO_TOLERANCE * ratio + 1e-12
     return [Check("worst direction", passed, f"support ratio {ratio:.6g}, stated from {lower:.6g} to {upper:.6g}")]

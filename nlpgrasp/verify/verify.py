@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.common.validation import number
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.bound.bound_checks import global_bound_checks, read_bound_file, verify_bound
@@ -24,14 +24,15 @@ from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_che
 from nlpgrasp.verify.grip_checks import grip_checks
 from nlpgrasp.verify.outcome_checks import kept_grasp_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
-    OTHER_SEED,
+    bounds_check,
     check_other_measures,
     direction_checks,
     grasp_map_check,
     interval_check,
     model_checks,
     mu_width_checks,
-    overlap_check,
+    recompute_mu,
+    requested_rtol,
     robustness_checks,
 )
 from nlpgrasp.verify.recomputation import recompute
@@ -49,15 +50,16 @@ def verify(
     solution : GraspSolution, str or Path
         A file is one written by ``GraspSolution.save`` or ``BestPossible.save``.
     rtol : float
-        Relative gap of the new certificate.
+        Largest relative gap of the new certificate, greater than zero: it is tightened as far as the stated bounds
+        require.
     folders : iterable of str or Path
         Further folders to search for mesh and URDF, after the file's own folder and the current one.
 
     Returns
     -------
     Verification
-        Fails when there is no grasp, or one that contradicts status and starts; when stated and recomputed intervals do
-        not overlap; when the stated interval is empty or wider than its certificate allows; when a stated direction
+        Fails when there is no grasp, or one that contradicts status and starts; when a stated interval does not
+        contain the recomputed one, is empty or is wider than its certificate allows; when a stated direction
         contradicts the stated bounds; when stated forces do not produce their wrench within cones and force budget, are
         for wrenches outside the task, or are missing from the file of a solve; when contacts are off their faces or
         have other normals; when a constraint of problem or hand is missing, has another limit than the problem's,
@@ -71,9 +73,10 @@ def verify(
     Raises
     ------
     InputError
-        When the file cannot be read or is not of schema 1.
+        When the file cannot be read or is not of schema 1, or rtol is not greater than zero.
     """
     file = Path(solution) if isinstance(solution, str | Path) else None
+    rtol = number("rtol", rtol, above=0.0)
     bound = None if file is None else read_bound_file(file)
     if bound is not None:
         return verify_bound(bound, rtol, SourceFolders.of_file(file, folders))
@@ -116,8 +119,9 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
     """
     task, budget = solution.task, solution.budget
     try:
-        quality = None if is_sampled(task) else mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
         force_set = budget.at(grasp.frames, grasp.contacts)
+        requested = requested_rtol(solution, rtol)
+        quality = None if is_sampled(task) else recompute_mu(solution.mu, grasp, task, budget, rtol, requested)
     except BROKEN as error:
         return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {
@@ -129,10 +133,10 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
         parts["certified quality"] = lambda: [Check.not_made(name, MISSING) for name in names]
     else:
         parts |= {
-            "certified quality": lambda: [overlap_check("certified quality", solution.mu, quality)],
+            "certified quality": lambda: [bounds_check("certified quality", solution.mu, quality)],
             "width": lambda: mu_width_checks(solution, quality),
             "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
-            "wrenches": lambda: wrench_checks(solution, grasp, task),
+            "wrenches": lambda: wrench_checks(solution, grasp, task, force_set),
             "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
             "grip force": lambda: grip_checks(solution, grasp, task),
             "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),

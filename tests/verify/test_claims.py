@@ -24,6 +24,11 @@ def another_start(**fields):
     return change
 
 
+def status(name):
+    """Return an edit of the status and of what it means."""
+    return together(put(("status",), name), put(("message",), ng.Status[name.upper()].value))
+
+
 def no_grasp(data):
     for key in ("grasp", "hand"):
         data[key] = None
@@ -65,11 +70,11 @@ def test_an_interval_that_is_too_wide_fails(name):
 
 
 OUTCOMES = {
-    "no grasp, and one": put(("status",), "no_grasp"),
-    "infeasible, and a grasp": put(("status",), "locally_infeasible"),
-    "failed, and a grasp": put(("status",), "failed"),
+    "no grasp, and one": status("no_grasp"),
+    "infeasible, and a grasp": status("locally_infeasible"),
+    "failed, and a grasp": status("failed"),
     "solved, and no grasp": no_grasp,
-    "no grasp, and found by a start": together(no_grasp, put(("status",), "no_grasp")),
+    "no grasp, and found by a start": together(no_grasp, status("no_grasp")),
     "why there is none": put(
         ("why_not",), {"conflicts": [], "direction": None, "reasons": [], "advice": [], "locally_infeasible": False}
     ),
@@ -113,9 +118,7 @@ def test_a_robust_answer_may_be_less_good_than_another_start():
 
 
 def test_a_file_without_a_grasp_says_so():
-    result = verified(
-        honest.solved(), together(no_grasp, put(("status",), "no_grasp"), lambda data: data.pop("best_start"))
-    )
+    result = verified(honest.solved(), together(no_grasp, status("no_grasp"), lambda data: data.pop("best_start")))
     assert failed(result) == ["grasp"]
 
 
@@ -126,8 +129,56 @@ def test_a_step_that_lost_the_grasp_is_not_solved():
     def change(data):
         unbounded(data)
         data["quality"]["mu"] |= zero
-        data["status"], data["forces"], data["solver"]["starts"] = "no_grasp", [], []
+        status("no_grasp")(data)
+        data["forces"], data["solver"]["starts"] = [], []
         del data["best_start"]
 
     assert told(change)
     assert np.isfinite(honest.solved()["quality"]["mu"]["upper"])
+
+
+def with_interval(lower, upper):
+    """Return an edit that states another interval of mu with all that follows, and leaves out the evidence."""
+
+    def change(data):
+        unbounded(data)
+        mu = data["quality"]["mu"]
+        factor = lower / mu["lower"]
+        for force in data["forces"]:
+            force.update({key: (factor * np.array(values)).tolist() for key, values in force.items()})
+        for start in data["solver"]["starts"]:
+            start["mu"] = {"lower": min(start["mu"]["lower"], lower), "upper": max(start["mu"]["upper"], upper)}
+        data["quality"]["forces_needed"]["budget"] = {"lower": 1.0 / upper, "upper": 1.0 / lower}
+        for entry in ("kkt", "message"):
+            data.pop(entry, None)
+        mu |= {"lower": lower, "upper": upper, "worst_direction": None}
+
+    return change
+
+
+def unverified(data, *interval):
+    """Return the names of the checks that fail where another interval of mu is stated."""
+    return failed(ng.verify(ng.GraspSolution.from_dict(edited(data, with_interval(*interval)), "f.json")))
+
+
+@pytest.mark.parametrize("make", [honest.planar, pytest.param(honest.solved, marks=pytest.mark.slow)])
+def test_a_false_interval_without_evidence_is_not_verified(make):
+    mu = make()["quality"]["mu"]
+    assert unverified(make(), mu["lower"], mu["upper"]) == []
+    for factor in (1.0005, 1.005, 1.05):  # above the quality, which is at most the stated upper bound
+        assert "certified quality" in unverified(make(), factor * mu["upper"], 1.01 * factor * mu["upper"])
+    assert "certified quality" in unverified(make(), 0.99 * mu["lower"], 0.995 * mu["lower"])
+
+
+@pytest.mark.slow
+def test_a_lower_bound_raised_towards_the_upper_one_is_not_verified():
+    mu = honest.solved()["quality"]["mu"]
+    for share in (0.9, 0.99, 0.999):
+        lower = mu["lower"] + share * (mu["upper"] - mu["lower"])
+        assert "certified quality" in unverified(honest.solved(), lower, mu["upper"]), share
+
+
+@pytest.mark.parametrize("rtol", [0.0, -1.0, float("nan"), True, "small"])
+def test_a_gap_that_is_none_is_refused(rtol):
+    with pytest.raises(ng.InputError, match=r"^rtol: got .*, expected a number greater than 0"):
+        ng.verify(ng.GraspSolution.from_dict(honest.planar(), "f.json"), rtol=rtol)

@@ -10,17 +10,17 @@ import numpy as np
 from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.common.files import parse_json, read_text
 from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.bound.proof import BOUND_TOLERANCE, Proof
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, Verification, broken_data_message, guard
-from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap_check
+from nlpgrasp.verify.quality_checks import GAP_SHARE, bounds_check, recompute_mu
 from nlpgrasp.verify.sources import SourceFolders, sha256_of
 
 SCHEMA = "nlpgrasp-bound/1"  # schema of a bound file
@@ -77,7 +77,7 @@ def verify_bound(data: Json, rtol: float, sources: SourceFolders) -> Verificatio
         lower = 0.0
         if data["grasp"] is not None:
             try:
-                quality, grasp_checks = _check_grasp(proof, data["grasp"], upper, rtol)
+                quality, grasp_checks = _check_grasp(proof, data, upper, rtol)
                 lower = float(data["grasp"]["mu"]["lower"])
                 checks += grasp_checks
             except BROKEN as error:
@@ -86,16 +86,17 @@ def verify_bound(data: Json, rtol: float, sources: SourceFolders) -> Verificatio
     return Verification(tuple(checks), quality, tuple(dict.fromkeys(sources.missing)))
 
 
-def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
+def _check_grasp(proof: Proof, bound: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
     """Return the recomputed quality of a bound file's grasp, and the checks of this grasp."""
-    problem = proof.problem
+    problem, data = proof.problem, bound["grasp"]
     models = [contact_from_dict(contact) for contact in problem["contacts"]]
     grasp = Grasp(data["positions"], data["normals"], models, proof.origin)
-    quality = mu(grasp, proof.task, rtol, force_budget=budget_from_dict(problem["force_budget"]), seed=OTHER_SEED)
     stated = Bounds.from_dict(data["mu"], "grasp.mu")
+    requested = GAP_SHARE * number("certificate.asked", bound["certificate"]["asked"], above=0.0)
+    quality = recompute_mu(stated, grasp, proof.task, budget_from_dict(problem["force_budget"]), rtol, requested)
     text = f"{stated.lower:.8g} of the grasp, {upper:.8g} over all placements"
     checks = [
-        overlap_check("certified quality", stated, quality),
+        bounds_check("certified quality", stated, quality),
         Check("grasp below the bound", stated.lower <= upper and quality.lower <= upper, text),
     ]
     try:
@@ -153,8 +154,10 @@ def global_bound_checks(solution: GraspSolution, grasp: Grasp, quality: Bounds, 
     gap, stated_gap = bound.gap(lower), bound.stated_gap
     agrees = stated_gap is None or gap == stated_gap or abs(gap - stated_gap) <= GAP_TOLERANCE * max(1.0, gap)
     text = f"{quality.lower:.8g} of the grasp, {bound.upper:.8g} over all placements"
+    others = [start.mu.lower for start in solution.starts] + [kept.mu.lower for kept in solution.others]
+    is_above_others = max(others, default=0.0) <= bound.upper * (1.0 + BOUND_TOLERANCE)
     checks = [
-        Check("best possible", max(quality.lower, lower) <= bound.upper, text),
+        Check("best possible", max(quality.lower, lower) <= bound.upper and is_above_others, text),
         Check("gap", agrees, f"stated {gap if stated_gap is None else stated_gap:.6g}, bound over quality {gap:.6g}"),
     ]
     if not bound.certificate:
