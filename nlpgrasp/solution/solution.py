@@ -688,6 +688,10 @@ class GraspSolution(InNotebook):
         solution = _read_solution(data, name)
         _check_parts(solution, name)
         check_beta(data["quality"], solution.beta, f"{name}: quality")
+        if data.get("message", solution.message) != solution.message:
+            raise InputError(
+                f"{name}: message", data["message"], f"that of its status and residuals: {solution.message}"
+            )
         return solution
 
     def save(self, path: str | Path) -> Path:

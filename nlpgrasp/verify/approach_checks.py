@@ -25,6 +25,7 @@ POSITION_TOLERANCE = 1e-9  # metres, radians: rounding tolerance of sums
 SAMPLE_STEP = 2e-3  # metres between samples
 CLEARANCE_EXCESS = 2e-4  # metres: allowed excess of a stated clearance, which is rounded to a tenth of a millimetre
 PENETRATION_SHARE = 1e-3  # share of the hand's span: allowed penetration of a sphere on the path
+RETREAT_TOLERANCE = 1e-5  # metres: tolerance of the distance by which fingertips go back
 GRID_POINTS = 24  # sample points in the body along each side of its box
 
 
@@ -113,6 +114,47 @@ def _has_equal_joints(a: Phase, b: Phase) -> bool:
     return a.joints.keys() == b.joints.keys() and all(
         abs(a.joints[j] - b.joints[j]) <= POSITION_TOLERANCE for j in a.joints
     )
+
+
+def pregrasp_checks(solution: GraspSolution, hand: NumericHand | None) -> list[Check]:
+    """Return the check that every fingertip of the pregrasp has gone back along its normal by the stated clearance."""
+    stated = (solution.hand or {}).get("pregrasp")
+    if stated is None:
+        is_phase = any(phase.name == PREGRASP for phase in solution.phases)
+        is_due = is_phase and states_all_hand_fields(solution)
+        return [Check("pregrasp", False, "among the phases, and not stated by the hand")] if is_due else []
+    try:
+        errors = list(_pregrasp_errors(solution, stated, require_links(hand, "links")))
+    except NotCheckedError as reason:
+        return [Check.not_made("pregrasp", str(reason))]
+    return [Check.of_errors("pregrasp", errors, f"{1e3 * stated['clearance']:.3g} mm back along the normals")]
+
+
+def _pregrasp_errors(solution: GraspSolution, stated: Json, hand: NumericLinkedHand) -> Iterator[str]:
+    """Yield errors in the clearance of the pregrasp, its palm and its fingertips."""
+    clearance = number("hand.pregrasp.clearance", stated["clearance"], at_least=0.0)
+    requested = solution.solver.get("options", {}).get("pregrasp_clearance", clearance)
+    if clearance > requested:
+        yield f"a clearance of {clearance:g} m stated, {requested:g} m asked for"
+    opened, normals = hand.with_posture(stated), solution.require_grasp().normals
+    if list(stated.get("fingertips", ())) != [tip["link"] for tip in hand.tips]:
+        yield "other fingertips than the hand's"
+    if not _is_close(opened.base[:3, :3], hand.base[:3, :3]):
+        yield "the palm turns"
+    for i, (tip, normal) in enumerate(zip(hand.tips, normals, strict=True)):
+        places = [_reference_point(tip, posture.poses[str(tip["link"])]) for posture in (hand, opened)]
+        distance = float((places[0] - places[1]) @ normal)
+        if not abs(distance - clearance) <= RETREAT_TOLERANCE + hand.error:
+            yield f"fingertip {i} has gone back by {distance:.6f} m, stated {clearance:.6f} m"
+
+
+def _reference_point(tip: Json, frame: FloatArray) -> FloatArray:
+    """Return the point of a fingertip that goes back along the normal, (3,), body frame."""
+    if tip["type"] == "hull":
+        raise NotCheckedError("the place of a fingertip of type 'hull' is not in the file")
+    keys = {"cylinder": ("start", "end"), "capsule": ("end",)}.get(str(tip["type"]), ("offset",))
+    point = np.mean([array(key, tip[key], (3,)) for key in keys], axis=0)
+    return np.asarray(frame[:3, :3] @ point + frame[:3, 3])
 
 
 def path_checks(

@@ -163,8 +163,5 @@ def guard(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
 
 
 def states_all_hand_fields(solution: GraspSolution) -> bool:
-    """Return whether the version that wrote a file states all hand and approach fields.
-
-    Earlier versions lack the option ``link_tolerance``.
-    """
-    return "link_tolerance" in solution.solver.get("options", {})
+    """Return whether a file is of a solve, and so states all fields of its hand."""
+    return bool(solution.starts) or "link_tolerance" in solution.solver.get("options", {})

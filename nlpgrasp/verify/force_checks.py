@@ -32,6 +32,7 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.joint_checks import JACOBIAN_TOLERANCE
 from nlpgrasp.verify.numeric_urdf_hand import require_links
+from nlpgrasp.verify.quality_checks import is_finished
 from nlpgrasp.verify.stated_placement import NumericHand
 
 FORCE_TOLERANCE = 1e-6  # relative tolerance of balance, cones and budget
@@ -105,12 +106,8 @@ def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
     return np.asarray(np.sum(np.cross(arms, forces), axis=0))
 
 
-def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Return the check that stored forces are for extreme wrenches of the task scaled by the lower bound on mu.
-
-    Some wrenches may be missing, but not all in the file of a solve. Ends of semi-axes and vertices are compared
-    number by number; for other tasks, a wrench must be within the task and not zero.
-    """
+def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
+    """Return the check that stored forces are for the extreme wrenches of the task scaled by the lower bound on mu."""
     factor, name = solution.mu.lower, "wrenches"
     if not solution.forces:
         if factor <= 0.0 or not len(task.ends()):
@@ -121,26 +118,37 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
     wrenches = np.array([wrench for wrench, _ in solution.forces])
     if wrenches.shape[1:] != (grasp.dimension,):
         return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
-    outside = _non_extreme_wrenches(task, wrenches, factor)
-    if outside:
-        detail = f"wrench {outside[0]} is not the stated lower bound times one that the task asks for"
-        return [Check(name, False, detail)]
-    return [Check(name, True, f"{len(wrenches)} of the task's, times {factor:.6g}")]
+    errors = list(_listing_errors(grasp, task, force_set, wrenches, factor))
+    return [Check.of_errors(name, errors, f"{len(wrenches)} of the task's, times {factor:.6g}")]
 
 
-def _non_extreme_wrenches(task: Task, wrenches: FloatArray, factor: float) -> list[int]:
-    """Return the indices of wrenches (m, d) that are no end or vertex of the task scaled by ``factor``.
+def _listing_errors(
+    grasp: Grasp, task: Task, force_set: ForceSet, wrenches: FloatArray, factor: float
+) -> Iterator[str]:
+    """Yield errors in the wrenches (m, d) with stated forces: they are the task's extreme ones, each once, in order.
 
-    For tasks other than ellipsoids and polytopes: of wrenches outside the scaled task.
+    Only those are left out whose conic program has no solution here either. For tasks whose extreme wrenches are not
+    listed in them, all have to be within the scaled task and not zero.
     """
-    tolerance = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
-    if isinstance(task, TaskEllipsoid | TaskPolytope):
-        ends = factor * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
-        distances = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
-        return np.flatnonzero(~(np.array(distances) <= tolerance)).tolist()
-    directions = _unit_rows(_random_directions(wrenches.shape[1]))
-    excess = np.max(wrenches @ directions.T - factor * task.support(directions)[0], axis=1)
-    return np.flatnonzero(~(excess <= tolerance) | ~(tolerance > 0.0)).tolist()
+    tolerances, ends = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1), factor * task.ends()
+    is_listed = isinstance(task, TaskEllipsoid) or (isinstance(task, TaskPolytope) and len(ends) == len(task.wrenches))
+    if not is_listed:
+        directions = _unit_rows(_random_directions(wrenches.shape[1]))
+        excess = np.max(wrenches @ directions.T - factor * task.support(directions)[0], axis=1)
+        if not np.all((excess <= tolerances) & (tolerances > 0.0)):
+            yield f"wrench {int(np.argmax(excess - tolerances))} is not within the task times the stated lower bound"
+        return
+    listed, omitted = 0, list[int]()
+    for i, end in enumerate(ends):
+        is_next = listed < len(wrenches) and np.linalg.norm(wrenches[listed] - end) <= tolerances[listed]
+        listed += bool(is_next)
+        omitted += [] if is_next else [i]
+    if listed < len(wrenches):
+        yield f"wrench {listed} is not the stated lower bound times the next one that the task asks for"
+    elif omitted and factor > 0.0:
+        forces = solve_least_forces(WrenchSet(grasp.G, force_set), ends[omitted])[0]
+        if np.any(np.all(np.isfinite(forces), axis=1)):
+            yield f"no forces for {len(omitted)} of {len(ends)} wrenches that the task asks for"
 
 
 def _random_directions(dimension: int) -> FloatArray:
@@ -157,7 +165,8 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
     """Return the check of the stored finger forces for the task at full size."""
     stated = solution.needed
     if stated is None:
-        return []
+        is_due = is_finished(solution) and solution.mu.lower > 0.0
+        return [Check("forces needed", False, "not stated")] if is_due else []
     k, space, d = len(grasp), grasp.space, grasp.dimension
     moments = np.zeros((k, d - space)) if stated.moments is None else stated.moments
     shapes = [(stated.wrench, (d,)), (stated.forces, (k, space)), (moments, (k, d - space))]
@@ -294,7 +303,7 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | No
             return [Check.not_made("squeeze", str(reason))]
         return [Check.of_errors("squeeze", [error], "none: no forces that balance press at every contact")]
     if stated is None:
-        return []
+        return _unstated_squeeze_checks(solution, grasp)
     errors = list(_force_errors(stated, grasp))
     summary = f"friction {stated['friction_needed']:.4g} needed, {stated['share']:.4g} of what there is"
     checks = [Check.of_errors("squeeze", errors, summary)]
@@ -308,6 +317,18 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: NumericHand | No
         *checks,
         Check.of_errors("squeeze torques", errors, f"of {len(stated['torques'])} joints, by virtual work"),
     ]
+
+
+def _unstated_squeeze_checks(solution: GraspSolution, grasp: Grasp) -> list[Check]:
+    """Return a failed check if a solve with a hand with joints conceals that there is no squeeze."""
+    if (solution.problem.get("hand") or {}).get("type") != "urdf" or not is_finished(solution):
+        return []
+    try:
+        is_concealed = not _no_squeeze_error(grasp)
+    except NotCheckedError as reason:
+        return [Check.not_made("squeeze", str(reason))]
+    message = "not stated, nor that no forces that balance press at every contact"
+    return [Check("squeeze", False, message)] if is_concealed else []
 
 
 def _no_squeeze_error(grasp: Grasp) -> str:

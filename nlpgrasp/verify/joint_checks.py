@@ -18,6 +18,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.numeric_hands import FreeHand
 from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, require_links
+from nlpgrasp.verify.quality_checks import is_finished
 from nlpgrasp.verify.stated_placement import NumericHand
 
 MARGIN_TOLERANCE = 1e-9  # relative tolerance of the price of margins
@@ -30,9 +31,11 @@ JOINT_BUDGETS = ("joint_torques", "shared_joint_torques")  # force budgets of jo
 
 def joint_margin_checks(solution: GraspSolution, hand: NumericHand | None) -> list[Check]:
     """Return the checks of the stored joint-limit margins, ``hand.room``."""
-    stated = (solution.hand or {}).get("room")
+    stated, options = (solution.hand or {}).get("room"), solution.solver.get("options", {})
     if stated is None:
-        return []
+        is_urdf = (solution.problem.get("hand") or {}).get("type") == "urdf"
+        is_due = is_urdf and is_finished(solution) and options.get("joint_margin", 0.0) > 0.0 and not options.get("gap")
+        return [Check("room of joints", False, "not stated")] if is_due else []
     errors = list(_price_errors(stated, solution))
     summary = f"{stated['cost']:.2%} of mu, " if "cost" in stated else ""
     checks = [Check.of_errors("price of room", errors, f"{summary}{stated['price']:.2%} allowed")]

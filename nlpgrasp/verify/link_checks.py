@@ -23,6 +23,7 @@ from nlpgrasp.solution.obstructions import (
     LinkPenetration,
     approach_penetration,
     grasp_penetration,
+    link_name,
 )
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, PREGRASP, Phase
 from nlpgrasp.solution.records import Status
@@ -181,6 +182,9 @@ class _LinkComparison:
         """Return a message if stored depth or tolerance differ from the recomputed ones, else an empty text."""
         if stated.tolerance != self.tolerance:
             return f"a tolerance of {stated.tolerance:g} m stated, {self.tolerance:g} m among the options"
+        things = {*(solid.name for solid in self.solids), *map(link_name, self.shapes)}
+        if stated.thing not in things or (stated.link is not None and stated.link not in self.shapes):
+            return f"{stated.words} stated, which the file does not have"
         if abs(stated.depth - recomputed.depth) > SLACK + SHARE * max(stated.depth, recomputed.depth):
             return f"{1e3 * stated.depth:.2g} mm stated, {1e3 * recomputed.depth:.2g} mm found"
         return ""

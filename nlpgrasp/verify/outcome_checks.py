@@ -18,12 +18,18 @@ from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, link_obstructions, p
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, guard
+from nlpgrasp.verify.quality_checks import is_finished
 
 WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
 MU_TOLERANCE = 1e-9  # relative tolerance of mu
 LEAST_ROBUST_SHARE = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
 DISTANCE_TOLERANCE = 1e-9  # relative tolerance of the least distance of kept grasps
+# options of a solve that say what its claims mean
+DECIDING_OPTIONS = (
+    *("final_rtol", "link_tolerance", "pregrasp_clearance", "robust_offset", "robust_friction"),
+    *("joint_margin", "room_price", "maximise_robust", "rank", "gap"),
+)
 # reasons for which an alternative ranks before another, the weightiest first
 RANKS = (
     "without a link inside anything",
@@ -38,9 +44,16 @@ AnswerChecks = Callable[[GraspSolution], Sequence[Check]]
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
     """Return the check that status, starts and winning start agree with the grasp and its quality."""
-    errors = [*_status_errors(solution), *_answer_errors(solution)]
+    errors = [*_status_errors(solution), *_answer_errors(solution), *_option_errors(solution)]
     summary = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
     return [Check.of_errors("outcome", errors, summary)]
+
+
+def _option_errors(solution: GraspSolution) -> Iterator[str]:
+    """Yield an error if a solve does not state the options that its claims depend on."""
+    missing = [name for name in DECIDING_OPTIONS if name not in solution.solver.get("options", {})]
+    if solution.starts and missing:
+        yield f"no {', '.join(missing)} among the options"
 
 
 def _status_errors(solution: GraspSolution) -> Iterator[str]:
@@ -75,6 +88,8 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
     indices = [start.index for start in solution.starts]
     if len(set(indices)) < len(indices):
         yield "two starts of one index"
+    if solution.best_start is None and is_finished(solution):
+        yield "no start that found the grasp"
     best = None if solution.grasp is None or solution.best_start is None else solution.winner
     if best is None:
         return

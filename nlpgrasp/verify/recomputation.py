@@ -30,13 +30,15 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.approach_checks import path_checks, phase_checks
+from nlpgrasp.verify.approach_checks import path_checks, phase_checks, pregrasp_checks
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_message, guard
 from nlpgrasp.verify.force_checks import squeeze_checks
 from nlpgrasp.verify.gripper_checks import gripper_checks
 from nlpgrasp.verify.joint_checks import joint_margin_checks, torque_checks
 from nlpgrasp.verify.link_checks import link_checks
+from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_hands import UnknownHand, fingertip_clearances
+from nlpgrasp.verify.numeric_urdf_hand import require_links
 from nlpgrasp.verify.optimality_checks import optimality_checks
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.sources import SourceFolders
@@ -75,6 +77,7 @@ HAND_PREFIXES = {
     "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
 }
 LINK_PREFIXES = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
+FINGERS = re.compile(r", fingers? (\d+(?: and \d+)*)(?=,|\[|$)")  # contacts after the kind in a name
 FINGER_INDEX = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indices of contacts in a name
 
 # prefixes and suffixes of the names of scalar constraints, by their unit
@@ -110,6 +113,9 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
     if hand is not None and hand.has_links:
         within = partial(check_unstated_constraints, promise=promise)
         constraint_checks.append(_guard_check("joints", hand.limits, within))
+        if "pregrasp" in (solution.hand or {}):
+            opened = partial(_pregrasp_constraints, solution, hand, surface, placement)
+            constraint_checks.append(_guard_check("links in the pregrasp", opened, within))
     checks += _hand_checks(solution, grasp, surface, placement)
     checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
     scales = _scales(solution, grasp, size)
@@ -151,6 +157,7 @@ def _hand_checks(
         "gripper": lambda: gripper_checks(solution, placement, surface),
         "links inside something": lambda: link_checks(solution, hand, surface, placement),
         "phases": lambda: phase_checks(solution),
+        "pregrasp": lambda: pregrasp_checks(solution, hand),
         "approach": lambda: path_checks(solution, hand, surface, placement),
     }
     return [check for name, checks in groups.items() for check in guard(name, checks)]
@@ -197,14 +204,18 @@ def _problem_constraint(data: Json, placement: StatedPlacement) -> Iterable[Cons
 def edge_margin_constraints(
     problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: NumericBody | None
 ) -> Iterator[ConstraintValue]:
-    """Yield the constraints on the distance of each contact from its face's sharp edges."""
+    """Yield the constraints on the distance of each contact from its face's sharp edges.
+
+    On a mesh the stated distance may be smaller than the recomputed one: the margin is kept all the same.
+    """
     margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
     body = require_body(surface)
+    is_mesh = isinstance(body, MeshSurface)
     size = float(np.linalg.norm(body.bounds[1] - body.bounds[0])) / 2.0
     for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
         value = body.edge_distance(face, point)
         if np.isfinite(value):
-            yield ConstraintValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
+            yield ConstraintValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size, stated_below=is_mesh)
 
 
 def link_constraints(
@@ -220,6 +231,14 @@ def link_constraints(
     yield from hand.apart()
 
 
+def _pregrasp_constraints(
+    solution: GraspSolution, hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
+) -> Iterator[ConstraintValue]:
+    """Yield the constraints on the links in the pregrasp, which are not among a file's constraints."""
+    opened = require_links(hand, "links").with_posture((solution.hand or {})["pregrasp"])
+    yield from link_constraints(opened, surface, placement)
+
+
 def _stated_check(
     solution: GraspSolution,
     stated: StatedConstraints,
@@ -230,11 +249,23 @@ def _stated_check(
     if not solution.constraints:
         return []
     errors = [f"{c.name} is outside its limits" for c in solution.constraints if not _is_within_slack(c, slack(c))]
+    errors += [
+        f"{c.name} is not of kind {c.kind!r} or not about {c.fingers}"
+        for c in solution.constraints
+        if not _has_label(c)
+    ]
     unknown_owners = [owners[part] for part in stated.unknown]
     unowned = [name for name in stated.unmatched if not any(owns(name) for owns in unknown_owners)]
     errors += [f"{name} is nothing that the problem asks" for name in unowned]
     summary = f"{len(solution.constraints)} stated values"
     return [Check("constraints", not errors, f"{summary}: {'; '.join(errors)}" if errors else summary)]
+
+
+def _has_label(constraint: ConstraintReport) -> bool:
+    """Return whether kind and fingers of a stored constraint are those in its name."""
+    rest = constraint.name.removeprefix(constraint.kind)
+    stated = " and ".join(map(str, constraint.fingers))
+    return bool(constraint.kind) and rest != constraint.name and [stated] * bool(stated) == FINGERS.findall(rest)
 
 
 def _is_within_slack(constraint: ConstraintReport, slack: float) -> bool:

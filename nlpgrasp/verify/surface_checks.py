@@ -77,10 +77,32 @@ def _check_fits(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None
             return [Check("surface", False, f"contact {i} on {face!r}, which is no face of the body")]
         except NotCheckedError as reason:
             return _unchecked(str(reason))
+    tolerance = ON_FACE * size_of(surface.bounds, grasp)
     return [
-        _check_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)),
+        _check_on_surface(fits, tolerance),
         _check_normals(fits, _stated_angles(solution, len(fits))),
+        *_check_displaced(solution, grasp, surface, tolerance),
     ]
+
+
+def _check_displaced(solution: GraspSolution, grasp: Grasp, surface: NumericBody, tolerance: float) -> list[Check]:
+    """Return the check that the displaced contacts of ``quality.robust`` are on their faces, with the faces' normals.
+
+    Contacts that stay where they are, or slip over an edge, are those of the grasp.
+    """
+    robust = solution.robust
+    if robust is None or len(robust.points) != len(grasp):
+        return []
+    errors = []
+    for i, (face, p, n) in enumerate(zip(solution.faces, robust.points, robust.normals, strict=True)):
+        if i in robust.lost or np.array_equal(p, grasp.points[i]):
+            if not (np.array_equal(p, grasp.points[i]) and np.array_equal(n, grasp.normals[i])):
+                errors.append(f"contact {i} stays, and has another normal or position than the grasp's")
+            continue
+        fit = surface.fit(face, p, n, None)
+        if not (fit.distance <= tolerance and (fit.normal_difference or 0.0) <= NORMAL_TOLERANCE):
+            errors.append(f"contact {i} is {fit.distance:.2g} m off its face, or has another normal")
+    return [Check.of_errors("displaced contacts", errors, f"{len(robust.points)} on their faces")]
 
 
 def _stated_angles(solution: GraspSolution, count: int) -> FloatArray | None:
