@@ -114,7 +114,9 @@ def test_links_inside_the_body_on_the_way_in_are_said_first(blocked):
 
 def test_verify_finds_a_way_in_that_is_called_free(blocked):
     folder, solution = blocked
-    lie = ng.GraspSolution.from_dict({**json.loads(json.dumps(solution.to_dict())), "status": "solved"})
+    data = {**json.loads(json.dumps(solution.to_dict())), "status": "solved"}
+    del data["message"]
+    lie = ng.GraspSolution.from_dict(data)
     failed = {check.name: check.detail for check in ng.verify(lie, folders=[folder]).checks if check.failed}
     assert "inside something" in failed["outcome"]
 
@@ -139,6 +141,7 @@ def test_lies_about_the_links_are_found(deep, lie):
     folder, _, solution = deep
     data = json.loads(json.dumps(solution.to_dict()))
     lie(data)
+    data.pop("message")
     verification = ng.verify(ng.GraspSolution.from_dict(data), folders=[folder])
     assert (
         not verification or "is 4" in verification.verdict

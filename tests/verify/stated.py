@@ -43,12 +43,30 @@ def stated_file(problem, faces, points, normals, hand=None):
     batched = {name: np.asarray(v)[None] for name, v in variables.items()}
     values = constraints.values(np.asarray(points)[None], np.asarray(normals)[None], batched)[0]
     reports = [
-        ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale))
+        ConstraintReport(
+            r.name,
+            float(v),
+            r.lower,
+            r.upper,
+            0.0,
+            bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale),
+            r.kind,
+            r.fingers,
+        )
         for r, v in zip(constraints.named, values, strict=True)
     ]
     candidate = GraspCandidate(tuple(faces), np.asarray(points, dtype=float))
     reports += [
-        ConstraintReport(r.label.name, r.value, r.lower, np.inf, 0.0, r.value - r.lower <= 1e-4 * problem.body.size)
+        ConstraintReport(
+            r.label.name,
+            r.value,
+            r.lower,
+            np.inf,
+            0.0,
+            r.value - r.lower <= 1e-4 * problem.body.size,
+            r.label.kind,
+            r.label.fingers,
+        )
         for r in contact_constraints(problem, candidate, np.asarray(normals, dtype=float))
     ]
     solution = ng.GraspSolution(

@@ -4,16 +4,20 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.solution.file import parse
 from nlpgrasp.verify.check import Verification
-from tests.hands.urdf import FOLDER
+from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.once import WITHOUT_VOLUME, solve_once
-from tests.verify import honest
+from tests.verify import honest, walk
 from tests.verify.edits import put, row
 from tests.verify.stated import edited, recomputed_file
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+
+CONSTRAINTS = [ng.Table(-0.018), ng.Spread(min=0.02)]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +28,7 @@ def solved():
         [ng.FrictionContact(0.6)] * 3,
         TASK,
         hand=ng.Fingertips(3, radius=0.004),
-        constraints=[ng.Table(-0.018), ng.Spread(min=0.02)],
+        constraints=CONSTRAINTS,
     )
     return json.loads(json.dumps(solve_once(problem, starts=1, options=WITHOUT_VOLUME).to_dict()))
 
@@ -129,6 +133,78 @@ def test_another_fingerprint_of_a_mesh_is_seen(tmp_path):
     assert not any(check.failed for check in recomputed_file(data, tmp_path).values())
     other = edited(data, put(["problem", "body", "sha256"], lambda text: text[::-1]))
     assert recomputed_file(other, tmp_path)["mesh file"].failed
+
+
+def walked_box():
+    return honest_solve(ng.Box([0.08, 0.04, 0.04]), 3, hand=ng.Fingertips(3, radius=0.004), constraints=CONSTRAINTS)
+
+
+def walked_mesh(folder):
+    trimesh.creation.cylinder(0.02, 0.08).export(folder / "bar.stl")
+    return honest_solve(ng.Mesh.load(folder / "bar.stl"), 3)
+
+
+def walked_hand():
+    return honest_solve(ng.Ellipsoid([0.05, 0.03, 0.03]), 3, model=ng.SoftContact(0.7, 0.01), hand=three_finger_hand())
+
+
+def walked_gripper():
+    hand = ng.ParallelJaw(0.08, finger_length=0.05, finger_thickness=0.01)
+    body, table = ng.Box([0.06, 0.04, 0.03]), ng.Table(-0.015, clearance=0.0)
+    return honest_solve(body, 2, model=ng.SoftContact(0.6, 0.01), hand=hand, constraints=[table])
+
+
+def honest_solve(body, count, model=None, **fields):
+    """Return the file of a short solve with all analyses."""
+    problem = ng.GraspProblem(body, [model or ng.FrictionContact(0.6)] * count, TASK, **fields)
+    options = ng.SolveOptions(workers=1, analyses=["robustness", "delta"], global_bound=count == 3 and not fields)
+    return json.loads(json.dumps(solve_once(problem, starts=1, options=options).to_dict()))
+
+
+def unseen_edits(data, folders, monkeypatch, count=None):
+    """Return the edits of a file that are not seen and not listed as no lie."""
+    walk.remembered(monkeypatch)
+
+    def verification(data):
+        return ng.verify(
+            ng.GraspSolution.from_dict(parse(json.dumps(data), "grasp.json"), "grasp.json"), folders=folders
+        )
+
+    assert verification(data).passed, str(verification(data))
+    edits = [edit for edit in walk.edits(data, np.random.default_rng(0)) if not walk.is_no_lie(edit[0])]
+    unseen = []
+    for name, edit in edits[:: 1 if count is None else len(edits) // count]:
+        try:
+            found = verification(edit)
+        except ng.InputError:
+            continue
+        unseen += [name] if found.passed and found.complete else []
+    return unseen
+
+
+@pytest.mark.parametrize("count", [20, pytest.param(None, marks=pytest.mark.slow)])
+def test_every_entry_of_a_planar_file_is_checked(count, monkeypatch):
+    assert unseen_edits(honest.planar(), (), monkeypatch, count) == []
+
+
+@pytest.mark.slow
+def test_every_entry_of_a_box_is_checked(monkeypatch):
+    assert unseen_edits(walked_box(), (), monkeypatch) == []
+
+
+@pytest.mark.slow
+def test_every_entry_of_a_mesh_is_checked(monkeypatch, tmp_path):
+    assert unseen_edits(walked_mesh(tmp_path), [tmp_path], monkeypatch) == []
+
+
+@pytest.mark.slow
+def test_every_entry_of_a_hand_is_checked(monkeypatch):
+    assert unseen_edits(walked_hand(), [FOLDER], monkeypatch) == []
+
+
+@pytest.mark.slow
+def test_every_entry_of_a_gripper_is_checked(monkeypatch):
+    assert unseen_edits(walked_gripper(), (), monkeypatch) == []
 
 
 def seen(data, folder):

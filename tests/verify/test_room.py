@@ -37,6 +37,7 @@ def data():
         data["hand"]["room"], data["best_start"] = room, 0
         faces = tuple(solution.faces)
         starts = [StartRecord(i, Status.SOLVED, faces, mu) for i, mu in enumerate((FIRST, ng.Bounds(0.19, 0.2)))]
+        data["solver"]["options"] = {**ng.SolveOptions().to_dict(), "joint_margin": MARGIN}
         data["solver"]["starts"] = [start.to_dict() for start in starts]
 
     return edited(solution.to_dict(), with_room)

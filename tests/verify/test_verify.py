@@ -137,8 +137,19 @@ def test_a_file_that_is_not_of_a_solve_may_state_no_forces(data):
     assert [check.name for check in result.not_made] == ["wrenches"]
 
 
-def test_some_wrenches_may_be_left_out(data):
-    assert failed(verified(data, lambda d: d["forces"].pop(0))) == []
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda forces: forces[1:],
+        lambda forces: forces[:-1],
+        lambda forces: [forces[1], *forces[1:]],
+        lambda forces: [*forces, forces[-1]],
+        lambda forces: [forces[1], forces[0], *forces[2:]],
+    ],
+    ids=["the first left out", "the last left out", "one in place of another", "one twice", "in another order"],
+)
+def test_forces_are_those_of_each_wrench_in_order(data, change):
+    assert "wrenches" in failed(verified(data, put(("forces",), change)))
 
 
 def test_wrenches_of_a_sum_are_within_it(data):
@@ -146,10 +157,11 @@ def test_wrenches_of_a_sum_are_within_it(data):
     grasp = ng.GraspSolution.from_dict(data, "f.json").grasp
     task = ng.TaskEllipsoid([1.0] * 6) + ng.TaskPolytope(np.concatenate([np.eye(6), -np.eye(6)]))
     stated = ng.GraspSolution.from_dict(data, "f.json")
+    force_set = stated.budget.at(grasp.frames, grasp.contacts)
 
     def passed(wrenches):
         forces = [(w, np.zeros((4, 3))) for w in wrenches]
-        return wrench_checks(replace(stated, forces=forces), grasp, task)[0].passed
+        return wrench_checks(replace(stated, forces=forces), grasp, task, force_set)[0].passed
 
     ends = stated.mu.lower * task.ends()
     assert passed(ends)
