@@ -39,7 +39,11 @@ NO_LIE = {
     r" quality\.robust\.positions": "another displacement, whose quality is recomputed",
     r" problem\.body\.(smoothing|resolution|repairs)|^removed problem\.body\.(unit|triangles)": "the smooth surface",
     r" grasp\.contacts\.#\.(surface_distance|surface_angle|normal_angle|moved)": "the smooth surface",
-    r"^swapped forces\.#\.moments": "equal to rounding",
+    r"^swapped (forces\.#\.moments|hand\.squeeze\.fingers\.#\.moment|hand\.tip_gaps)": "equal to rounding",
+    r"^removed hand\.(link_depth|way_in)\.(thing|tolerance)$": "the default",
+    r" hand\.(link_depth|way_in)\.samples": "effort",
+    r"^removed hand\.phases\.#$": "a keyframe less; those that others rest on are due",
+    r"^less hand\.(phases\.#\.clearance|squeeze\.normal_force)|^more hand\.squeeze\.share": "a weaker claim",
     r"tangents": "a turn about the normal, under which the friction cone stays",
 }
 
