@@ -14,6 +14,7 @@ import numpy as np
 
 from nlpgrasp.errors import InputError
 
+MJCF_ENDINGS = (".xml", ".mjcf")  # of a file's name
 RADIANS_PER_DEGREE = float(np.pi / 180.0)
 
 

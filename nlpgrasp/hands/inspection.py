@@ -219,7 +219,7 @@ class InspectedHand:
         """
         lower, upper = self.tree.joint_limits if self.tree.robot.free_joints else np.zeros((2, 0))
         is_symmetric = np.abs(lower + upper) <= EVEN_RANGE * (upper - lower)
-        return np.where(is_symmetric, 0.0, lower + REST_SHARE * (upper - lower))
+        return self.tree.close(np.where(is_symmetric, 0.0, lower + REST_SHARE * (upper - lower)))
 
     @cached_property
     def proposal(self) -> TipProposal:

@@ -79,6 +79,43 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Closure:
+    """Two frames, on two links, that a file holds together: a loop of the links.
+
+    Parameters
+    ----------
+    name : str
+        A phrase such as ``"<connect> of bodies a and b"``.
+    links : tuple of two str
+    frames : tuple of two (4, 4) arrays
+        Each in its link's frame, metres.
+    is_rigid : bool
+        Whether the frames' directions are held together as well (a weld), or their origins alone (a connect).
+    """
+
+    name: str
+    links: tuple[str, str]
+    frames: tuple[FloatArray, FloatArray]
+    is_rigid: bool = False
+
+
+@dataclass(frozen=True)
+class JointEquation:
+    """A sum of polynomials of joint positions that a file holds at zero.
+
+    Parameters
+    ----------
+    name : str
+        A phrase such as ``"joint a that follows b by a polynomial"``.
+    polynomials : mapping of str to tuple of float
+        By joint, its coefficients in ascending order; constants may be spread over the joints.
+    """
+
+    name: str
+    polynomials: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
 class Robot:
     """The links below a palm link and the joints between them.
 
@@ -107,10 +144,16 @@ class Robot:
         Couplings of joints in the file that are left out, a phrase each.
     units : UrdfUnits
         Units of the file's numbers; all values here are metres and radians.
-    open_loops : tuple of str
-        What closes linkages in the file and is left out, a phrase each.
     unreadable : tuple of str
         Links whose collision shapes are all among the missing ones.
+    closures : tuple of Closure
+        What closes loops of its links.
+    equations : tuple of JointEquation
+        Couplings of joints that are no mimic relations.
+    passive : tuple of str
+        Free joints of a hand with closures or equations that no actuator of the file moves.
+    springs : mapping of str to pair of float
+        Stiffness (newton-metres a radian, newtons a metre) and rest position of the passive joints with a spring.
     """
 
     name: str
@@ -125,8 +168,11 @@ class Robot:
     negated_limits: tuple[str, ...] = ()
     unmodelled_couplings: tuple[str, ...] = ()
     units: UrdfUnits = SI
-    open_loops: tuple[str, ...] = ()
     unreadable: tuple[str, ...] = ()
+    closures: tuple[Closure, ...] = ()
+    equations: tuple[JointEquation, ...] = ()
+    passive: tuple[str, ...] = ()
+    springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
@@ -180,9 +226,15 @@ class Robot:
         return pose
 
     def adjacent(self, a: str, b: str) -> bool:
-        """Return whether two links have exactly one moving joint between them."""
+        """Return whether one moving joint, or one that closes a loop, is between two links."""
         groups = self.rigid_groups
-        return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
+        ends = [*((j.parent, j.child) for j in self.joints if j.moves), *(closure.links for closure in self.closures)]
+        return any({groups[a], groups[b]} == {groups[one], groups[other]} for one, other in ends)
+
+    @property
+    def has_linkages(self) -> bool:
+        """Whether the free joints have to keep equations."""
+        return bool(self.closures or self.equations)
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float, str]]:

@@ -190,8 +190,7 @@ def _followers(tree: LinkTree) -> set[int]:
 
     Such are the knuckles of a linkage, and the shorter fingers of a hand whose fingers have one motor.
     """
-    lower, upper = tree.joint_limits
-    joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
+    joints = tree.random_joints(POSTURES, np.random.default_rng(0))
     alignment = mean_alignment(tree, joints)
     reach = np.mean(np.linalg.norm(tree.palm_tips(joints), axis=2), axis=0)
     drivers = [driving_joints(tree.robot, link) for link, _ in tree.tips]

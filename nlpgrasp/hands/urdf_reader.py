@@ -39,8 +39,8 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
     Raises
     ------
     InputError
-        When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, a
-        number cannot be read, or the palm is not a link.
+        When the file is missing, is not a URDF, its joints do not make a tree, or extensions close a loop of joints
+        that move on their own, limits are upside down, a number cannot be read, or the palm is not a link.
     MissingExtraError
         When a collision mesh needs a package that is not installed.
     """
@@ -63,7 +63,6 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
     unreadable = tuple(name for name in order if name not in shapes and elements[name].find("collision") is not None)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     name = root.get("name", source.stem)
-    loops = tuple(_closed_loops(root, order))
     robot = Robot(
         name,
         start,
@@ -76,10 +75,10 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
         shapeless,
         negated,
         units=units,
-        open_loops=loops,
         unreadable=unreadable,
     )
     check_ranges(source, robot)
+    _refuse_loops(source, root, robot)
     return robot
 
 
@@ -220,11 +219,24 @@ def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     return roots[0]
 
 
-def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
-    """Yield a phrase for each URDF extension that closes a loop between links of the hand.
+def _refuse_loops(source: Path, root: ET.Element, robot: Robot) -> None:
+    """Raise where an extension of URDF closes a loop whose joints mimic relations leave more than one motion.
 
-    These are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
+    Such are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
     """
+    for phrase, names in _closed_loops(root):
+        inside = [name for name in names if name in robot.links]
+        if not set(inside) - {robot.root}:
+            continue
+        joints = {joint.name: joint for name in inside for joint in robot.chain(name) if joint.moves}
+        drivers = {robot.driving_joint(joint)[0] for joint in joints.values()}
+        if len(inside) < len(names) or len(drivers) > 1:
+            cure = "a tree with <mimic> joints, or the hand's MJCF, of which <connect> is an equation"
+            raise_invalid(source, f"a closed linkage: {phrase}", cure)
+
+
+def _closed_loops(root: ET.Element) -> Iterator[tuple[str, list[str]]]:
+    """Yield a phrase, and the two links, of each URDF extension that closes a loop."""
     nested = [
         (f"{outer}//{tag}", tag) for outer, tag in (("gazebo", "joint"), ("mujoco", "connect"), ("mujoco", "weld"))
     ]
@@ -235,8 +247,7 @@ def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
                 if end.tag in ("parent", "child", "link1", "link2"):
                     ends.append(end.get("link") or (end.text or "").strip())
             names = [name for name in ends if name]
-            if set(names) & set(links[1:]):
-                yield f"<{tag}> of links {' and '.join(names)}"
+            yield f"<{tag}> of links {' and '.join(names)}", names
 
 
 def _subtree(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:

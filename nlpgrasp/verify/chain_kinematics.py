@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.optional_packages import import_mujoco, mjcf_spec
 from nlpgrasp.common.robot_files import SI, UrdfUnits, expand_xacro
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
@@ -129,7 +129,7 @@ def compile_mjcf(path: Path) -> MjModel:
     except MissingExtraError as error:
         raise NotCheckedError(str(error)) from None
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = mjcf_spec(path)
         spec.compiler.fusestatic = False
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
