@@ -11,6 +11,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import minimize
 
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import CLOSED_LINKAGE, ScalarConstraint
@@ -27,6 +28,8 @@ SAMPLES, TRIED = 64, 512  # random postures that tell which rows vary, and from 
 STEPS = 40  # of the Levenberg-Marquardt method
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9  # of its normal equations, relative to their trace
 LESS_DAMPING, MORE_DAMPING = 0.2, 5.0  # factors on the damping after a better and after a worse step
+RELAXED = 8  # closed postures in which springs are relaxed and motions are looked at
+TRANSLATES = 0.2  # speed by turning on the lever, over that of a point, below which a link slides
 AT_LIMIT = 1e-3  # share of a joint's range within which the joint is at its limit
 SMALLEST = 1e-9  # singular values of the equations' derivatives that count as zero
 
@@ -111,10 +114,6 @@ class ClosedLinkages:
         is_closed = (np.max(np.abs(r), axis=1, initial=0.0) <= CLOSED) & (np.max(self._gaps(x), axis=1) <= LARGEST_GAP)
         return x, is_closed
 
-    def require_closed_postures(self) -> None:
-        """Raise ``InputError`` where no posture within the limits keeps the equations."""
-        self.some_postures.shape  # noqa: B018
-
     @cached_property
     def some_postures(self) -> FloatArray:
         """Closed postures, (b, m), from random ones.
@@ -137,21 +136,90 @@ class ClosedLinkages:
     def motion_by_drives(self, joints: FloatArray) -> FloatArray:
         """Return the rates of all free joints per unit rate of each one that is not passive, (m, a), in a posture (m,).
 
-        Passive joints at a limit rest there, where the others can keep the equations; of several motions that keep
-        them, the least.
+        Of several motions of the passive joints that keep the equations, the least.
         """
-        free = self.robot.free_joints
-        is_passive = np.array([joint.name in self.robot.passive for joint in free])
-        driven, following = np.flatnonzero(~is_passive), np.flatnonzero(is_passive)
-        J, (lower, upper) = self.jacobian(joints), self.limits
-        spare = np.minimum(joints - lower, upper - joints)
-        loose = np.flatnonzero(is_passive & (spare > AT_LIMIT * (upper - lower)))
-        if np.linalg.matrix_rank(J[:, loose], SMALLEST) == np.linalg.matrix_rank(J, SMALLEST):
-            following = loose
-        result = np.zeros((len(free), len(driven)))
+        is_passive = np.array([joint.name in self.robot.passive for joint in self.robot.free_joints])
+        driven, J = np.flatnonzero(~is_passive), self.jacobian(joints)
+        result = np.zeros((len(is_passive), len(driven)))
         result[driven, np.arange(len(driven))] = 1.0
-        result[following] = -np.linalg.pinv(J[:, following], rcond=SMALLEST) @ J[:, driven]
+        result[is_passive] = -np.linalg.pinv(J[:, is_passive], rcond=SMALLEST) @ J[:, driven]
         return result
+
+    def link_motion(self, link: str, point: FloatArray) -> tuple[FloatArray, bool] | None:
+        """Return the direction (3,), link frame, in which a link's point moves most, and whether the link hardly turns.
+
+        The mean over closed postures, up to its sign; None for a link whose last joint moves on its own.
+
+        Parameters
+        ----------
+        link : str
+        point : (3,) array
+            Metres, link frame.
+        """
+        chain = self.robot.chain(link)
+        last = next((joint for joint in reversed(chain) if joint.moves), None)
+        index = [joint.name for joint in self.robot.free_joints].index
+        column = None if last is None else index(self.robot.driving_joint(last)[0])
+        pose = self._chain_pose(chain)
+        q_dot = ca.SX.sym("rates", self._q.shape[0])
+        rate = ca.jtimes(pose, self._q, q_dot)
+        turn = ca.mtimes(pose[:3, :3].T, rate[:3, :3])
+        velocity = ca.mtimes(pose[:3, :3].T, ca.mtimes(rate[:3, :3], ca.DM(point)) + rate[:3, 3])
+        twist = ca.vertcat(velocity, turn[2, 1], turn[0, 2], turn[1, 0])
+        function = ca.Function("twist", [self._q], [ca.densify(ca.jacobian(twist, q_dot))])
+        twists = list[FloatArray]()
+        for joints in self.some_postures[:RELAXED]:
+            J = self.jacobian(joints)
+            if column is None or not np.any(np.abs(J[:, column]) > SMALLEST):
+                return None
+            sizes, rows = np.linalg.svd(J)[1:]
+            motions = rows[int(np.sum(sizes > SMALLEST)) :]
+            by_motion = np.asarray(function(joints).full()) @ motions.T
+            if by_motion.shape[1] and np.linalg.norm(by_motion[:3]) > SMALLEST:
+                fastest = by_motion @ np.linalg.svd(by_motion[:3])[2][0]
+                twists.append(fastest * (np.sign(fastest @ twists[0]) if twists else 1.0))
+        mean = np.mean(twists, axis=0) if twists else np.zeros(6)
+        speed = float(np.linalg.norm(mean[:3]))
+        if speed <= SMALLEST:
+            return None
+        return mean[:3] / speed, bool(np.linalg.norm(mean[3:]) * LEVER < TRANSLATES * speed)
+
+    def spring_stops(self) -> dict[str, float]:
+        """Return the limits at which springs hold passive joints, wherever the others are, by joint.
+
+        With the driven joints where they are, the passive ones go to the least energy of their springs.
+        """
+        free, springs, postures = self.robot.free_joints, self.robot.springs, self.some_postures
+        if not springs:
+            return {}
+        coupled = {j.mimic.joint for j in self.robot.joints if j.mimic} | {n for e in self.robot.equations for n in e.polynomials}
+        names = [joint.name for joint in free]
+        stiffness = np.array([springs.get(name, (0.0, 0.0))[0] for name in names])
+        rest = np.array([springs.get(name, (0.0, 0.0))[1] for name in names])
+        driven = np.array([name not in self.robot.passive for name in names])
+        lower, upper = self.limits
+        resting = []
+        for joints in postures[:RELAXED]:
+            bounds = np.transpose([np.where(driven, joints, end) for end in (lower, upper)])
+            result = minimize(
+                lambda q: 0.5 * float(stiffness @ (q - rest) ** 2) / float(np.max(stiffness)),
+                joints,
+                jac=lambda q: stiffness * (q - rest) / float(np.max(stiffness)),
+                bounds=bounds,
+                constraints={
+                    "type": "eq",
+                    "fun": lambda q: self._evaluate(q[None])[0][0] / LEVER,
+                    "jac": lambda q: self.jacobian(q) / LEVER,
+                },
+                method="SLSQP",
+                options={"ftol": 1e-10, "maxiter": 200},
+            )
+            resting.append(result.x)
+        near = AT_LIMIT * (upper - lower)
+        at_lower, at_upper = (np.all(np.abs(np.array(resting) - end) <= near, axis=0) for end in (lower, upper))
+        ends = np.where(at_lower, lower, upper)
+        can_rest = (at_lower | at_upper) & ~driven
+        return {n: float(ends[i]) for i, n in enumerate(names) if can_rest[i] and n not in coupled}
 
     def _evaluate(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the equations (b, r), metres, and their derivatives (b, r, m) in postures (b, m)."""
@@ -235,6 +303,11 @@ class ClosedLinkages:
             directions, sizes, _ = np.linalg.svd(values - values.mean(axis=1, keepdims=True), full_matrices=False)
             result.append(ca.mtimes(ca.DM(directions[:, sizes > NEGLIGIBLE * np.sqrt(SAMPLES)].T), part))
         return ca.vertcat(*result)
+
+
+def closed_linkages(robot: Robot) -> ClosedLinkages:
+    """Return the equations of a robot within the limits of its free joints."""
+    return ClosedLinkages(robot, np.array([ends[:2] for ends in robot.ranges.values()]).T)
 
 
 def random_joints(

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.closed_linkages import random_joints
+from nlpgrasp.hands.closed_linkages import closed_linkages, random_joints
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.file_units import SCALE_CURE
 from nlpgrasp.hands.robot import Joint, Robot, joint_motion
@@ -91,6 +91,9 @@ class _LinkEnd:
             motion = np.cross(axis, self.centre - frame[:3, 3]) if chain[-1].is_revolute else axis
             self.motion = motion / max(float(np.linalg.norm(motion)), 1e-12)
             self.closing = RANGE_WEIGHT * _range_balance(robot, chain[-1])
+        moved = closed_linkages(robot).link_motion(link, self.centre) if robot.has_linkages else None
+        if moved is not None:  # the last joint's own motion would open a linkage
+            (self.motion, self.slides), self.closing = moved, 0.0
 
     def hull_tip(self, towards_others: FloatArray) -> HullTip:
         """Return the hull fingertip of the link's end.

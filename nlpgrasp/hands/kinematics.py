@@ -76,14 +76,17 @@ class LinkTree:
         return self.linkages.close(np.atleast_2d(joints)).reshape(np.shape(joints))
 
     def joint_positions(self, joints: FloatArray) -> dict[str, float]:
-        """Return the position of every moving joint by name, given the positions of the free joints (m,)."""
+        """Return the position of every moving joint by name, given the positions of the free joints (m,).
+
+        Joints that springs hold at a limit are included.
+        """
         index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
         result = {}
         for joint in self.robot.joints:
             if joint.moves:
                 driver, multiplier, offset = self.robot.driving_joint(joint)
                 result[joint.name] = float(multiplier * joints[index[driver]] + offset)
-        return result
+        return result | self.robot.stop_positions
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body frame (symbolic)."""

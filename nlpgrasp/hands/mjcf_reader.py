@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco, mjcf_spec
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands.closed_linkages import ClosedLinkages
+from nlpgrasp.hands.closed_linkages import closed_linkages
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
 from nlpgrasp.hands.robot import (
     Closure,
@@ -25,6 +25,8 @@ from nlpgrasp.hands.robot import (
     Robot,
     check_mimics,
     check_ranges,
+    euler_angles,
+    fix_joint,
     joint_motion,
     raise_invalid,
 )
@@ -94,9 +96,7 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     robot = replace(robot, joints=tuple(with_finite_limits(path, joint) for joint in robot.joints))
     robot = add_effort_limits(model, add_passive_joints(model, robot))
     check_ranges(path, robot)
-    if robot.has_linkages and robot.free_joints:
-        ClosedLinkages(robot, np.array([ends[:2] for ends in robot.ranges.values()]).T).require_closed_postures()
-    return robot
+    return with_spring_stops(robot)
 
 
 def mjcf_links(path: Path) -> tuple[str, ...]:
@@ -204,12 +204,6 @@ def read_joints(path: Path, model: MjModel, body: int) -> list[Joint]:
         xyz, rpy, axis = frame[:3, 3].copy(), euler_angles(frame[:3, :3]), np.array([1.0, 0.0, 0.0])
         result.append(Joint(f"{name}/fixed", "fixed", parent, name, xyz, rpy, axis, 0.0, 0.0))
     return result
-
-
-def fix_joint(joint: Joint, position: float) -> Joint:
-    """Return a joint fixed at a position, radians or metres."""
-    moved = joint.frame @ joint_motion(joint.kind == "prismatic", joint.axis, position)
-    return replace(joint, kind="fixed", xyz=moved[:3, 3].copy(), rpy=euler_angles(moved[:3, :3]), lower=0.0, upper=0.0)
 
 
 def with_finite_limits(path: Path, joint: Joint) -> Joint:
@@ -506,6 +500,24 @@ def tendon_moment_arms(model: MjModel, tendon: int) -> dict[str, float]:
     return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
 
 
+def with_spring_stops(robot: Robot) -> Robot:
+    """Return the robot with the limits at which springs hold joints of its linkages.
+
+    Raises
+    ------
+    InputError
+        Where a linkage does not close within the limits of its joints.
+    """
+    if not (robot.has_linkages and robot.free_joints):
+        return robot
+    stops = closed_linkages(robot).spring_stops()
+    joints = {joint.name: joint for joint in robot.joints}
+    for name, stop in stops.items():
+        robot = _replace_joint(robot, fix_joint(joints[name], stop))
+    passive = tuple(name for name in robot.passive if name not in stops)
+    return replace(robot, passive=passive, stops=tuple((joints[name], stop) for name, stop in stops.items()))
+
+
 def add_passive_joints(model: MjModel, robot: Robot) -> Robot:
     """Return the robot with the free joints that no actuator moves, and their springs, if linkages may move them.
 
@@ -607,10 +619,3 @@ def transform(position: FloatArray, quaternion: FloatArray | None = None) -> Flo
     if quaternion is not None:
         pose[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     return pose
-
-
-def euler_angles(rotation: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity as well."""
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
-    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
@@ -154,6 +154,8 @@ class Robot:
         Free joints of a hand with closures or equations that no actuator of the file moves.
     springs : mapping of str to pair of float
         Stiffness (newton-metres a radian, newtons a metre) and rest position of the passive joints with a spring.
+    stops : tuple of (Joint, float)
+        Passive joints that springs hold at a limit, with that limit: among ``joints`` they are fixed there.
     """
 
     name: str
@@ -173,6 +175,7 @@ class Robot:
     equations: tuple[JointEquation, ...] = ()
     passive: tuple[str, ...] = ()
     springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    stops: tuple[tuple[Joint, float], ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
@@ -230,6 +233,21 @@ class Robot:
         groups = self.rigid_groups
         ends = [*((j.parent, j.child) for j in self.joints if j.moves), *(closure.links for closure in self.closures)]
         return any({groups[a], groups[b]} == {groups[one], groups[other]} for one, other in ends)
+
+    @property
+    def stop_positions(self) -> dict[str, float]:
+        """Positions of the joints that springs hold at a limit."""
+        return {joint.name: position for joint, position in self.stops}
+
+    def released(self) -> Robot:
+        """Return the robot with the joints moving that springs hold at a limit."""
+        moving = {joint.name: joint for joint, _ in self.stops}
+        return replace(
+            self,
+            joints=tuple(moving.get(joint.name, joint) for joint in self.joints),
+            passive=(*self.passive, *moving),
+            stops=(),
+        )
 
     @property
     def has_linkages(self) -> bool:
@@ -296,6 +314,19 @@ class Inertial:
     mass: float
     center: FloatArray
     inertia: FloatArray
+
+
+def fix_joint(joint: Joint, position: float) -> Joint:
+    """Return a joint fixed at a position, radians or metres."""
+    moved = joint.frame @ joint_motion(joint.kind == "prismatic", joint.axis, position)
+    return replace(joint, kind="fixed", xyz=moved[:3, 3].copy(), rpy=euler_angles(moved[:3, :3]), lower=0.0, upper=0.0)
+
+
+def euler_angles(rotation: FloatArray) -> FloatArray:
+    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity as well."""
+    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
 
 
 def joint_motion(slides: bool, axis: FloatArray, position: float | FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.mjcf_reader import euler_angles
+from nlpgrasp.hands.robot import euler_angles
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.urdf_hand import modelling_warnings
 from nlpgrasp.verify.chain_kinematics import links_in, poses
