@@ -371,6 +371,7 @@ class URDFHand(LinkedHand):
             "self_collision": self.self_collision,
             "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
             "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
+            **({"stops": self.robot.stop_positions} if self.robot.stops else {}),
             "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
