@@ -6,7 +6,7 @@ changes the gap of a closure, such as that across a planar linkage, have no row:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import casadi as ca
@@ -46,16 +46,19 @@ class ClosedLinkages:
 
     def __init__(self, robot: Robot, limits: FloatArray) -> None:
         self.robot, self.limits = robot, np.asarray(limits, dtype=float)
+        stops = {joint.name: stop for joint, stop in robot.stops if any(joint is free for free in robot.free_joints)}
+        held = [JointEquation(f"joint {name} at its stop", {name: (-stop, 1.0)}) for name, stop in stops.items()]
+        self._equations = (*robot.equations, *held)
         self._q = ca.SX.sym("q", len(robot.free_joints))
         # errors in metres, angles on a lever, by closure or equation
-        self._errors = [*map(self._closure_error, robot.closures), *map(self._equation_error, robot.equations)]
+        self._errors = [*map(self._closure_error, robot.closures), *map(self._equation_error, self._equations)]
         self._rows = [self._varying(error) for error in self._errors]
         self._row_function = ca.Function("rows", [self._q], [ca.vertcat(*self._rows)], {"cse": True})
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of closures and equations."""
-        return tuple(part.name for part in (*self.robot.closures, *self.robot.equations))
+        return tuple(part.name for part in (*self.robot.closures, *self._equations))
 
     def rows(self, joints: Expression) -> list[ScalarConstraint]:
         """Return the equations as scalar constraints, metres."""
@@ -144,6 +147,14 @@ class ClosedLinkages:
         result[driven, np.arange(len(driven))] = 1.0
         result[is_passive] = -np.linalg.pinv(J[:, is_passive], rcond=SMALLEST) @ J[:, driven]
         return result
+
+    def spring_torques(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """Return the torques of the springs at the joints that are not passive, by virtual work, in a posture."""
+        free, springs = self.robot.free_joints, self.robot.springs
+        joints = np.array([positions[joint.name] for joint in free])
+        torques = [k * (rest - positions[j.name]) for j in free for k, rest in (springs.get(j.name, (0.0, 0.0)),)]
+        names = [joint.name for joint in free if joint.name not in self.robot.passive]
+        return dict(zip(names, (np.array(torques) @ self.motion_by_drives(joints)).tolist(), strict=True))
 
     def link_motion(self, link: str, point: FloatArray) -> tuple[FloatArray, bool] | None:
         """Return the direction (3,), link frame, in which a link's point moves most, and whether the link hardly turns.

@@ -155,7 +155,8 @@ class Robot:
     springs : mapping of str to pair of float
         Stiffness (newton-metres a radian, newtons a metre) and rest position of the passive joints with a spring.
     stops : tuple of (Joint, float)
-        Passive joints that springs hold at a limit, with that limit: among ``joints`` they are fixed there.
+        Passive joints that springs hold at a limit, with that limit: among ``joints`` they are fixed there, unless the
+        robot is ``released``.
     """
 
     name: str
@@ -246,7 +247,6 @@ class Robot:
             self,
             joints=tuple(moving.get(joint.name, joint) for joint in self.joints),
             passive=(*self.passive, *moving),
-            stops=(),
         )
 
     @property
