@@ -137,10 +137,7 @@ class ClosedLinkages:
         return joints[is_closed]
 
     def motion_by_drives(self, joints: FloatArray) -> FloatArray:
-        """Return the rates of all free joints per unit rate of each one that is not passive, (m, a), in a posture (m,).
-
-        Of several motions of the passive joints that keep the equations, the least.
-        """
+        """Return the rates of all free joints per unit rate of each one that is not passive, (m, a), in a posture (m,)."""
         is_passive = np.array([joint.name in self.robot.passive for joint in self.robot.free_joints])
         driven, J = np.flatnonzero(~is_passive), self.jacobian(joints)
         result = np.zeros((len(is_passive), len(driven)))
@@ -194,6 +191,21 @@ class ClosedLinkages:
         if speed <= SMALLEST:
             return None
         return mean[:3] / speed, bool(np.linalg.norm(mean[3:]) * LEVER < TRANSLATES * speed)
+
+    def determined_joints(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return those of some free joints whose motion follows from that of the others, in a closed posture.
+
+        Of joints of which some have to move on their own, the first of those that move most do.
+        """
+        J, free = self.jacobian(self.some_postures[0]), [joint.name for joint in self.robot.free_joints]
+        following = [free.index(name) for name in names]
+        while following:
+            _, sizes, rows = np.linalg.svd(J[:, following])
+            loose = rows[int(np.sum(sizes > SMALLEST)) :]
+            if not len(loose):
+                break
+            following.pop(int(np.argmax(np.round(np.linalg.norm(loose, axis=0), 6))))
+        return tuple(free[i] for i in following)
 
     def spring_stops(self) -> dict[str, float]:
         """Return the limits at which springs hold passive joints, wherever the others are, by joint.

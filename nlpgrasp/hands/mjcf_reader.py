@@ -96,7 +96,7 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     robot = replace(robot, joints=tuple(with_finite_limits(path, joint) for joint in robot.joints))
     robot = add_effort_limits(model, add_passive_joints(model, robot))
     check_ranges(path, robot)
-    return with_spring_stops(robot)
+    return robot
 
 
 def mjcf_links(path: Path) -> tuple[str, ...]:
@@ -500,8 +500,11 @@ def tendon_moment_arms(model: MjModel, tendon: int) -> dict[str, float]:
     return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
 
 
-def with_spring_stops(robot: Robot) -> Robot:
-    """Return the robot with the limits at which springs hold joints of its linkages.
+def add_passive_joints(model: MjModel, robot: Robot) -> Robot:
+    """Return the robot with the joints of its linkages that move along: at the stops of springs, or with the others.
+
+    They are joints that no actuator moves. What linkages leave free is taken to be driven, and listed in the robot if
+    the file has actuators. Stops are known where all actuators act by joints and fixed tendons.
 
     Raises
     ------
@@ -510,31 +513,24 @@ def with_spring_stops(robot: Robot) -> Robot:
     """
     if not (robot.has_linkages and robot.free_joints):
         return robot
-    stops = closed_linkages(robot).spring_stops()
-    joints = {joint.name: joint for joint in robot.joints}
-    for name, stop in stops.items():
-        robot = _replace_joint(robot, fix_joint(joints[name], stop))
-    passive = tuple(name for name in robot.passive if name not in stops)
-    return replace(robot, passive=passive, stops=tuple((joints[name], stop) for name, stop in stops.items()))
-
-
-def add_passive_joints(model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with the free joints that no actuator moves, and their springs, if linkages may move them.
-
-    None is passive where no actuator acts on its joints, or one acts by anything but joints and fixed tendons.
-    """
     joints = {joint.name: joint for joint in robot.joints if joint.moves}
     arms = [_actuator_moment_arms(model, a) for a in range(model.nu)]
     driven = {robot.driving_joint(joints[name])[0] for by_joint in arms for name in by_joint if name in joints}
-    if not (robot.has_linkages and driven and all(arms)):
-        return robot
-    passive = tuple(joint.name for joint in robot.free_joints if joint.name not in driven)
+    undriven = tuple(joint.name for joint in robot.free_joints if joint.name not in driven)
     springs = {}
     for j in range(model.njnt):
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
-        if joint_name(model, j) in passive and stiffness > 0.0:
+        if joint_name(model, j) in undriven and stiffness > 0.0:
             springs[joint_name(model, j)] = stiffness, float(model.qpos_spring[model.jnt_qposadr[j]])
-    return replace(robot, passive=passive, springs=springs)
+    robot = replace(robot, passive=undriven, springs=springs)
+    stops = closed_linkages(robot).spring_stops() if driven and all(arms) else {}
+    for name, stop in stops.items():
+        robot = _replace_joint(robot, fix_joint(joints[name], stop))
+    moving = [name for name in undriven if name not in stops]
+    passive = closed_linkages(robot).determined_joints(moving)
+    assumed = tuple(name for name in moving if name not in passive) if driven else ()
+    stopped = tuple((joints[name], stop) for name, stop in stops.items())
+    return replace(robot, passive=passive, stops=stopped, assumed_drives=assumed)
 
 
 def add_effort_limits(model: MjModel, robot: Robot) -> Robot:

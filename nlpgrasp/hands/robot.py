@@ -144,6 +144,8 @@ class Robot:
         Couplings of joints in the file that are left out, a phrase each.
     units : UrdfUnits
         Units of the file's numbers; all values here are metres and radians.
+    mimicked_loops : tuple of str
+        Closed linkages of a URDF that its mimic joints are taken to keep, a phrase each.
     unreadable : tuple of str
         Links whose collision shapes are all among the missing ones.
     closures : tuple of Closure
@@ -151,12 +153,15 @@ class Robot:
     equations : tuple of JointEquation
         Couplings of joints that are no mimic relations.
     passive : tuple of str
-        Free joints of a hand with closures or equations that no actuator of the file moves.
+        Free joints that no actuator of the file moves, and that closures or equations move with the others.
     springs : mapping of str to pair of float
-        Stiffness (newton-metres a radian, newtons a metre) and rest position of the passive joints with a spring.
+        Stiffness (newton-metres a radian, newtons a metre) and rest position of the springs at joints of a hand with
+        closures or equations, if no actuator moves them.
     stops : tuple of (Joint, float)
-        Passive joints that springs hold at a limit, with that limit: among ``joints`` they are fixed there, unless the
+        Joints without an actuator that springs hold at a limit, with that limit: among ``joints`` they are fixed there, unless the
         robot is ``released``.
+    assumed_drives : tuple of str
+        Free joints that no actuator of the file moves, nor closures or equations with the others.
     """
 
     name: str
@@ -171,12 +176,14 @@ class Robot:
     negated_limits: tuple[str, ...] = ()
     unmodelled_couplings: tuple[str, ...] = ()
     units: UrdfUnits = SI
+    mimicked_loops: tuple[str, ...] = ()
     unreadable: tuple[str, ...] = ()
     closures: tuple[Closure, ...] = ()
     equations: tuple[JointEquation, ...] = ()
     passive: tuple[str, ...] = ()
     springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     stops: tuple[tuple[Joint, float], ...] = ()
+    assumed_drives: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

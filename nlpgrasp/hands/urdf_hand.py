@@ -203,7 +203,7 @@ class URDFHand(LinkedHand):
             On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
             links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
             limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints without an
-            equality: they are not modelled. On an MJCF whose joints hardly turn: its limits may be radians
+            equality: they are not modelled. On linkages that a URDF closes and its mimic joints have to keep. On an MJCF whose joints hardly turn: its limits may be radians
             without stating so. On meshes far longer than the joints are apart, or far shorter, and on limits beyond a
             full turn: their units may be others.
         """
@@ -372,6 +372,7 @@ class URDFHand(LinkedHand):
             "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
             "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
             **({"stops": self.robot.stop_positions} if self.robot.stops else {}),
+            **({"passive": list(self.robot.passive)} if self.robot.passive else {}),
             "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
@@ -500,6 +501,10 @@ def modelling_warnings(robot: Robot) -> list[str]:
         result.append(f"taken with the other sign: {'; '.join(robot.negated_limits)}")
     if robot.unmodelled_couplings:
         result.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled_couplings)}")
+    if robot.assumed_drives:
+        result.append(f"joints that no actuator moves are taken to be driven: {', '.join(robot.assumed_drives)}")
+    if robot.mimicked_loops:
+        result.append(f"closed linkages that mimic joints are taken to keep: {'; '.join(robot.mimicked_loops)}")
     turning = [joint for joint in robot.free_joints if joint.kind == "revolute"]
     widest = max((max(abs(j.lower), abs(j.upper)) for j in turning), default=0.0)
     if robot.source.endswith(MJCF_ENDINGS) and 0.0 < widest < MEANT_AS_RADIANS:

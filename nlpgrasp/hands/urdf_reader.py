@@ -78,8 +78,7 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
         unreadable=unreadable,
     )
     check_ranges(source, robot)
-    _refuse_loops(source, root, robot)
-    return robot
+    return replace(robot, mimicked_loops=_mimicked_loops(source, root, robot))
 
 
 def link_names(path: str | Path) -> tuple[str, ...]:
@@ -219,11 +218,17 @@ def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     return roots[0]
 
 
-def _refuse_loops(source: Path, root: ET.Element, robot: Robot) -> None:
-    """Raise where an extension of URDF closes a loop whose joints mimic relations leave more than one motion.
+def _mimicked_loops(source: Path, root: ET.Element, robot: Robot) -> tuple[str, ...]:
+    """Return a phrase for each loop of links that an extension of URDF closes and one free joint moves.
 
     Such are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
+
+    Raises
+    ------
+    InputError
+        On a loop that several free joints move.
     """
+    result = []
     for phrase, names in _closed_loops(root):
         inside = [name for name in names if name in robot.links]
         if not set(inside) - {robot.root}:
@@ -233,6 +238,8 @@ def _refuse_loops(source: Path, root: ET.Element, robot: Robot) -> None:
         if len(inside) < len(names) or len(drivers) > 1:
             cure = "a tree with <mimic> joints, or the hand's MJCF, of which <connect> is an equation"
             raise_invalid(source, f"a closed linkage: {phrase}", cure)
+        result.append(phrase)
+    return tuple(result)
 
 
 def _closed_loops(root: ET.Element) -> Iterator[tuple[str, list[str]]]:

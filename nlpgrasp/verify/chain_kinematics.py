@@ -350,7 +350,7 @@ class Linkages:
     loops : tuple of Loop
     sums : tuple of JointSum
     unmoved : tuple of str
-        Joints that no actuator moves; empty where there is no actuator, or one whose joints are not known.
+        Free joints that no actuator moves by itself or by a fixed tendon.
     """
 
     loops: tuple[Loop, ...] = ()
@@ -414,17 +414,15 @@ def linkages_in(path: Path, links: Sequence[Link], palm: str) -> Linkages:
 
 
 def _unmoved_joints(model: MjModel, names: Sequence[str], links: Sequence[Link]) -> tuple[str, ...]:
-    """Return the free joints that no actuator moves, by joints and fixed tendons; none where others act as well."""
+    """Return the free joints that no actuator moves, by itself or by a fixed tendon."""
     by_joint, moved = {link.joint: link for link in links if link.moves}, set[str]()
     for kind, target in zip(model.actuator_trntype, model.actuator_trnid[:, 0], strict=True):
         ids = [target] if kind in (0, 1) else []
         if kind == 3:
             wraps = range(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
             ids = [model.wrap_objid[w] for w in wraps if model.wrap_type[w] == 1]
-        if not ids:
-            return ()
         moved |= {_driving_joint(by_joint, names[i])[0] for i in ids if names[i] in by_joint}
-    return tuple(j for j, link in by_joint.items() if link.follow is None and j not in moved) if moved else ()
+    return tuple(j for j, link in by_joint.items() if link.follow is None and j not in moved)
 
 
 def pose_matrix(position: FloatArray, rotation: Rotation | None = None) -> FloatArray:

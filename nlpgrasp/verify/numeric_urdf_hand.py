@@ -146,7 +146,7 @@ class NumericLinkedHand:
     def linkages(self) -> Linkages:
         """What holds its links and joints together beside the joints.
 
-        Raises ``InputError`` for stops that are not limits of joints without an actuator.
+        Raises ``InputError`` for passive joints with an actuator, and for stops that are not limits of such without.
         """
         path, palm = self.sources.find(self.data.get("source")), str(self.data["palm"])
         linkages = linkages_in(path, self.links, palm)
@@ -155,7 +155,15 @@ class NumericLinkedHand:
         for name, stop in self.data.get("stops", {}).items():
             if name not in unmoved or stop not in (unstopped[name].lower, unstopped[name].upper):
                 raise InputError(f"problem.hand.stops.{name}", stop, "a limit of a joint that no actuator moves")
+        for name in self._passive:
+            if name not in linkages.unmoved:
+                raise InputError("problem.hand.passive", name, "joints that no actuator moves")
         return linkages
+
+    @property
+    def _passive(self) -> Sequence[str]:
+        """Joints that linkages move with the others."""
+        return [str(name) for name in self.data.get("passive", ())]
 
     def _linkage_errors(self, positions: Json) -> list[tuple[str, FloatArray]]:
         """Return name and error, metres and radians, of each loop and each equation of joints in a posture."""
@@ -189,14 +197,17 @@ class NumericLinkedHand:
         return errors(next(iter(free)), 0.0), np.column_stack(slopes)
 
     def _motion_by_drives(self, joints: Sequence[str]) -> dict[str, dict[str, float]]:
-        """Return the rates of all free joints by joint, per unit rate of each joint that an actuator moves.
+        """Return the rates of all free joints by joint, per unit rate of each joint that is not passive.
 
-        Of several motions that keep the linkages closed, the least.
+        Raises ``InputError`` where the linkages do not determine the passive joints.
         """
         free = {joint: float(self.posture["joint_positions"][joint]) for joint in joints}
         slopes = dict(zip(joints, self._linkage_slopes(free)[1].T, strict=True))
-        followers = [joint for joint in joints if joint in self.linkages.unmoved]
-        inverse = np.linalg.pinv(np.column_stack([slopes[joint] for joint in followers]), rcond=LEAST_SLOPE)
+        followers = self._passive
+        matrix = np.column_stack([slopes[joint] for joint in followers])
+        if np.linalg.matrix_rank(matrix, rtol=LEAST_SLOPE) < len(followers):
+            raise InputError("problem.hand.passive", ", ".join(followers), "joints that the others move by linkages")
+        inverse = np.linalg.pinv(matrix, rcond=LEAST_SLOPE)
         return {
             drive: {drive: 1.0, **dict(zip(followers, (-inverse @ slopes[drive]).tolist(), strict=True))}
             for drive in joints
@@ -326,7 +337,7 @@ class NumericLinkedHand:
         if not self.linkages:
             return {joint: columns(joint) for joint in loaded_joints(self.links, tip_links)}
         free = list(free_joint_limits(self.links))
-        motions = self._motion_by_drives(free) if self.linkages.unmoved else {joint: {joint: 1.0} for joint in free}
+        motions = self._motion_by_drives(free) if self._passive else {joint: {joint: 1.0} for joint in free}
         return {
             drive: np.sum([rate * columns(joint) for joint, rate in rates.items()], axis=0)
             for drive, rates in motions.items()
