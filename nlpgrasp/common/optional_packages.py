@@ -20,8 +20,8 @@ from nlpgrasp.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from mujoco import MjSpec
     from mpl_toolkits.mplot3d import Axes3D
+    from mujoco import MjSpec
 
 
 LIGHT = np.array([0.4, 0.3, 0.85])  # direction to the light of pictures

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import CLOSED_LINKAGE, ScalarConstraint
@@ -58,7 +58,7 @@ class ClosedLinkages:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of closures and equations."""
-        return tuple(part.name for part in (*self.robot.closures, *self._equations))
+        return (*(closure.name for closure in self.robot.closures), *(equation.name for equation in self._equations))
 
     def rows(self, joints: Expression) -> list[ScalarConstraint]:
         """Return the equations as scalar constraints, metres."""
@@ -71,7 +71,7 @@ class ClosedLinkages:
 
     def jacobian(self, joints: FloatArray) -> FloatArray:
         """Return the derivatives (r, m) of the equations by the free joints in a posture (m,)."""
-        return self._evaluate(np.asarray(joints, dtype=float)[None])[1][0]
+        return np.asarray(self._evaluate(np.asarray(joints, dtype=float)[None])[1][0])
 
     def close(self, joints: FloatArray) -> FloatArray:
         """Return postures (b, m) moved onto the equations; those that do not get there are replaced by others that do.
@@ -137,7 +137,7 @@ class ClosedLinkages:
         return joints[is_closed]
 
     def motion_by_drives(self, joints: FloatArray) -> FloatArray:
-        """Return the rates of all free joints per unit rate of each one that is not passive, (m, a), in a posture (m,)."""
+        """Return the rates of all free joints per unit rate of each that is not passive, (m, a), in a posture (m,)."""
         is_passive = np.array([joint.name in self.robot.passive for joint in self.robot.free_joints])
         driven, J = np.flatnonzero(~is_passive), self.jacobian(joints)
         result = np.zeros((len(is_passive), len(driven)))
@@ -215,27 +215,25 @@ class ClosedLinkages:
         free, springs, postures = self.robot.free_joints, self.robot.springs, self.some_postures
         if not springs:
             return {}
-        coupled = {j.mimic.joint for j in self.robot.joints if j.mimic} | {n for e in self.robot.equations for n in e.polynomials}
+        coupled = {name for equation in self.robot.equations for name in equation.polynomials}
+        coupled |= {joint.mimic.joint for joint in self.robot.joints if joint.mimic is not None}
         names = [joint.name for joint in free]
         stiffness = np.array([springs.get(name, (0.0, 0.0))[0] for name in names])
+        stiffness = stiffness / np.max(stiffness)
         rest = np.array([springs.get(name, (0.0, 0.0))[1] for name in names])
         driven = np.array([name not in self.robot.passive for name in names])
         lower, upper = self.limits
         resting = []
         for joints in postures[:RELAXED]:
-            bounds = np.transpose([np.where(driven, joints, end) for end in (lower, upper)])
             result = minimize(
-                lambda q: 0.5 * float(stiffness @ (q - rest) ** 2) / float(np.max(stiffness)),
+                lambda q: 0.5 * float(stiffness @ (q - rest) ** 2),
                 joints,
-                jac=lambda q: stiffness * (q - rest) / float(np.max(stiffness)),
-                bounds=bounds,
-                constraints={
-                    "type": "eq",
-                    "fun": lambda q: self._evaluate(q[None])[0][0] / LEVER,
-                    "jac": lambda q: self.jacobian(q) / LEVER,
-                },
+                jac=lambda q: stiffness * (q - rest),
+                bounds=Bounds(np.where(driven, joints, lower), np.where(driven, joints, upper)),
+                constraints=NonlinearConstraint(
+                    lambda q: self._evaluate(q[None])[0][0] / LEVER, 0.0, 0.0, jac=lambda q: self.jacobian(q) / LEVER
+                ),
                 method="SLSQP",
-                options={"ftol": 1e-10, "maxiter": 200},
             )
             resting.append(result.x)
         near = AT_LIMIT * (upper - lower)
@@ -258,7 +256,7 @@ class ClosedLinkages:
 
     def _gaps(self, joints: FloatArray) -> FloatArray:
         """Return the largest error of each closure and equation, (b, n), metres, in postures (b, m)."""
-        return self._gap_evaluator(joints)[0].reshape(len(joints), len(self._errors))
+        return np.asarray(self._gap_evaluator(joints)[0].reshape(len(joints), len(self._errors)))
 
     @cached_property
     def _gap_evaluator(self) -> BatchEvaluator:

@@ -343,7 +343,7 @@ def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Ro
     if not other and joints[name].mimic is None:
         return _replace_joint(robot, fix_joint(joints[name], start + float(a[0])))
     if not other or np.any(a[2:]) or joints[name].mimic is not None:
-        polynomials = {name: (-start, 1.0)}
+        polynomials: dict[str, tuple[float, ...]] = {name: (-start, 1.0)}
         if other:
             zero = float(model.qpos0[model.jnt_qposadr[second]])
             polynomials[other] = tuple(float(c) for c in -Polynomial(a)(Polynomial([-zero, 1.0])).coef)
@@ -388,7 +388,8 @@ def _tendon_equation(
     ``L - L0 = a0 + a1 (L' - L0')``.
     """
     first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-    name = f"tendon {tendon_name(model, first)}" + (f" that follows {tendon_name(model, second)}" if second >= 0 else "")
+    followed = f" that follows {tendon_name(model, second)}" if second >= 0 else ""
+    name = f"tendon {tendon_name(model, first)}{followed}"
     a, moving = np.array(model.eq_data[equality][:5]), {joint.name for joint in robot.joints if joint.moves}
     factors = {first: 1.0, **({second: -float(a[1])} if second >= 0 else {})}
     if second >= 0 and np.any(a[2:]):

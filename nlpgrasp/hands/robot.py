@@ -158,8 +158,8 @@ class Robot:
         Stiffness (newton-metres a radian, newtons a metre) and rest position of the springs at joints of a hand with
         closures or equations, if no actuator moves them.
     stops : tuple of (Joint, float)
-        Joints without an actuator that springs hold at a limit, with that limit: among ``joints`` they are fixed there, unless the
-        robot is ``released``.
+        Joints without an actuator that springs hold at a limit, with that limit: among ``joints`` they are fixed
+        there, unless the robot is ``released``.
     assumed_drives : tuple of str
         Free joints that no actuator of the file moves, nor closures or equations with the others.
     """

@@ -203,9 +203,10 @@ class URDFHand(LinkedHand):
             On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
             links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
             limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints without an
-            equality: they are not modelled. On linkages that a URDF closes and its mimic joints have to keep. On an MJCF whose joints hardly turn: its limits may be radians
-            without stating so. On meshes far longer than the joints are apart, or far shorter, and on limits beyond a
-            full turn: their units may be others.
+            equality: they are not modelled. On joints of its linkages that no actuator moves, and on linkages that a
+            URDF closes and its mimic joints have to keep. On an MJCF whose joints hardly turn: its limits may be
+            radians without stating so. On meshes far longer than the joints are apart, or far shorter, and on limits
+            beyond a full turn: their units may be others.
         """
         return cls.from_robot(
             read_robot(path, palm, check_units(scale, degrees)),
@@ -301,7 +302,7 @@ class URDFHand(LinkedHand):
         return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return the constraints: unit quaternion, contacts on fingertips, linkages closed, and self-collision unless disabled."""
+        """Return the constraints: unit quaternion, contacts on fingertips, linkages, self-collision if enabled."""
         rows = [ScalarConstraint(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):

@@ -342,7 +342,7 @@ def _straight_motion(
 ) -> Callable[[float], Values]:
     """Return a function from fraction to variables: the straight path of the free joints to their goal.
 
-    The palm moves only while all joints are free. Linkages stay closed: their joints leave the straight line by as much.
+    The palm moves only while all joints are free. Joints of linkages leave the line as far as these stay closed.
     """
     targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
     targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]

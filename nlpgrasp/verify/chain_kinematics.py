@@ -268,14 +268,15 @@ def _links_of_body(model: MjModel, body: int, parent: str, name: str) -> list[Li
 def _with_couplings(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
     """Return the links with an MJCF's equality constraints as mimic joints.
 
-    First equalities of joints, then of tendons over two joints.
+    First linear equalities of joints, then of tendons over two joints.
     """
     by_joint = {link.joint: link for link in links}
     active = [e for e in range(model.neq) if model.eq_active0[e]]
     for e in (e for e in active if model.eq_type[e] == 2):
         first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         name, start = model.joint(first).name or f"joint_{first}", model.qpos0[model.jnt_qposadr[first]]
-        if name not in by_joint:
+        # of a joint that follows already, or along a curve, the equality is one of the linkages
+        if name not in by_joint or by_joint[name].follow is not None or (second >= 0 and np.any(model.eq_data[e][2:5])):
             continue
         a, b = (float(v) for v in model.eq_data[e][:2])
         if second < 0:
@@ -377,8 +378,7 @@ def linkages_in(path: Path, links: Sequence[Link], palm: str) -> Linkages:
     joint_names = [model.joint(j).name or f"joint_{j}" for j in range(model.njnt)]
     body_names = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
     zero = {name: float(model.qpos0[model.jnt_qposadr[j]]) for j, name in enumerate(joint_names)}
-    known, followers = {palm, *(link.name for link in links)}, {link.joint for link in links if link.follow}
-    moving = {link.joint for link in links if link.moves}
+    known, moving = {palm, *(link.name for link in links)}, {link.joint for link in links if link.moves}
     loops, sums = list[Loop](), list[JointSum]()
     for e in (e for e in range(model.neq) if model.eq_active0[e]):
         kind, ids, data = int(model.eq_type[e]), (int(model.eq_obj1id[e]), int(model.eq_obj2id[e])), model.eq_data[e]
