@@ -80,8 +80,8 @@ def test_joint_torques_are_those_of_the_drives(tmp_path):
     hand = ng.URDFHand.load(write(tmp_path, four_bar()), PADS)
     assert hand.loaded_joints == ("right_crank",)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])
-    with pytest.raises(ng.InputError, match='"hand_torques" for a hand with closed linkages .*another budget'):
-        body = ng.Cylinder(0.02, 0.08)
+    body = ng.Cylinder(0.02, 0.08)
+    with pytest.raises(ng.InputError, match=r'"hand_torques" for a hand with closed linkages .*another budget'):
         ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=hand, force_budget="hand_torques")
     values, _ = hand.draw(1, np.zeros((1, 3)), np.random.default_rng(1))
     values = {name: v[0] for name, v in values.items()}
@@ -179,11 +179,13 @@ def test_scenes_keep_the_equalities_and_the_hand_holds(held):
     assert (kinds.count(0), kinds.count(2)) == (2, 1)
     assert [scene.actuator(i).name for i in range(scene.nu)][3:] == ["hand_right_crank"]
     outcome = ng.simulate_hand(solution, path, push=0.5)
-    assert str(outcome).splitlines()[-1] == "confirmed: held as solved, lost without the squeeze"
+    assert outcome.confirmed
+    assert re.search("as solved +6 of 6 pushes and the lift held", str(outcome))
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not ROBOTIQ.is_file(), reason=MISSING)
+@pytest.mark.filterwarnings("ignore:.*nothing keeps links without a collision shape")
 def test_menageries_robotiq_closes_its_linkages():
     hand = ng.URDFHand.load(ROBOTIQ, PADS)
     assert hand.loaded_joints == ("left_driver_joint",)
@@ -194,4 +196,5 @@ def test_menageries_robotiq_closes_its_linkages():
     assert solution.success
     assert max(np.max(np.abs(errors(ROBOTIQ, positions))) for positions in postures(solution)) < 1e-4
     outcome = ng.simulate_hand(solution, ROBOTIQ)
-    assert str(outcome).splitlines()[-1] == "confirmed: held as solved, lost without the squeeze"
+    assert outcome.confirmed
+    assert re.search("as solved +6 of 6 pushes and the lift held", str(outcome))
