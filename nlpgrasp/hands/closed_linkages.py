@@ -223,19 +223,26 @@ class ClosedLinkages:
         rest = np.array([springs.get(name, (0.0, 0.0))[1] for name in names])
         driven = np.array([name not in self.robot.passive for name in names])
         lower, upper = self.limits
-        resting = []
-        for joints in postures[:RELAXED]:
-            result = minimize(
-                lambda q: 0.5 * float(stiffness @ (q - rest) ** 2),
-                joints,
-                jac=lambda q: stiffness * (q - rest),
-                bounds=Bounds(np.where(driven, joints, lower), np.where(driven, joints, upper)),
-                constraints=NonlinearConstraint(
-                    lambda q: self._evaluate(q[None])[0][0] / LEVER, 0.0, 0.0, jac=lambda q: self.jacobian(q) / LEVER
-                ),
-                method="SLSQP",
-            )
-            resting.append(result.x)
+
+        def energy(joints: FloatArray) -> float:
+            return 0.5 * float(stiffness @ (joints - rest) ** 2)
+
+        def slope(joints: FloatArray) -> FloatArray:
+            return np.asarray(stiffness * (joints - rest))
+
+        def errors(joints: FloatArray) -> FloatArray:
+            return np.asarray(self._evaluate(joints[None])[0][0] / LEVER)
+
+        closed = NonlinearConstraint(errors, 0.0, 0.0, jac=lambda joints: self.jacobian(joints) / LEVER)
+        resting = list[FloatArray]()
+        for i in range(min(RELAXED, len(postures))):
+            start: FloatArray = postures[i]
+            low, high = np.where(driven, start, lower), np.where(driven, start, upper)
+            bounds = Bounds(np.asarray(low), np.asarray(high))
+            result = minimize(energy, start, jac=slope, bounds=bounds, constraints=closed, method="SLSQP")
+            if not result.success:
+                return {}
+            resting.append(np.asarray(result.x))
         near = AT_LIMIT * (upper - lower)
         at_lower, at_upper = (np.all(np.abs(np.array(resting) - end) <= near, axis=0) for end in (lower, upper))
         ends = np.where(at_lower, lower, upper)

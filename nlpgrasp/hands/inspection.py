@@ -331,7 +331,8 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
     if not robot.free_joints:
         return [FileWarning(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
     result = [FileWarning(f"{_capitalised(text)}.") for text in modelling_warnings(robot)]
-    unlimited = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
+    limited = [*hand.torque_limits, *robot.passive]
+    unlimited = [j.name for j in robot.free_joints if j.name not in limited]
     if unlimited:
         subject = f"No effort limit at {_format_some(unlimited, 'joint')}"
         if len(unlimited) == len(robot.free_joints) > 1:

@@ -140,6 +140,10 @@ def test_a_grasp_keeps_the_linkages_and_is_verified(held):
     assert solution.success
     assert len(postures(solution)) >= 4
     assert max(np.max(np.abs(errors(path, positions))) for positions in postures(solution)) < 1e-6
+    # each finger presses at the end of a crank of 50 mm at most, whose pad does not turn
+    (torque,) = solution.squeeze.torques.values()
+    assert 0.5 * 0.05 < abs(torque) / solution.squeeze.largest < 2.0 * 0.05
+    assert solution.squeeze.joints.amount("right_crank", torque).endswith(" N m")
     assert str(ng.verify(file)).splitlines()[-1].startswith("verified")
 
 
