@@ -127,19 +127,23 @@ class NumericLinkedHand:
         return pose_matrix(position, Rotation.from_quat(quaternion, scalar_first=True))
 
     @cached_property
-    def links(self) -> tuple[Link, ...]:
-        """Links below the palm.
+    def _moving_links(self) -> tuple[Link, ...]:
+        """Links below the palm, as in the hand's file.
 
-        Raises ``NotCheckedError`` if the hand's file is missing or another one.
+        Raises ``NotCheckedError`` if the file is missing or another one.
         """
         path = self.sources.find(self.data.get("source"))
         if hashlib.sha256(path.read_bytes()).hexdigest() != self.data["sha256"]:
             raise NotCheckedError(f"{path.name} has another sha256 than the file records")
-        links = links_in(path, str(self.data["palm"]), UrdfUnits.from_dict(self.data))
+        return links_in(path, str(self.data["palm"]), UrdfUnits.from_dict(self.data))
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """Links below the palm, with the joints fixed that springs hold at a stop."""
         stops = {name: number(f"stops.{name}", stop) for name, stop in self.data.get("stops", {}).items()}
         return tuple(
             replace(link, kind="fixed", origin=link.step(stops[link.joint])) if link.joint in stops else link
-            for link in links
+            for link in self._moving_links
         )
 
     @cached_property
@@ -149,11 +153,10 @@ class NumericLinkedHand:
         Raises ``InputError`` for passive joints with an actuator, and for stops that are not limits of such without.
         """
         path, palm = self.sources.find(self.data.get("source")), str(self.data["palm"])
-        linkages = linkages_in(path, self.links, palm)
-        unstopped = {link.joint: link for link in links_in(path, palm, UrdfUnits.from_dict(self.data))}
-        unmoved = linkages_in(path, list(unstopped.values()), palm).unmoved
+        linkages = linkages_in(path, self._moving_links, palm)
+        limits = {link.joint: (link.lower, link.upper) for link in self._moving_links}
         for name, stop in self.data.get("stops", {}).items():
-            if name not in unmoved or stop not in (unstopped[name].lower, unstopped[name].upper):
+            if name not in linkages.unmoved or stop not in limits[name]:
                 raise InputError(f"problem.hand.stops.{name}", stop, "a limit of a joint that no actuator moves")
         for name in self._passive:
             if name not in linkages.unmoved:
