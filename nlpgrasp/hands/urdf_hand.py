@@ -203,10 +203,11 @@ class URDFHand(LinkedHand):
             On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
             links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
             limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints without an
-            equality: they are not modelled. On joints of its linkages that no actuator moves, and on linkages that a
-            URDF closes and its mimic joints have to keep. On an MJCF whose joints hardly turn: its limits may be
-            radians without stating so. On meshes far longer than the joints are apart, or far shorter, and on limits
-            beyond a full turn: their units may be others.
+            equality: they are not modelled. On joints of its linkages that no actuator moves: they are taken to be
+            driven, or kept at a limit where springs hold them. On linkages that a URDF closes and its mimic joints have
+            to keep. On an MJCF whose joints hardly turn: its limits may be radians without stating so. On meshes far
+            longer than the joints are apart, or far shorter, and on limits beyond a full turn: their units may be
+            others.
         """
         return cls.from_robot(
             read_robot(path, palm, check_units(scale, degrees)),
@@ -502,6 +503,8 @@ def modelling_warnings(robot: Robot) -> list[str]:
         result.append(f"taken with the other sign: {'; '.join(robot.negated_limits)}")
     if robot.unmodelled_couplings:
         result.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled_couplings)}")
+    if robot.stops:
+        result.append(f"joints are kept at the limits where springs hold them: {', '.join(robot.stop_positions)}")
     if robot.assumed_drives:
         result.append(f"joints that no actuator moves are taken to be driven: {', '.join(robot.assumed_drives)}")
     if robot.mimicked_loops:

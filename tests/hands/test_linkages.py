@@ -76,6 +76,19 @@ def test_joints_without_an_actuator_that_linkages_leave_free_are_named(tmp_path)
         ng.URDFHand.load(write(tmp_path, four_bar(fingers())), PADS)
 
 
+def test_joints_that_springs_hold_at_a_limit_stay_there(tmp_path):
+    hinge = '<joint name="left_rocker" axis="0 1 0" range="-0.9 0.9"'
+    text = four_bar(fingers()).replace(hinge, f'{hinge} stiffness="0.1" springref="-2"')
+    with pytest.warns(
+        UserWarning, match="kept at the limits where springs hold them: left_crank, left_pad, left_rocker$"
+    ):
+        hand = ng.URDFHand.load(write(tmp_path, text), PADS)
+    values, _ = hand.draw(3, np.zeros((3, 3)), np.random.default_rng(0))
+    for i in range(3):
+        joints = hand.describe({name: v[i] for name, v in values.items()})["joint_positions"]
+        assert (joints["left_crank"], joints["left_pad"], joints["left_rocker"]) == (-0.9, 0.9, -0.9)
+
+
 def test_joint_torques_are_those_of_the_drives(tmp_path):
     hand = ng.URDFHand.load(write(tmp_path, four_bar()), PADS)
     assert hand.loaded_joints == ("right_crank",)
@@ -191,7 +204,10 @@ def test_scenes_keep_the_equalities_and_the_hand_holds(held):
 @pytest.mark.skipif(not ROBOTIQ.is_file(), reason=MISSING)
 @pytest.mark.filterwarnings("ignore:.*nothing keeps links without a collision shape")
 def test_menageries_robotiq_closes_its_linkages():
-    hand = ng.URDFHand.load(ROBOTIQ, PADS)
+    with pytest.warns(
+        UserWarning, match="kept at the limits where springs hold them: right_coupler_joint, left_coupler"
+    ):
+        hand = ng.URDFHand.load(ROBOTIQ, PADS)
     assert hand.loaded_joints == ("left_driver_joint",)
     assert hand.robot.stop_positions == {"right_coupler_joint": 0.0, "left_coupler_joint": 0.0}
     task = ng.lift([0, 0, 0], 0.2) + ng.disturbance(1, 0.02)
