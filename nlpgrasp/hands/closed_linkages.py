@@ -62,7 +62,8 @@ class ClosedLinkages:
 
     def rows(self, joints: Expression) -> list[ScalarConstraint]:
         """Return the equations as scalar constraints, metres."""
-        names = [f"{name}, {i}" for name, row in zip(self.names, self._rows, strict=True) for i in range(row.shape[0])]
+        by_row = [name for name, row in zip(self.names, self._rows, strict=True) for _ in range(row.shape[0])]
+        names = [f"{name}, {by_row[:i].count(name)}" for i, name in enumerate(by_row)]  # several may join two links
         values = ca.vertsplit(self._row_function(joints)) if names else []
         return [
             ScalarConstraint(CLOSED_LINKAGE, value, 0.0, 0.0, scale=LEVER, unit="m", part=name)

@@ -133,7 +133,8 @@ def test_the_world_is_a_palm_by_its_name(tmp_path):
 @pytest.fixture(scope="module")
 def held(tmp_path_factory):
     """A cylinder held by the four-bar gripper, and the gripper's file."""
-    path = write(tmp_path_factory.mktemp("linkage"), four_bar(fingers(SITES) + TOGETHER))
+    twice = '<connect body1="left_pad" body2="left_rocker" anchor="-0.02 0.01 0"/>'  # beside the other: a hinge
+    path = write(tmp_path_factory.mktemp("linkage"), four_bar(fingers(SITES) + twice + TOGETHER))
     task = ng.lift([0, 0, 0], 0.1) + ng.disturbance(0.5, 0.005)
     hand = ng.URDFHand.load(path, PADS)
     problem = ng.GraspProblem(ng.Cylinder(0.02, 0.08), ng.SoftContact(0.7, 0.01), task, hand=hand)
@@ -193,7 +194,7 @@ def test_scenes_keep_the_equalities_and_the_hand_holds(held):
     solution, path, _ = held
     scene = mujoco.MjModel.from_xml_string(mjcf_with_hand(solution, path))
     kinds = scene.eq_type.tolist()
-    assert (kinds.count(0), kinds.count(2)) == (2, 1)
+    assert (kinds.count(0), kinds.count(2)) == (3, 1)
     assert [scene.actuator(i).name for i in range(scene.nu)][3:] == ["hand_right_crank"]
     outcome = ng.simulate_hand(solution, path, push=0.5)
     assert outcome.confirmed
