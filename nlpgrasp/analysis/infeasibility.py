@@ -21,6 +21,7 @@ from nlpgrasp.common.formatting import format_wrench_direction
 from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, quadratic_step, step_bounds
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
+    CLOSED_LINKAGE,
     ON_FINGERTIP,
     SELF_COLLISION,
     UNIT_QUATERNION,
@@ -45,7 +46,8 @@ LEAST_GAIN = 1e-4  # relative: a step that gains less is rejected
 DAMPING = 1e-3  # weight of the squared step
 FINGERTIPS = "fingertips on the body"  # group of the constraints between fingertips and contacts
 HARD = "the body's surface"  # group of the constraints that are never relaxed
-HAND_GROUPS = {ON_FINGERTIP: FINGERTIPS, UNIT_QUATERNION: HARD}  # where they are not called as their kind
+# of constraints that are not called as their kind
+HAND_GROUPS = {ON_FINGERTIP: FINGERTIPS, UNIT_QUATERNION: HARD, CLOSED_LINKAGE: HARD}
 HARD_WEIGHT = 100.0  # of the violation of the hard group; 1 of the others
 VIOLATION_TOLERANCE = 1e-4  # relative to a constraint's scale: smaller violations count as none
 FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp is tried

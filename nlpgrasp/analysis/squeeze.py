@@ -170,9 +170,10 @@ def _joint_squeeze(
             raise InputError("hand", f"{hand.count} fingertips", f"{len(grasp)}, one a contact")
         jacobians = hand.contact_jacobians(hand.values_of(posture), grasp.points)
         names, limits = hand.loaded_joints, hand.torque_limits
+        sliding = tuple(name for name, slides in hand.sliding_joints.items() if slides)
     elif solution.squeeze is not None and solution.squeeze.joints is not None:
         joints = solution.squeeze.joints
-        jacobians, names, limits = joints.jacobians, tuple(joints.torques), joints.limits
+        jacobians, names, limits, sliding = joints.jacobians, tuple(joints.torques), joints.limits, joints.sliding
     else:
         return None
-    return JointSqueeze.of(names, wrenches, jacobians, limits, posture["joint_positions"], gain)
+    return JointSqueeze.of(names, wrenches, jacobians, limits, posture["joint_positions"], gain, sliding)

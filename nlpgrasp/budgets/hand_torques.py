@@ -43,9 +43,12 @@ class HandTorques(ForceBudget):
         self.force_limit = number("HandTorques.force_limit", force_limit, above=0.0)
 
     def check_hand(self, hand: JointedHand | None) -> None:
-        """Raise ``InputError`` for a hand without joints or without a limit for each joint that moves a contact."""
+        """Raise ``InputError`` for a hand without a limit for each joint that moves a contact, or with linkages."""
         if hand is None or not hand.loaded_joints:
             raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
+        if hand.closed_linkages:
+            given = f'"hand_torques" for a hand with closed linkages ({hand.closed_linkages[0]})'
+            raise InputError("GraspProblem.force_budget", given, "another budget: ng.squeeze states its torques")
         missing = [name for name in hand.loaded_joints if name not in hand.torque_limits]
         if missing:
             expected = "one for each joint that moves a contact, where the URDF states no effort or 0"

@@ -27,7 +27,7 @@ HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")  # end of a name that may be a has
 KINDS = {
     "a mesh": (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae"),
     "a CAD file": (".step", ".stp", ".iges", ".igs"),
-    "a hand's file": (".urdf", ".xacro", ".xml"),
+    "a hand's file": (".urdf", ".xacro", ".xml", ".mjcf"),
     "a Python script": (".py",),
     "a page": (".html",),
     "a table": (".csv",),

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.optional_packages import import_mujoco, mjcf_spec
 from nlpgrasp.common.robot_files import LARGEST_XML
 
 if TYPE_CHECKING:
@@ -27,8 +27,10 @@ try:
 except ImportError:  # on Windows
     pass
 import mujoco
+from pathlib import Path
+from nlpgrasp.common.optional_packages import mjcf_spec
 try:
-    spec = mujoco.MjSpec.from_file(sys.argv[1])
+    spec = mjcf_spec(Path(sys.argv[1]))
     spec.compiler.fusestatic = False
     mujoco.mj_saveModel(spec.compile(), sys.argv[2])
 except Exception as error:
@@ -56,7 +58,7 @@ def compile_model(path: Path) -> MjModel:
     file, digest = os.path.abspath(path), hashlib.sha256(path.read_bytes()).hexdigest()
     if digest in _compiled:
         try:
-            spec = mujoco.MjSpec.from_file(file)
+            spec = mjcf_spec(Path(file))
             spec.compiler.fusestatic = False  # every body stays a separate link
             return spec.compile()
         except mujoco.FatalError as error:

@@ -9,6 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from nlpgrasp.errors import InputError, MissingExtraError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
+    from mujoco import MjSpec
 
 
 LIGHT = np.array([0.4, 0.3, 0.85])  # direction to the light of pictures
@@ -39,6 +41,35 @@ def import_mujoco(feature: str) -> ModuleType:
         return import_module("mujoco")
     except ImportError:
         raise MissingExtraError(feature, "sim") from None
+
+
+def mjcf_spec(path: Path) -> MjSpec:
+    """Return MuJoCo's specification of an MJCF file, whatever its ending: MuJoCo itself goes by ``.xml``.
+
+    Raises
+    ------
+    ValueError
+        When MuJoCo cannot read it.
+    """
+    mujoco = import_mujoco(f"{path.name}: reading MJCF")
+    if path.suffix == ".xml":
+        return mujoco.MjSpec.from_file(str(path))
+    spec = mujoco.MjSpec.from_string(path.read_text("utf-8"), include=_included_files(path, path.parent))
+    spec.modelfiledir = str(path.parent)
+    return spec
+
+
+def _included_files(path: Path, folder: Path) -> dict[str, bytes]:
+    """Return the files that an MJCF includes, and those that they include, by name."""
+    result: dict[str, bytes] = {}
+    waiting = [path]
+    for file in waiting:
+        for element in ElementTree.fromstring(file.read_bytes()).iter("include"):  # noqa: S314  (the user's own file)
+            name = element.get("file", "")
+            if name and name not in result and (folder / name).is_file():
+                result[name] = (folder / name).read_bytes()
+                waiting.append(folder / name)
+    return result
 
 
 def import_viser(feature: str) -> ModuleType:

@@ -12,6 +12,7 @@ import numpy as np
 
 from nlpgrasp.errors import InputError
 
+MJCF_ENDINGS = (".xml", ".mjcf")  # of a file's name
 LARGEST_XML = 32 * 1024 * 1024  # bytes of a robot's file
 RADIANS_PER_DEGREE = float(np.pi / 180.0)
 

@@ -22,6 +22,7 @@ TIPS_APART = "fingertip distance"
 FINGERTIP_CLEARANCE = "room for the fingertip"
 EDGE_MARGIN = "edge margin"
 UNIT_QUATERNION = "palm quaternion of unit length"
+CLOSED_LINKAGE = "closed linkage"
 
 EDGES = f"the {EDGE_MARGIN}"  # omitted from global bounds on a mesh
 

@@ -42,6 +42,10 @@ class JointedHand(Protocol):
         """Names of the joints that move some contact; empty for a hand without joints."""
 
     @property
+    def closed_linkages(self) -> tuple[str, ...]:
+        """Names of the equations that the joints keep, where joints form loops."""
+
+    @property
     def torque_limits(self) -> Mapping[str, float]:
         """Largest torques by joint, newton-metres (newtons for sliding joints)."""
 

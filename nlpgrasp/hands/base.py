@@ -105,6 +105,11 @@ class Hand(JsonPart):
         return ()
 
     @property
+    def closed_linkages(self) -> tuple[str, ...]:
+        """Names of the equations that the joints keep, where joints form loops."""
+        return ()
+
+    @property
     def sliding_joints(self) -> dict[str, bool]:
         """Whether a joint that moves a contact is prismatic, by joint name."""
         return dict.fromkeys(self.loaded_joints, False)

@@ -79,9 +79,7 @@ def closing_widths(tree: LinkTree, fits: Mapping[str, SphereFit]) -> ClosingWidt
     """
     if not 2 <= len(tree.tips) <= MOST_TIPS:
         return ClosingWidths((), ())
-    rng = np.random.default_rng(0)
-    lower, upper = tree.joint_limits
-    joints = rng.uniform(lower, upper, (POSTURES, len(lower)))
+    joints = tree.random_joints(POSTURES, np.random.default_rng(0))
     tips, splits = tree.palm_tips(joints), _side_assignments(tree, joints)
     tree = LinkTree(tree.robot, [(link, _coarsened(tip)) for link, tip in tree.tips], tree.approach)
     postures = _Postures(joints, tips, splits)
@@ -261,6 +259,8 @@ class _Trial:
                 above = row.expression - row.upper if np.isfinite(row.upper) else 0.0
                 excess = below if row.lower == row.upper else ca.fmax(0.0, ca.fmax(below, above))
                 residuals.append(excess / row.scale)
+        if self.tree.robot.has_linkages:
+            residuals += [row.expression / LENGTH for row in self.tree.linkages.rows(variables["joints"])]
         groups = self.tree.robot.rigid_groups
         touching = {groups[link] for link, _ in self.tree.tips}
         for link, fit in fits.items():

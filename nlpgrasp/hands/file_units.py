@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlpgrasp.common.robot_files import UrdfUnits
+from nlpgrasp.common.robot_files import MJCF_ENDINGS, UrdfUnits
 from nlpgrasp.common.validation import LONGEST_BODY, TURN, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.robot import Robot
@@ -105,7 +105,7 @@ def _limit_doubts(robot: Robot) -> Iterator[UnitQuestion]:
     """Yield a doubt if most joint limits of a URDF look like degrees."""
     limits = {j.name: max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.kind == "revolute"}
     doubtful = [name for name, limit in limits.items() if TURN < limit <= MOST_DEGREES]
-    if len(doubtful) > DEGREES_SHARE * len(limits) and not robot.source.endswith(".xml"):
+    if len(doubtful) > DEGREES_SHARE * len(limits) and not robot.source.endswith(MJCF_ENDINGS):
         widest = max(limits[name] for name in doubtful)
         observation = (
             f"limits up to {widest:.4g} rad, {widest / TURN:.1f} turns ({_format_first_names('joint', doubtful)})"

@@ -139,9 +139,8 @@ def mean_finger_direction(tree: LinkTree) -> FloatArray | None:
     links = first_finger_links(tree)
     if not links or not tree.robot.free_joints:
         return None
-    lower, upper = tree.joint_limits
-    joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
-    q = ca.SX.sym("q", len(lower))
+    joints = tree.random_joints(POSTURES, np.random.default_rng(0))
+    q = ca.SX.sym("q", joints.shape[1])
     poses = link_poses(tree.robot, set(links), q)
     base_function = ca.Function("knuckles", [q], [ca.vertcat(*[poses[link][:3, 3] for link in links])])
     bases = np.asarray(base_function.map(POSTURES)(joints.T).full()).T.reshape(POSTURES, len(links), 3)

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.closed_linkages import closed_linkages, random_joints
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.file_units import SCALE_CURE
 from nlpgrasp.hands.robot import Joint, Robot, joint_motion
@@ -95,6 +96,9 @@ class _LinkEnd:
             motion = np.cross(axis, self.centre - frame[:3, 3]) if chain[-1].is_revolute else axis
             self.motion = motion / max(float(np.linalg.norm(motion)), 1e-12)
             self.closing = RANGE_WEIGHT * _range_balance(robot, chain[-1])
+        moved = closed_linkages(robot).link_motion(link, self.centre) if robot.has_linkages else None
+        if moved is not None:  # the last joint's own motion would open a linkage
+            (self.motion, self.slides), self.closing = moved, 0.0
 
     def hull_tip(self, towards_others: FloatArray) -> HullTip:
         """Return the hull fingertip of the link's end.
@@ -302,7 +306,7 @@ def _directions_to_others(robot: Robot, centres: Mapping[str, FloatArray]) -> di
     """
     ranges = [robot.ranges[joint.name] for joint in robot.free_joints]
     low, high = (np.clip([ends[side] for ends in ranges], -np.pi, np.pi) for side in (0, 1))
-    joints = np.random.default_rng(0).uniform(low, high, (POSTURES, len(ranges)))
+    joints = random_joints(robot, np.array([low, high]), POSTURES, np.random.default_rng(0))
     poses = {link: link_poses_at(robot, link, joints) for link in centres}
     places = {link: poses[link][:, :3, :3] @ centre + poses[link][:, :3, 3] for link, centre in centres.items()}
     middle = np.mean(list(places.values()), axis=0)

@@ -221,7 +221,7 @@ class InspectedHand:
         """
         lower, upper = self.tree.joint_limits if self.tree.robot.free_joints else np.zeros((2, 0))
         is_symmetric = np.abs(lower + upper) <= EVEN_RANGE * (upper - lower)
-        return np.where(is_symmetric, 0.0, lower + REST_SHARE * (upper - lower))
+        return self.tree.close(np.where(is_symmetric, 0.0, lower + REST_SHARE * (upper - lower)))
 
     @cached_property
     def proposal(self) -> TipProposal:
@@ -335,7 +335,8 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
     if not robot.free_joints:
         return [FileWarning(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
     result = [FileWarning(f"{_capitalised(text)}.") for text in modelling_warnings(robot)]
-    unlimited = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
+    limited = [*hand.torque_limits, *robot.passive]
+    unlimited = [j.name for j in robot.free_joints if j.name not in limited]
     if unlimited:
         subject = f"No effort limit at {_format_some(unlimited, 'joint')}"
         if len(unlimited) == len(robot.free_joints) > 1:

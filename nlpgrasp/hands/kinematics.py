@@ -18,12 +18,13 @@ from nlpgrasp.common.scalar_constraints import PalmPose
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.hands.closed_linkages import ClosedLinkages, random_joints
 from nlpgrasp.hands.robot import Joint, Robot
 from nlpgrasp.hands.tips import Tip
 
 ROUNDING = 1e-15  # smaller constants of a rotation are zero
 # attributes that hold CasADi functions
-COMPILED = ("link_function", "contact_function", "_tip_function", "_links_evaluator", "_tips_evaluator")
+COMPILED = ("link_function", "contact_function", "_tip_function", "_links_evaluator", "_tips_evaluator", "linkages")
 DRAWN_SHARES = (0.1, 0.7)  # part of the joint ranges, as shares, from which random postures are drawn
 
 
@@ -52,18 +53,40 @@ class LinkTree:
     def with_limits(self, limits: FloatArray) -> LinkTree:
         """Return the same tree with other limits of the free joints, (2, m)."""
         result = copy(self)
+        result.__dict__.pop("linkages", None)
         result.joint_limits = limits
         return result
 
+    @cached_property
+    def linkages(self) -> ClosedLinkages:
+        """Equations that the free joints keep."""
+        return ClosedLinkages(self.robot, self.joint_limits)
+
+    def random_joints(
+        self, count: int, rng: np.random.Generator, shares: tuple[float, float] = (0.0, 1.0)
+    ) -> FloatArray:
+        """Return random positions of the free joints, (count, m), from a part of their ranges; linkages are closed."""
+        linkages = self.linkages if self.robot.has_linkages else None
+        return random_joints(self.robot, self.joint_limits, count, rng, shares, linkages)
+
+    def close(self, joints: FloatArray) -> FloatArray:
+        """Return positions of the free joints, (..., m), moved so that linkages are closed."""
+        if not self.robot.has_linkages:
+            return joints
+        return self.linkages.close(np.atleast_2d(joints)).reshape(np.shape(joints))
+
     def joint_positions(self, joints: FloatArray) -> dict[str, float]:
-        """Return the position of every moving joint by name, given the positions of the free joints (m,)."""
+        """Return the position of every moving joint by name, given the positions of the free joints (m,).
+
+        Joints that springs hold at a limit are included.
+        """
         index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
         result = {}
         for joint in self.robot.joints:
             if joint.moves:
                 driver, multiplier, offset = self.robot.driving_joint(joint)
                 result[joint.name] = float(multiplier * joints[index[driver]] + offset)
-        return result
+        return result | self.robot.stop_positions
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body frame (symbolic)."""
@@ -125,7 +148,9 @@ class LinkTree:
 
     @cached_property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the free joints that move a contact."""
+        """Names of the free joints that move a contact; of a hand with closed linkages, of all free joints."""
+        if self.robot.has_linkages:
+            return tuple(j.name for j in self.robot.free_joints)
         moving = [joint for link, _ in self.tips for joint in self.robot.chain(link) if joint.moves]
         drivers = {self.robot.driving_joint(joint)[0] for joint in moving}
         return tuple(j.name for j in self.robot.free_joints if j.name in drivers)
@@ -171,9 +196,7 @@ class LinkTree:
     @cached_property
     def span(self) -> float:
         """Largest distance of a fingertip from the palm's origin, metres, over 500 random postures."""
-        rng = np.random.default_rng(0)
-        lower, upper = self.joint_limits
-        tips = self.palm_tips(rng.uniform(lower, upper, (500, len(lower))))
+        tips = self.palm_tips(self.random_joints(500, np.random.default_rng(0)))
         return float(np.max(np.linalg.norm(tips, axis=2)))
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
@@ -195,9 +218,7 @@ class LinkTree:
 
         The fingertips' centroid is at the given points, (count, 3).
         """
-        lower, upper = self.joint_limits
-        fractions = rng.uniform(*DRAWN_SHARES, (count, len(lower)))
-        joints = lower + fractions * (upper - lower)
+        joints = self.random_joints(count, rng, DRAWN_SHARES)
         rotations = Rotation.random(count, rng=rng)
         tips = np.einsum("bij,bkj->bki", rotations.as_matrix(), self.palm_tips(joints))
         position = around - tips.mean(axis=1)

@@ -65,8 +65,13 @@ class LinkedHand(InNotebook, PosedHand):
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the free joints that move a contact."""
-        return self.tree.loaded_joints
+        """Names of the free joints that move a contact, without the passive ones of closed linkages."""
+        return tuple(name for name in self.tree.loaded_joints if name not in self.tree.robot.passive)
+
+    @property
+    def closed_linkages(self) -> tuple[str, ...]:
+        """Names of the equations that the joints keep."""
+        return self.tree.linkages.names if self.tree.robot.has_linkages else ()
 
     @property
     def sliding_joints(self) -> dict[str, bool]:
@@ -81,10 +86,14 @@ class LinkedHand(InNotebook, PosedHand):
         return self.tree.contact_motion(variables, rates, points)
 
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return contact Jacobians (k, 6, m): twists of points (k, 3), metres, per rate of the loaded joints."""
+        """Return contact Jacobians (k, 6, m): twists of points (k, 3), metres, per rate of the loaded joints.
+
+        Passive joints of closed linkages move along, and carry no torque: by virtual work it is at the others.
+        """
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         jacobians = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
-        return np.asarray(jacobians.full()).reshape(self.count, 6, len(self.loaded_joints))
+        by_joint = np.asarray(jacobians.full()).reshape(self.count, 6, len(self.tree.loaded_joints))
+        return by_joint @ self.tree.linkages.motion_by_drives(values["joints"]) if self.tree.robot.passive else by_joint
 
     def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
         """Return random palm poses and joint positions, with the fingertips' centroid at ``around`` (count, space).
@@ -157,8 +166,7 @@ def fit_postures(
         Postures for each goal.
     rng : numpy.random.Generator
     """
-    lower, upper = tree.joint_limits
-    joints = lower + rng.uniform(*DRAWN_SHARES, (POSTURES, len(lower))) * (upper - lower)
+    joints = tree.random_joints(POSTURES, rng, DRAWN_SHARES)
     tips = tree.palm_tips(joints)
     nearest = cKDTree(_pair_distances(tips)).query(_pair_distances(places), near)[1].ravel()
     rotations, positions = fit_rigid_transforms(tips[nearest], np.repeat(places, near, axis=0))

@@ -9,13 +9,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.mjcf_model import compile_model
 from nlpgrasp.common.robot_files import UrdfUnits
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.closed_linkages import closed_linkages
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
-from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, joint_motion, raise_invalid
+from nlpgrasp.hands.robot import (
+    Closure,
+    Inertial,
+    Joint,
+    JointEquation,
+    Mimic,
+    Robot,
+    check_mimics,
+    check_ranges,
+    euler_angles,
+    fix_joint,
+    joint_motion,
+    raise_invalid,
+)
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -42,13 +57,13 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     ----------
     path : Path
     palm : str, optional
-        The body that everything else hangs from; the world's only one when left out.
+        The body that everything else hangs from, or ``"world"``; the world's only one when left out.
 
     Raises
     ------
     InputError
-        When MuJoCo cannot read the file, the palm is no body, a joint below it is a ball or free, slides without
-        limits, or follows another by anything but a straight line.
+        When MuJoCo cannot read the file, the palm is no body, a joint below it is a ball or free or slides without
+        limits, an equality cannot be stated, or a linkage does not close.
     MissingExtraError
         Without MuJoCo (extra ``sim``).
     """
@@ -80,7 +95,7 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     )
     robot = add_couplings(path, model, robot)
     robot = replace(robot, joints=tuple(with_finite_limits(path, joint) for joint in robot.joints))
-    robot = add_effort_limits(model, robot)
+    robot = add_effort_limits(model, add_passive_joints(model, robot))
     check_ranges(path, robot)
     return robot
 
@@ -128,18 +143,23 @@ def _compile_model(path: Path) -> MjModel:
 
 
 def _palm_body(path: Path, model: MjModel, palm: str | None) -> int:
-    """Return the index of the palm's body: the one with the given name, or the world's only child."""
+    """Return the index of the palm's body: the one with the given name, or the world's only child.
+
+    The world is a palm only by its name: a floor may be part of it.
+    """
     names = [body_name(model, body) for body in range(model.nbody)]
     if palm is not None:
-        if palm not in names[1:]:
-            raise_invalid(path, f"palm {palm!r}", "a body of the file: " + ", ".join(names[1:]))
+        if palm not in names:
+            raise_invalid(path, f"palm {palm!r}", "a body of the file: " + ", ".join([*names[1:], names[0]]))
         return names.index(palm)
     roots = [int(body) for body in np.flatnonzero(model.body_parentid == 0) if body > 0]
     if not roots:
         raise_invalid(path, "no <body>", "a hand with bodies")
     if len(roots) > 1:
         raise_invalid(
-            path, "bodies " + ", ".join(names[b] for b in roots) + " side by side", "palm=, the hand's own body"
+            path,
+            "bodies " + ", ".join(names[b] for b in roots) + " side by side",
+            f"palm=, the hand's own body, or {names[0]!r}, if all of them are fingers",
         )
     return roots[0]
 
@@ -182,12 +202,6 @@ def read_joints(path: Path, model: MjModel, body: int) -> list[Joint]:
         xyz, rpy, axis = frame[:3, 3].copy(), euler_angles(frame[:3, :3]), np.array([1.0, 0.0, 0.0])
         result.append(Joint(f"{name}/fixed", "fixed", parent, name, xyz, rpy, axis, 0.0, 0.0))
     return result
-
-
-def fix_joint(joint: Joint, position: float) -> Joint:
-    """Return a joint fixed at a position, radians or metres."""
-    moved = joint.frame @ joint_motion(joint.kind == "prismatic", joint.axis, position)
-    return replace(joint, kind="fixed", xyz=moved[:3, 3].copy(), rpy=euler_angles(moved[:3, :3]), lower=0.0, upper=0.0)
 
 
 def with_finite_limits(path: Path, joint: Joint) -> Joint:
@@ -290,16 +304,18 @@ def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
 
 
 def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with its couplings of two joints as mimic joints.
+    """Return the robot with the file's equality constraints.
 
-    An equality of two joints makes the first follow the second; a coupling along a curve raises. A tendon of two joints
-    with an equality makes the later joint of the file follow the earlier one, where their limits leave both a range.
-    Other couplings by tendons are left out, and listed in the robot.
+    A linear equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the
+    later joint of the file follow the earlier one, where their limits leave both a range. Other equalities of joints,
+    and of fixed tendons, are equations; connects and welds of its links are closures. Couplings by tendons without an
+    equality are left out, and listed in the robot.
 
     Raises
     ------
     InputError
-        On joints that follow another by a curve, two others, or one that is not below the palm.
+        On equalities of a flex, of spatial tendons or of two tendons along a curve, on joints that follow one that is
+        not below the palm, and on moving links that are held to a body that is not.
     """
     active = [e for e in range(model.neq) if model.eq_active0[e]]
     for e in active:
@@ -307,19 +323,23 @@ def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
             robot = _couple_joint(path, model, robot, e)
     check_mimics(path, robot.joints)
     tendons = read_tendons(model, robot)
-    coupled = set()
+    stated, unstated = set[int](), set[int]()
     for e in active:
-        tendon = int(model.eq_obj1id[e])
-        if int(model.eq_type[e]) == TENDON and tendon in tendons and int(model.eq_obj2id[e]) < 0:
-            coupled_robot = _couple_by_tendon(robot, tendons[tendon], float(model.eq_data[e][0]))
-            if coupled_robot is not None:
-                robot = coupled_robot
-                coupled.add(tendon)
-    constrained = {
-        int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
-    }
-    phrases = [t.describe() for i, t in tendons.items() if i not in coupled and (i in constrained or t.couples(robot))]
-    return replace(robot, unmodelled_couplings=tuple(phrases), open_loops=tuple(_describe_loops(model, robot, active)))
+        kind, ends = int(model.eq_type[e]), (int(model.eq_obj1id[e]), int(model.eq_obj2id[e]))
+        if kind == TENDON and set(ends) & set(tendons):
+            pair = len(tendons[ends[0]].arms) == 2 and ends[1] < 0 if ends[0] in tendons else False
+            coupled = _couple_by_tendon(robot, tendons[ends[0]], float(model.eq_data[e][0])) if pair else None
+            if pair and coupled is None:  # their limits leave no range
+                unstated.add(ends[0])
+                continue
+            robot = coupled or _with_equation(robot, _tendon_equation(path, model, robot, tendons, e))
+            stated |= set(ends)
+        elif kind in (CONNECT, WELD):
+            robot = _close_loop(path, model, robot, e)
+        elif kind > TENDON:
+            raise_invalid(path, f"an equality of a flex (number {e})", "equalities of bodies, joints and fixed tendons")
+    phrases = [t.describe() for i, t in tendons.items() if i in unstated or (i not in stated and t.couples(robot))]
+    return replace(robot, unmodelled_couplings=tuple(phrases))
 
 
 def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
@@ -331,17 +351,21 @@ def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Ro
         return robot
     if name not in joints or (other and other not in joints):
         raise_invalid(path, f"joint {name} that follows {other}", "both of them below the palm")
-    if joints[name].mimic is not None or not joints[name].moves:
-        raise_invalid(path, f"joint {name} that follows two others", "one equality for a joint")
+    if not joints[name].moves or (other and not joints[other].moves):
+        raise_invalid(path, f"joint {name} of several equalities, one of which fixes it", "one equality for a joint")
     # MuJoCo: q - qpos0 = a0 + a1 (q' - qpos0') + a2 (q' - qpos0')^2 + ..., with q' of the joint that is followed
     a = np.array(model.eq_data[equality][:5])
     start = float(model.qpos0[model.jnt_qposadr[first]])
-    if not other:
+    if not other and joints[name].mimic is None:
         return _replace_joint(robot, fix_joint(joints[name], start + float(a[0])))
-    if np.any(a[2:]):
-        raise_invalid(
-            path, f"joint {name} that follows {other} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone"
-        )
+    if not other or np.any(a[2:]) or joints[name].mimic is not None:
+        polynomials: dict[str, tuple[float, ...]] = {name: (-start, 1.0)}
+        if other:
+            zero = float(model.qpos0[model.jnt_qposadr[second]])
+            polynomials[other] = tuple(float(c) for c in -Polynomial(a)(Polynomial([-zero, 1.0])).coef)
+        else:
+            polynomials[name] = (-start - float(a[0]), 1.0)
+        return _with_equation(robot, JointEquation(f"joint {name} that follows {other or 'a number'}", polynomials))
     offset = start + float(a[0] - a[1] * model.qpos0[model.jnt_qposadr[second]])
     return _replace_joint(robot, replace(joints[name], mimic=Mimic(other, float(a[1]), offset)))
 
@@ -366,19 +390,61 @@ def _replace_joint(robot: Robot, joint: Joint) -> Robot:
     return replace(robot, joints=tuple(joint if j.name == joint.name else j for j in robot.joints))
 
 
-def _describe_loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
-    """Return a phrase for each closed kinematic loop: a connect or weld constraint between bodies of the hand."""
-    phrases = []
-    for e in active:
-        if int(model.eq_type[e]) in (CONNECT, WELD):
-            bodies = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
-            if int(model.eq_objtype[e]) == SITE:
-                bodies = [int(model.site_bodyid[end]) for end in bodies]
-            names = [body_name(model, end) for end in bodies]
-            if any(name in robot.links and name != robot.root for name in names):
-                element = "weld" if int(model.eq_type[e]) == WELD else "connect"
-                phrases.append(f"<{element}> of bodies {names[0]} and {names[1]}")
-    return phrases
+def _with_equation(robot: Robot, equation: JointEquation) -> Robot:
+    """Return the robot with one more equation of its joints."""
+    return replace(robot, equations=(*robot.equations, equation))
+
+
+def _tendon_equation(
+    path: Path, model: MjModel, robot: Robot, tendons: Mapping[int, Tendon], equality: int
+) -> JointEquation:
+    """Return the equation of an equality of one or two fixed tendons.
+
+    With lengths L and L' and their values L0 and L0' in the reference position, MuJoCo states
+    ``L - L0 = a0 + a1 (L' - L0')``.
+    """
+    first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+    followed = f" that follows {tendon_name(model, second)}" if second >= 0 else ""
+    name = f"tendon {tendon_name(model, first)}{followed}"
+    a, moving = np.array(model.eq_data[equality][:5]), {joint.name for joint in robot.joints if joint.moves}
+    factors = {first: 1.0, **({second: -float(a[1])} if second >= 0 else {})}
+    if second >= 0 and np.any(a[2:]):
+        raise_invalid(path, f"{name} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone")
+    if any(i not in tendons or not tendons[i].arms or not set(tendons[i].arms) <= moving for i in factors):
+        raise_invalid(path, f"an equality of {name}", "fixed tendons of moving joints below the palm")
+    rates: dict[str, float] = {}
+    for i, factor in factors.items():
+        for joint, arm in tendons[i].arms.items():
+            rates[joint] = rates.get(joint, 0.0) + factor * arm
+    constant = -float(a[0]) - sum(factor * tendons[i].rest for i, factor in factors.items())
+    first_joint = next(iter(rates))
+    return JointEquation(name, {j: (constant if j == first_joint else 0.0, rate) for j, rate in rates.items()})
+
+
+def _close_loop(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
+    """Return the robot with the closure of a connect or weld of two bodies or sites.
+
+    What holds the palm, or bodies outside the hand, is left out: the palm's pose is a variable.
+    """
+    ends, data = (int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])), model.eq_data[equality]
+    is_rigid = int(model.eq_type[equality]) == WELD
+    if int(model.eq_objtype[equality]) == SITE:
+        bodies = [int(model.site_bodyid[site]) for site in ends]
+        frames = [transform(model.site_pos[site], model.site_quat[site]) for site in ends]
+    elif is_rigid:  # the second body's frame at a point of its own, and its pose in the first
+        bodies, frames = list(ends), [transform(data[3:6], data[6:10]), transform(data[:3])]
+    else:
+        bodies, frames = list(ends), [transform(data[:3]), transform(data[3:6])]
+    one, other = (body_name(model, body) for body in bodies)
+    name = f"<{'weld' if is_rigid else 'connect'}> of bodies {one} and {other}"
+    groups = robot.rigid_groups
+    inside = [link for link in (one, other) if link in groups]
+    if len(inside) == 1 and groups[inside[0]] != robot.root:
+        raise_invalid(path, f"{name}, of which one is not below {robot.root}", "equalities of bodies of the hand")
+    if len(inside) < 2 or groups[one] == groups[other]:
+        return robot
+    closure = Closure(name, (one, other), (frames[0], frames[1]), is_rigid)
+    return replace(robot, closures=(*robot.closures, closure))
 
 
 @dataclass(frozen=True)
@@ -449,6 +515,39 @@ def tendon_moment_arms(model: MjModel, tendon: int) -> dict[str, float]:
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     wraps = [w for w in range(first, first + count) if int(model.wrap_type[w]) == WRAP_JOINT]
     return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
+
+
+def add_passive_joints(model: MjModel, robot: Robot) -> Robot:
+    """Return the robot with the joints of its linkages that move along: at the stops of springs, or with the others.
+
+    They are joints that no actuator moves. What linkages leave free is taken to be driven, and listed in the robot if
+    the file has actuators. Stops are known where all actuators act by joints and fixed tendons.
+
+    Raises
+    ------
+    InputError
+        Where a linkage does not close within the limits of its joints.
+    """
+    if not (robot.has_linkages and robot.free_joints):
+        return robot
+    joints = {joint.name: joint for joint in robot.joints if joint.moves}
+    arms = [_actuator_moment_arms(model, a) for a in range(model.nu)]
+    driven = {robot.driving_joint(joints[name])[0] for by_joint in arms for name in by_joint if name in joints}
+    undriven = tuple(joint.name for joint in robot.free_joints if joint.name not in driven)
+    springs = {}
+    for j in range(model.njnt):
+        stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
+        if joint_name(model, j) in undriven and stiffness > 0.0:
+            springs[joint_name(model, j)] = stiffness, float(model.qpos_spring[model.jnt_qposadr[j]])
+    robot = replace(robot, passive=undriven, springs=springs)
+    stops = closed_linkages(robot).spring_stops() if driven and all(arms) else {}
+    for name, stop in stops.items():
+        robot = _replace_joint(robot, fix_joint(joints[name], stop))
+    moving = [name for name in undriven if name not in stops]
+    passive = closed_linkages(robot).determined_joints(moving)
+    assumed = tuple(name for name in moving if name not in passive) if driven else ()
+    stopped = tuple((joints[name], stop) for name, stop in stops.items())
+    return replace(robot, passive=passive, stops=stopped, assumed_drives=assumed)
 
 
 def add_effort_limits(model: MjModel, robot: Robot) -> Robot:
@@ -533,10 +632,3 @@ def transform(position: FloatArray, quaternion: FloatArray | None = None) -> Flo
     if quaternion is not None:
         pose[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     return pose
-
-
-def euler_angles(rotation: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity as well."""
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
-    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])

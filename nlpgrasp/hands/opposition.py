@@ -58,8 +58,7 @@ def opposition(tree: LinkTree, rest_posture: FloatArray) -> Opposition:
 def opposed_tips(tree: LinkTree, rest_posture: FloatArray) -> tuple[int, ...]:
     """Return the fingertips that face another fingertip in some posture; arguments as in ``opposition``."""
     distances = TipDistances(tree)
-    lower, upper = tree.joint_limits
-    alignment = mean_alignment(tree, np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower))))
+    alignment = mean_alignment(tree, tree.random_joints(SAMPLES, np.random.default_rng(0)))
     opposed: set[int] = set()
     for pair in sorted(combinations(range(len(tree.tips)), 2), key=lambda pair: float(alignment[pair])):
         if not opposed.issuperset(pair) and _can_face(distances, pair, rest_posture):
@@ -191,6 +190,7 @@ def _random_search(
     moving = distances.moving(fingers)
     joints = np.repeat(rest_posture[None], SAMPLES, axis=0)
     joints[:, moving] = rng.uniform(lower[moving], upper[moving], (SAMPLES, len(moving)))
+    joints = distances.tree.close(joints)
     values = objective(joints)
     width = FIRST_WIDTH
     for _ in range(rounds if len(moving) else 0):
@@ -201,6 +201,7 @@ def _random_search(
         perturbed = np.repeat(joints, SAMPLES // KEPT_SAMPLES // 2, axis=0)
         steps = width * (upper - lower)[moving] * rng.standard_normal((len(perturbed), len(moving)))
         perturbed[:, moving] = np.clip(perturbed[:, moving] + steps, lower[moving], upper[moving])
+        perturbed = distances.tree.close(perturbed)
         joints = np.concatenate([joints, perturbed])
         values = np.concatenate([values, objective(perturbed)])
         width *= SHRINK

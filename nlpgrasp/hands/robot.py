@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
@@ -79,6 +79,43 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Closure:
+    """Two frames, on two links, that a file holds together: a loop of the links.
+
+    Parameters
+    ----------
+    name : str
+        A phrase such as ``"<connect> of bodies a and b"``.
+    links : tuple of two str
+    frames : tuple of two (4, 4) arrays
+        Each in its link's frame, metres.
+    is_rigid : bool
+        Whether the frames' directions are held together as well (a weld), or their origins alone (a connect).
+    """
+
+    name: str
+    links: tuple[str, str]
+    frames: tuple[FloatArray, FloatArray]
+    is_rigid: bool = False
+
+
+@dataclass(frozen=True)
+class JointEquation:
+    """A sum of polynomials of joint positions that a file holds at zero.
+
+    Parameters
+    ----------
+    name : str
+        A phrase such as ``"joint a that follows b by a polynomial"``.
+    polynomials : mapping of str to tuple of float
+        By joint, its coefficients in ascending order; constants may be spread over the joints.
+    """
+
+    name: str
+    polynomials: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
 class Robot:
     """The links below a palm link and the joints between them.
 
@@ -107,14 +144,28 @@ class Robot:
         Couplings of joints in the file that are left out, a phrase each.
     units : UrdfUnits
         Units of the file's numbers; all values here are metres and radians.
-    open_loops : tuple of str
-        What closes linkages in the file and is left out, a phrase each.
+    mimicked_loops : tuple of str
+        Closed linkages of a URDF that its mimic joints are taken to keep, a phrase each.
     unreadable : tuple of str
         Links whose collision shapes are all among the missing ones.
     empty_ranges : tuple of str
         Mimic joints with a range from 0 to 0, which is taken as none.
     path : Path, optional
         Of that file, where it was read from a file.
+    closures : tuple of Closure
+        What closes loops of its links.
+    equations : tuple of JointEquation
+        Couplings of joints that are no mimic relations.
+    passive : tuple of str
+        Free joints that no actuator of the file moves, and that closures or equations move with the others.
+    springs : mapping of str to pair of float
+        Stiffness (newton-metres a radian, newtons a metre) and rest position of the springs at joints of a hand with
+        closures or equations, if no actuator moves them.
+    stops : tuple of (Joint, float)
+        Joints without an actuator that springs hold at a limit, with that limit: among ``joints`` they are fixed
+        there, unless the robot is ``released``.
+    assumed_drives : tuple of str
+        Free joints that no actuator of the file moves, nor closures or equations with the others.
     """
 
     name: str
@@ -129,10 +180,16 @@ class Robot:
     negated_limits: tuple[str, ...] = ()
     unmodelled_couplings: tuple[str, ...] = ()
     units: UrdfUnits = SI
-    open_loops: tuple[str, ...] = ()
+    mimicked_loops: tuple[str, ...] = ()
     unreadable: tuple[str, ...] = ()
     empty_ranges: tuple[str, ...] = ()
     path: Path | None = None
+    closures: tuple[Closure, ...] = ()
+    equations: tuple[JointEquation, ...] = ()
+    passive: tuple[str, ...] = ()
+    springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    stops: tuple[tuple[Joint, float], ...] = ()
+    assumed_drives: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
@@ -186,9 +243,29 @@ class Robot:
         return pose
 
     def adjacent(self, a: str, b: str) -> bool:
-        """Return whether two links have exactly one moving joint between them."""
+        """Return whether one moving joint, or one that closes a loop, is between two links."""
         groups = self.rigid_groups
-        return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
+        ends = [*((j.parent, j.child) for j in self.joints if j.moves), *(closure.links for closure in self.closures)]
+        return any({groups[a], groups[b]} == {groups[one], groups[other]} for one, other in ends)
+
+    @property
+    def stop_positions(self) -> dict[str, float]:
+        """Positions of the joints that springs hold at a limit."""
+        return {joint.name: position for joint, position in self.stops}
+
+    def released(self) -> Robot:
+        """Return the robot with the joints moving that springs hold at a limit."""
+        moving = {joint.name: joint for joint, _ in self.stops}
+        return replace(
+            self,
+            joints=tuple(moving.get(joint.name, joint) for joint in self.joints),
+            passive=(*self.passive, *moving),
+        )
+
+    @property
+    def has_linkages(self) -> bool:
+        """Whether the free joints have to keep equations."""
+        return bool(self.closures or self.equations)
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float, str]]:
@@ -250,6 +327,19 @@ class Inertial:
     mass: float
     center: FloatArray
     inertia: FloatArray
+
+
+def fix_joint(joint: Joint, position: float) -> Joint:
+    """Return a joint fixed at a position, radians or metres."""
+    moved = joint.frame @ joint_motion(joint.kind == "prismatic", joint.axis, position)
+    return replace(joint, kind="fixed", xyz=moved[:3, 3].copy(), rpy=euler_angles(moved[:3, :3]), lower=0.0, upper=0.0)
+
+
+def euler_angles(rotation: FloatArray) -> FloatArray:
+    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity as well."""
+    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
 
 
 def joint_motion(slides: bool, axis: FloatArray, position: float | FloatArray) -> FloatArray:

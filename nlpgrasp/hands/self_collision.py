@@ -78,10 +78,8 @@ class LinkPair:
 
 def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
     """Return the links' poses for random joint positions, (samples, 4, 4) each, palm frame."""
-    names, limits = tree.used_links, tree.joint_limits
-    rng = np.random.default_rng(0)
-    joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
-    poses = tree.palm_poses(joints)
+    names = tree.used_links
+    poses = tree.palm_poses(tree.random_joints(SAMPLES, np.random.default_rng(0)))
     return {name: poses[:, names.index(name)] for name in fits}
 
 

@@ -247,8 +247,7 @@ def _followers(tree: LinkTree, joined: bool = False) -> set[int]:
     those whose links are joined to the other's finger instead: rods and couplers of a linkage, moved by joints of their
     own where the file's tree leaves the linkage open.
     """
-    lower, upper = tree.joint_limits
-    joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
+    joints = tree.random_joints(POSTURES, np.random.default_rng(0))
     alignment = mean_alignment(tree, joints)
     reach = np.mean(np.linalg.norm(tree.palm_tips(joints), axis=2), axis=0)
     drivers = [driving_joints(tree.robot, link) for link, _ in tree.tips]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.registry import incomplete_data
+from nlpgrasp.common.robot_files import MJCF_ENDINGS
 from nlpgrasp.common.scalar_constraints import UNIT_QUATERNION, LinkSphere, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.user_warnings import warn
@@ -204,10 +205,12 @@ class URDFHand(LinkedHand):
         UserWarning
             On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
             links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
-            limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints, and on what closes
-            linkages in a file: they are not modelled. On an MJCF whose joints hardly turn: its limits may be radians
-            without stating so. On meshes far longer than the joints are apart, or far shorter, and on limits beyond a
-            full turn: their units may be others.
+            limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints without an
+            equality: they are not modelled. On joints of its linkages that no actuator moves: they are taken to be
+            driven, or kept at a limit where springs hold them. On linkages that a URDF closes and its mimic joints have
+            to keep. On an MJCF whose joints hardly turn: its limits may be radians without stating so. On meshes far
+            longer than the joints are apart, or far shorter, and on limits beyond a full turn: their units may be
+            others.
         """
         return cls.from_robot(
             read_robot(path, palm, check_units(scale, degrees)),
@@ -306,12 +309,14 @@ class URDFHand(LinkedHand):
         return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return the constraints: unit quaternion, contacts on fingertips, and self-collision unless disabled."""
+        """Return the constraints: unit quaternion, contacts on fingertips, linkages, self-collision if enabled."""
         rows = [ScalarConstraint(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
             rows += tip.rows(SymbolicTouch(link, i, poses[link], p, n, slide, placement.size))
+        if self.robot.has_linkages:
+            rows += self.tree.linkages.rows(variables["joints"])
         if self.self_collision:
             rows += tip_clearance_constraints(self.tree, variables)
         rows += self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
@@ -374,6 +379,8 @@ class URDFHand(LinkedHand):
             "self_collision": self.self_collision,
             "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
             "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
+            **({"stops": self.robot.stop_positions} if self.robot.stops else {}),
+            **({"passive": list(self.robot.passive)} if self.robot.passive else {}),
             "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
@@ -520,12 +527,15 @@ def modelling_warnings(robot: Robot) -> list[str]:
         result.append(f"joints whose limits leave one position do not move: {', '.join(still)}")
     if robot.unmodelled_couplings:
         result.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled_couplings)}")
-    if robot.open_loops:
-        text = "closed linkages are left open, so that their joints move on their own"
-        result.append(f"{text}: {'; '.join(robot.open_loops)} ignored")
+    if robot.stops:
+        result.append(f"joints are kept at the limits where springs hold them: {', '.join(robot.stop_positions)}")
+    if robot.assumed_drives:
+        result.append(f"joints that no actuator moves are taken to be driven: {', '.join(robot.assumed_drives)}")
+    if robot.mimicked_loops:
+        result.append(f"closed linkages that mimic joints are taken to keep: {'; '.join(robot.mimicked_loops)}")
     turning = [joint for joint in robot.free_joints if joint.kind == "revolute"]
     widest = max((max(abs(j.lower), abs(j.upper)) for j in turning), default=0.0)
-    if robot.source.endswith(".xml") and 0.0 < widest < MEANT_AS_RADIANS:
+    if robot.source.endswith(MJCF_ENDINGS) and 0.0 < widest < MEANT_AS_RADIANS:
         element = '<compiler angle="radian"/>, without which MuJoCo reads degrees'
         result.append(f"no joint turns by more than {np.degrees(widest):.3g} degrees: the file may lack {element}")
     return result

@@ -40,8 +40,8 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
     Raises
     ------
     InputError
-        When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, a
-        number cannot be read, or the palm is not a link.
+        When the file is missing, is not a URDF, its joints do not make a tree, or extensions close a loop of joints
+        that move on their own, limits are upside down, a number cannot be read, or the palm is not a link.
     MissingExtraError
         When a collision mesh needs a package that is not installed.
     """
@@ -64,7 +64,6 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
     unreadable = tuple(name for name in order if name not in shapes and elements[name].find("collision") is not None)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     name = root.get("name", source.stem)
-    loops = tuple(_closed_loops(root, order))
     robot = Robot(
         name,
         start,
@@ -77,12 +76,11 @@ def read_urdf(path: str | Path, palm: str | None = None, units: UrdfUnits = SI) 
         shapeless,
         negated,
         units=units,
-        open_loops=loops,
         unreadable=unreadable,
         empty_ranges=tuple(edge.name for edge in joint_edges if _has_empty_range(edge.element)),
     )
     check_ranges(source, robot)
-    return robot
+    return replace(robot, mimicked_loops=_mimicked_loops(source, root, robot))
 
 
 def urdf_visible_shapes(path: Path, names: Sequence[str], units: UrdfUnits) -> dict[str, tuple[CollisionShape, ...]]:
@@ -246,11 +244,32 @@ def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     return roots[0]
 
 
-def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
-    """Yield a phrase for each URDF extension that closes a loop between links of the hand.
+def _mimicked_loops(source: Path, root: ET.Element, robot: Robot) -> tuple[str, ...]:
+    """Return a phrase for each loop of links that an extension of URDF closes and one free joint moves.
 
-    These are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
+    Such are <loop_joint>, and a <joint> within <gazebo> or a <connect> or <weld> within <mujoco>, of those programs.
+
+    Raises
+    ------
+    InputError
+        On a loop that several free joints move.
     """
+    result = []
+    for phrase, names in _closed_loops(root):
+        inside = [name for name in names if name in robot.links]
+        if not set(inside) - {robot.root}:
+            continue
+        joints = {joint.name: joint for name in inside for joint in robot.chain(name) if joint.moves}
+        drivers = {robot.driving_joint(joint)[0] for joint in joints.values()}
+        if len(inside) < len(names) or len(drivers) > 1:
+            cure = "a tree with <mimic> joints, or the hand's MJCF, of which <connect> is an equation"
+            raise_invalid(source, f"a closed linkage: {phrase}", cure)
+        result.append(phrase)
+    return tuple(result)
+
+
+def _closed_loops(root: ET.Element) -> Iterator[tuple[str, list[str]]]:
+    """Yield a phrase, and the two links, of each URDF extension that closes a loop."""
     nested = [
         (f"{outer}//{tag}", tag) for outer, tag in (("gazebo", "joint"), ("mujoco", "connect"), ("mujoco", "weld"))
     ]
@@ -261,8 +280,7 @@ def _closed_loops(root: ET.Element, links: Sequence[str]) -> Iterator[str]:
                 if end.tag in ("parent", "child", "link1", "link2"):
                     ends.append(end.get("link") or (end.text or "").strip())
             names = [name for name in ends if name]
-            if set(names) & set(links[1:]):
-                yield f"<{tag}> of links {' and '.join(names)}"
+            yield f"<{tag}> of links {' and '.join(names)}", names
 
 
 def _subtree(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:

@@ -194,14 +194,15 @@ def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor:
     postures, is_free, blocked_by, leg_count = list[PathPosture](), np.ones(len(lower), bool), "", 0
     while not postures or is_free.any():
         start = postures[-1].values if postures else grasp
-        leg = follow_straight_path(model, _straight_motion(start, goal, is_free), limits)
+        leg = follow_straight_path(model, _straight_motion(model, start, goal, is_free), limits)
         if not leg.postures:
             return OpeningPath((), leg.blocked_by)
         leg_count += len(leg.postures) > 1
         postures += leg.postures[1:] if postures else leg.postures
         _drop_penetrating(model, postures)
         blocked_by = blocked_by or leg.blocked_by
-        if not np.any(is_free & leg.moving_joints):  # no obstruction, or none that a free joint moves
+        # no obstruction, or none that a free joint moves; joints of a linkage do not stop on their own
+        if not np.any(is_free & leg.moving_joints) or model.hand.closed_linkages:
             break
         is_free &= ~leg.moving_joints
     return OpeningPath(tuple(postures), "" if len(postures) > 1 else blocked_by, leg_count <= 1)
@@ -217,7 +218,7 @@ def open_hand_straight(model: CollisionModel, grasp: Values, pregrasp: Values, f
         return opening
     goal, is_free = opening.values, np.ones(len(grasp["joints"]), bool)
     limits = partial(_clearance_limits, model, model.pair_mask())
-    path = follow_straight_path(model, _straight_motion(grasp, goal, is_free), limits)
+    path = follow_straight_path(model, _straight_motion(model, grasp, goal, is_free), limits)
     postures = list(path.postures)
     _drop_penetrating(model, postures)
     return OpeningPath(tuple(postures), "" if len(postures) > 1 else path.blocked_by)
@@ -336,16 +337,19 @@ def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPost
     return limits
 
 
-def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
+def _straight_motion(
+    model: CollisionModel, start: Values, goal: Values, is_free: BoolArray
+) -> Callable[[float], Values]:
     """Return a function from fraction to variables: the straight path of the free joints to their goal.
 
-    The palm moves only while all joints are free.
+    The palm moves only while all joints are free. Joints of linkages leave the line as far as these stay closed.
     """
     targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
     targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]
 
     def posture(fraction: float) -> Values:
-        return {**start, **{name: start[name] + fraction * (end - start[name]) for name, end in targets.items()}}
+        moved = {name: start[name] + fraction * (end - start[name]) for name, end in targets.items()}
+        return {**start, **moved, "joints": model.hand.tree.close(moved["joints"])}
 
     return posture
 

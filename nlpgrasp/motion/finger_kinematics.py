@@ -10,6 +10,7 @@ import numpy as np
 
 from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore_feasibility, step_bounds
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.tips import SymbolicTouch
@@ -70,6 +71,9 @@ class FingerJoints:
     def __init__(self, hand: URDFHand, finger: int, surroundings: CollisionModel, size: float) -> None:
         self.hand, self.finger, self.size = hand, finger, size
         robot = hand.robot
+        if hand.closed_linkages:
+            given = f"a hand with closed linkages ({hand.closed_linkages[0]})"
+            raise InputError("GraspProblem.hand", given, "a hand whose fingers move by joints of their own")
         moving_joints = [{robot.driving_joint(j)[0] for j in robot.chain(link) if j.moves} for link, _ in hand.tips]
         others = set().union(*(names for i, names in enumerate(moving_joints) if i != finger))
         names = moving_joints[finger] - others

@@ -31,6 +31,7 @@ from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.problem.problem import GraspProblem
 
 TOLERANCE = 1e-3  # tolerated penetration of a sphere, as a share of the hand's span
+CURVED = 1.5  # longest path of a joint in a linkage between two near postures, over the straight one
 TIP_SHARE = 0.2  # tolerated penetration of a round tip in the body, as a share of its radius, as in the program
 
 
@@ -243,10 +244,12 @@ class LinkSphereModel:
     def path_length_bounds(self, before: Values, after: Values) -> FloatArray:
         """Return a bound on each centre's path length between two postures, (s,), metres.
 
-        The path is straight in joint space. The palm may move along, but not turn.
+        The path is straight in joint space, or near to that where linkages stay closed. The palm may move along, but
+        not turn.
         """
         shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
-        joint_changes = np.abs(after["joints"] - before["joints"])
+        curved = CURVED if self.hand.closed_linkages else 1.0
+        joint_changes = curved * np.abs(after["joints"] - before["joints"])
         slide_change = float(np.max(np.abs(after["slides"] - before["slides"]))) if "slides" in after else 0.0
         return np.asarray(
             self.motion_bounds @ joint_changes + shift + self._sliding * slide_change * self.hand.tree.span

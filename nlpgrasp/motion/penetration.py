@@ -307,8 +307,7 @@ class SelfPenetration:
     def _is_permanent(self, pair: tuple[str, str]) -> bool:
         """Return whether two links overlap in nearly all random postures."""
         if pair not in self._permanent:
-            lower, upper = self._tree.joint_limits
-            postures = np.random.default_rng(0).uniform(lower, upper, (RANDOM_POSTURES, len(lower)))
+            postures = self._tree.random_joints(RANDOM_POSTURES, np.random.default_rng(0))
             free, most_free = 0, (1.0 - PERMANENT) * RANDOM_POSTURES
             for joints in postures:
                 free += self._depths(joints, pair).get(pair, 0.0) <= LEAST_DEPTH

@@ -53,7 +53,7 @@ class HandWorkspace:
     def __init__(self, problem: GraspProblem, hand: HandFunctions, rows: ConstraintValues) -> None:
         self._hand, self._tree = hand, hand.posed_hand.tree
         lower, upper = self._tree.joint_limits
-        self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
+        self.joints = self._tree.random_joints(POSTURES, np.random.default_rng(0), SHARES)
         tips, self._normals = self._tree.palm_tips(self.joints), self._tree.palm_normals(self.joints)
         self._in_cells = [_grid_neighbours(tips[:, i]) for i in range(tips.shape[1])]
         middle = 0.5 * (lower + upper)
@@ -112,7 +112,8 @@ class HandWorkspace:
             [self.joints[postures[sample]] for postures, sample in zip(reach.postures, samples, strict=True)]
         )
         count = np.sum(self._moves, axis=0)
-        return np.where(count > 0, np.sum(by_finger * self._moves, axis=0) / np.maximum(count, 1), otherwise)
+        mean = np.where(count > 0, np.sum(by_finger * self._moves, axis=0) / np.maximum(count, 1), otherwise)
+        return self._tree.close(mean)
 
     def _clearance(self, links: _Links, centres: FloatArray, palm: FloatArray) -> FloatArray:
         """Return the distance of link spheres at centres (b, s, 3) from the body, less the required one, (b, s)."""

@@ -266,9 +266,9 @@ def postures(hand: InspectedHand, opposition: Opposition | None) -> Json:
         lower, upper = hand.tree.joint_limits
         zero = np.clip(0.0, lower, upper)
         positions |= {
-            "zero": rounded_list(zero),
-            "lower limits": rounded_list(lower),
-            "upper limits": rounded_list(upper),
+            "zero": rounded_list(hand.tree.close(zero)),
+            "lower limits": rounded_list(hand.tree.close(lower)),
+            "upper limits": rounded_list(hand.tree.close(upper)),
         }
     for meeting in () if opposition is None else (*opposition.pairs, *opposition.separated):
         positions[posture_name(meeting.fingers)] = rounded_list(meeting.joints)

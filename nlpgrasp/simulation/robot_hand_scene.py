@@ -20,8 +20,9 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.closed_linkages import closed_linkages
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.robot import Inertial, Joint, Robot
+from nlpgrasp.hands.robot import Inertial, Joint, JointEquation, Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_inertials
 from nlpgrasp.simulation.fingertip_scene import (
     DENSITY,
@@ -278,7 +279,7 @@ class HandSceneOptions:
 
 
 def read_hand(urdf: str | Path, palm: str, units: UrdfUnits) -> Robot:
-    """Return the robot below the palm of a solution's hand, read from the hand's file.
+    """Return the robot below the palm of a solution's hand, read from the hand's file, with all of its joints moving.
 
     Raises
     ------
@@ -287,7 +288,7 @@ def read_hand(urdf: str | Path, palm: str, units: UrdfUnits) -> Robot:
     """
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
-    return read_robot(urdf, palm, units)
+    return read_robot(urdf, palm, units).released()
 
 
 def _require_joints(robot: Robot, joints: Mapping[str, float], urdf: str | Path) -> None:
@@ -393,7 +394,8 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
         body = SubElement(parent, "body", {"name": PREFIX + link, "gravcomp": "1", **pose})
         bodies[link] = body
         if joint is not None and joint.moves:
-            _add_joint(body, joint, options, posed.gains[robot.driving_joint(joint)[0]])
+            gain = posed.gains.get(robot.driving_joint(joint)[0], max(posed.gains.values(), default=0.0))
+            _add_joint(body, joint, options, gain, robot.springs.get(joint.name))
         _add_inertial(body, posed.inertials.get(link))
         for i, shape in enumerate(robot.shapes.get(link, ())):
             surface = link_surfaces.get(link, {})
@@ -406,6 +408,7 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
                 bodies[str(tip["link"])], "geom", {"name": name, "mass": "0", **geom, **OBJECT_CONTACT, **surface}
             )
     _add_actuators(root, posed)
+    _add_linkages(root, posed.robot, bodies)
 
 
 def _add_palm(world: Element, posed: PosedRobot) -> Element:
@@ -440,8 +443,10 @@ def _joint_pose(joint: Joint) -> dict[str, str]:
     return {"pos": format_numbers(joint.xyz), "quat": quaternion(rotation)}
 
 
-def _add_joint(body: Element, joint: Joint, options: HandSceneOptions, gain: float) -> None:
-    """Add a joint with its damping, dry friction, armature and limits."""
+def _add_joint(
+    body: Element, joint: Joint, options: HandSceneOptions, gain: float, spring: tuple[float, float] | None = None
+) -> None:
+    """Add a joint with its damping, dry friction, armature, limits and spring (stiffness and rest position)."""
     arm = 1.0 if joint.is_revolute else LEVER  # a prismatic joint counts as a revolute one on such a lever
     armature = ARMATURE[joint.is_revolute]
     damping = 2.0 * np.sqrt(gain * armature) if options.damping is None else options.damping / arm**2
@@ -453,6 +458,8 @@ def _add_joint(body: Element, joint: Joint, options: HandSceneOptions, gain: flo
         "frictionloss": f"{options.frictionloss / arm:.9g}",
         "armature": f"{armature:.9g}",
     }
+    if spring is not None:
+        attributes |= {"stiffness": f"{spring[0]:.9g}", "springref": f"{spring[1]:.9g}"}
     is_limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
     SubElement(
         body, "joint", {**attributes, "range": format_numbers([joint.lower, joint.upper])} if is_limited else attributes
@@ -495,17 +502,49 @@ def _add_shape(
 
 
 def _add_actuators(root: Element, posed: PosedRobot) -> None:
-    """Add position servos for free joints and arm, and equality constraints for mimic joints."""
+    """Add position servos for driven joints and arm, and equality constraints for mimic joints."""
     actuator, equality = SubElement(root, "actuator"), SubElement(root, "equality")
     for name in ARM:
         _add_servo(actuator, name, ARM_STIFFNESS, None)
-    for joint in posed.robot.free_joints:
+    for joint in (joint for joint in posed.robot.free_joints if joint.name not in posed.robot.passive):
         _add_servo(actuator, PREFIX + joint.name, posed.gains[joint.name], posed.limits.get(joint.name))
     for joint in posed.robot.joints:
         if joint.moves and joint.mimic is not None:
             driver, multiplier, offset = posed.robot.driving_joint(joint)
             names = {"joint1": PREFIX + joint.name, "joint2": PREFIX + driver}
             SubElement(equality, "joint", {**names, "polycoef": format_numbers([offset, multiplier, 0.0, 0.0, 0.0])})
+
+
+def _add_linkages(root: Element, robot: Robot, bodies: Mapping[str, Element]) -> None:
+    """Add the file's connects and welds, between sites, and its other equations of joints."""
+    equality = next(root.iter("equality"))
+    for element in root.findall("equality"):
+        equality = element  # the default class has one, too
+    for i, closure in enumerate(robot.closures):
+        sites = [f"{PREFIX}closure_{i}_{end}" for end in (1, 2)]
+        for site, link, frame in zip(sites, closure.links, closure.frames, strict=True):
+            pose = {"pos": format_numbers(frame[:3, 3]), "quat": quaternion(frame[:3, :3])}
+            SubElement(bodies[link], "site", {"name": site, **pose})
+        SubElement(equality, "weld" if closure.is_rigid else "connect", site1=sites[0], site2=sites[1])
+    for i, equation in enumerate(robot.equations):
+        _add_equation(root, equality, f"{PREFIX}equation_{i}", equation)
+
+
+def _add_equation(root: Element, equality: Element, name: str, equation: JointEquation) -> None:
+    """Add an equation of joints: a curve of two joints as it is, a sum of several as a tendon of fixed length."""
+    linear = [joint for joint, coefficients in equation.polynomials.items() if not np.any(coefficients[2:])]
+    if len(linear) < len(equation.polynomials):
+        ((other, curve),) = ((j, c) for j, c in equation.polynomials.items() if j not in linear)
+        constant, rate = equation.polynomials[linear[0]]
+        polynomial = -np.array([constant + curve[0], *curve[1:], 0.0, 0.0, 0.0][:5]) / rate
+        names = {"joint1": PREFIX + linear[0], "joint2": PREFIX + other}
+        SubElement(equality, "joint", {**names, "polycoef": format_numbers(polynomial)})
+        return
+    constant = sum(coefficients[0] for coefficients in equation.polynomials.values())
+    fixed = SubElement(SubElement(root, "tendon"), "fixed", name=name)
+    for joint, coefficients in equation.polynomials.items():
+        SubElement(fixed, "joint", joint=PREFIX + joint, coef=f"{coefficients[1]:.12g}")
+    SubElement(equality, "tendon", tendon1=name, polycoef=format_numbers([-constant, 0.0, 0.0, 0.0, 0.0]))
 
 
 def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) -> None:
@@ -516,7 +555,7 @@ def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) 
 
 
 def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None, scale: float = 1.0) -> dict[str, float]:
-    """Return the position gain of each free joint.
+    """Return the position gain of each driven joint.
 
     It is the squeeze's times ``scale``, the factor on its force, or ``gain`` for revolute joints if that is given. A
     joint that the squeeze does not name has the largest gain of those it names.
@@ -532,7 +571,7 @@ def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None, scale: fl
     by_joint = gains if isinstance(gains, Mapping) else {}
     default = max(by_joint.values(), default=0.0) if isinstance(gains, Mapping) else gains
     result = {}
-    for joint in robot.free_joints:
+    for joint in (joint for joint in robot.free_joints if joint.name not in robot.passive):
         joint_gain = scale * by_joint.get(joint.name, default)
         result[joint.name] = gain if gain is not None and joint.is_revolute else joint_gain
     return result
@@ -550,7 +589,7 @@ class Keyframe:
     joints : mapping of str to float
         Positions of all moving joints, radians or metres.
     set_points : mapping of str to float
-        Set-points of the free joints' servos.
+        Set-points of the driven joints' servos.
     """
 
     name: str
@@ -564,6 +603,8 @@ def scene_keyframes(
 ) -> list[Keyframe]:
     """Return the keyframes of a grasp in chronological order.
 
+    Servos of a linkage carry the torques of its springs besides.
+
     Parameters
     ----------
     hand : mapping
@@ -575,14 +616,16 @@ def scene_keyframes(
     scale : float
         Factor on the squeeze: 2 presses twice as hard.
     """
-    positions, free_joints = hand["joint_positions"], [joint.name for joint in robot.free_joints]
+    positions, linkages = hand["joint_positions"], closed_linkages(robot) if robot.springs else None
     set_points = {name: positions[name] + scale * tau / gains[name] for name, tau in squeeze.torques.items()}
     result = []
     for phase in _phases(hand):
         displacement = np.asarray(phase["palm_pose"]["position"], float) - hand["palm_pose"]["position"]
         squeezes = phase["name"] in SQUEEZING_PHASES
         joints = positions if squeezes else phase["joint_positions"]
-        commands = {name: joints[name] for name in free_joints} | (set_points if squeezes else {})
+        commands = {name: joints[name] for name in gains} | (set_points if squeezes else {})
+        for name, torque in ({} if linkages is None else linkages.spring_torques(joints)).items():
+            commands[name] -= torque / gains[name]
         result.append(Keyframe(str(phase["name"]), displacement, joints, commands))
     return result
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -348,6 +348,8 @@ class JointSqueeze:
         Velocity and angular velocity of each contact, fixed to its fingertip, per rate of each of these joints.
     gain : float, mapping of str to float, or None
         Gain of the joints' position control, newton-metres per radian (newtons per metre), for all or by joint.
+    sliding : tuple of str
+        Those of the joints that slide.
     """
 
     torques: Mapping[str, float]
@@ -355,6 +357,7 @@ class JointSqueeze:
     grasp: Mapping[str, float]
     jacobians: FloatArray
     gain: Gain | None = None
+    sliding: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -365,6 +368,7 @@ class JointSqueeze:
         limits: Mapping[str, float],
         positions: Mapping[str, float],
         gain: Gain | None,
+        sliding: Collection[str] = (),
     ) -> JointSqueeze:
         """Return the joint torques for finger forces and moments (k, 6), body frame.
 
@@ -376,9 +380,9 @@ class JointSqueeze:
         tau = np.einsum("kdm,kd->m", jacobians, wrenches)
         torques = dict(zip(names, tau.tolist(), strict=True))
         joint_limits = {name: limits[name] for name in names if name in limits}
-        return cls(
-            torques, joint_limits, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names)
-        )
+        grasp = {name: float(positions[name]) for name in names}
+        sliding_joints = tuple(name for name in names if name in sliding)
+        return cls(torques, joint_limits, grasp, jacobians, _gain(gain, names), sliding_joints)
 
     def under(self, wrenches: FloatArray) -> JointSqueeze:
         """Return the torques of the same joints for other finger forces and moments (k, d), body frame."""
@@ -419,8 +423,7 @@ class JointSqueeze:
 
     def amount(self, name: str, value: float) -> str:
         """Return a torque of a joint as text with its unit; newtons for a sliding joint."""
-        turns = self.jacobians[:, 3:, list(self.torques).index(name)]
-        return f"{format_number(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
+        return f"{format_number(value, least=LEAST)} {'N' if name in self.sliding else 'N m'}"
 
     def words(self) -> str:
         """Return a text on the most loaded joint, or on the joints whose limit is exceeded."""
@@ -436,6 +439,8 @@ class JointSqueeze:
     def to_dict(self) -> Json:
         """Return torques, Jacobians and, with a gain, position commands as JSON data."""
         data: Json = {"torques": dict(self.torques), "jacobians": self.jacobians.tolist()}
+        if self.sliding:
+            data = {**data, "sliding": list(self.sliding)}
         if self.worst is not None:
             data = {**data, "worst_joint": self.worst[0], "worst_share": self.worst[1]}
         if self.gain is None:
@@ -478,7 +483,8 @@ class JointSqueeze:
             joint: number(f"{limits_field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits
         }
         grasp = {joint: float(positions[joint]) for joint in torques}
-        return cls(torques, joint_limits, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))
+        sliding = tuple(str(joint) for joint in data.get("sliding", ()))
+        return cls(torques, joint_limits, grasp, jacobians, _gain(data.get("gain"), tuple(torques)), sliding)
 
 
 def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:

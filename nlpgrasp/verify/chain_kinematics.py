@@ -261,14 +261,15 @@ def _links_of_body(model: MjModel, body: int, parent: str, name: str) -> list[Li
 def _with_couplings(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
     """Return the links with an MJCF's equality constraints as mimic joints.
 
-    First equalities of joints, then of tendons over two joints.
+    First linear equalities of joints, then of tendons over two joints.
     """
     by_joint = {link.joint: link for link in links}
     active = [e for e in range(model.neq) if model.eq_active0[e]]
     for e in (e for e in active if model.eq_type[e] == 2):
         first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         name, start = model.joint(first).name or f"joint_{first}", model.qpos0[model.jnt_qposadr[first]]
-        if name not in by_joint:
+        # of a joint that follows already, or along a curve, the equality is one of the linkages
+        if name not in by_joint or by_joint[name].follow is not None or (second >= 0 and np.any(model.eq_data[e][2:5])):
             continue
         a, b = (float(v) for v in model.eq_data[e][:2])
         if second < 0:
@@ -303,6 +304,118 @@ def _with_half_turns(link: Link) -> Link:
     """Return the link with a range of half a turn either way if its hinge is free and has no range."""
     is_free = link.kind == "revolute" and link.follow is None and not np.isfinite(link.upper)
     return replace(link, kind="continuous", lower=-np.pi, upper=np.pi) if is_free else link
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Frames (4, 4) on two links that a file holds together: their origins, or, welded, their directions as well."""
+
+    name: str
+    links: tuple[str, str]
+    frames: tuple[FloatArray, FloatArray]
+    is_welded: bool
+
+    def error(self, poses: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the gap (3,), metres, and of welded frames the rotation vector (3,) between them, radians."""
+        one, other = (poses[link] @ frame for link, frame in zip(self.links, self.frames, strict=True))
+        turn = Rotation.from_matrix(one[:3, :3].T @ other[:3, :3]).as_rotvec() if self.is_welded else np.zeros(0)
+        return np.concatenate([one[:3, 3] - other[:3, 3], turn])
+
+
+@dataclass(frozen=True)
+class JointSum:
+    """Sum of polynomials of joint positions, by joint in ascending order, that a file holds at zero."""
+
+    name: str
+    polynomials: Mapping[str, tuple[float, ...]]
+
+    def error(self, positions: Mapping[str, float]) -> FloatArray:
+        """Return the sum, (1,)."""
+        values = [np.polynomial.polynomial.polyval(positions[j], c) for j, c in self.polynomials.items()]
+        return np.array([np.sum(values)])
+
+
+@dataclass(frozen=True)
+class Linkages:
+    """What holds links and joints of a hand together beside its joints.
+
+    Parameters
+    ----------
+    loops : tuple of Loop
+    sums : tuple of JointSum
+    unmoved : tuple of str
+        Free joints that no actuator moves by itself or by a fixed tendon.
+    """
+
+    loops: tuple[Loop, ...] = ()
+    sums: tuple[JointSum, ...] = ()
+    unmoved: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.loops or self.sums)
+
+
+def linkages_in(path: Path, links: Sequence[Link], palm: str) -> Linkages:
+    """Return what closes linkages in a hand's file: equalities of an MJCF that are no mimic relations.
+
+    Parameters
+    ----------
+    path : Path
+    links : sequence of Link
+        From ``links_in``.
+    palm : str
+    """
+    if ET.fromstring(path.read_bytes()).tag != "mujoco":  # noqa: S314
+        return Linkages()
+    model = compile_mjcf(path)
+    joint_names = [model.joint(j).name or f"joint_{j}" for j in range(model.njnt)]
+    body_names = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
+    zero = {name: float(model.qpos0[model.jnt_qposadr[j]]) for j, name in enumerate(joint_names)}
+    known, moving = {palm, *(link.name for link in links)}, {link.joint for link in links if link.moves}
+    loops, sums = list[Loop](), list[JointSum]()
+    for e in (e for e in range(model.neq) if model.eq_active0[e]):
+        kind, ids, data = int(model.eq_type[e]), (int(model.eq_obj1id[e]), int(model.eq_obj2id[e])), model.eq_data[e]
+        if kind in (0, 1):
+            if model.eq_objtype[e] == 6:  # sites
+                bodies = [int(model.site_bodyid[i]) for i in ids]
+                ends = [(model.site_pos[i], model.site_quat[i]) for i in ids]
+            else:
+                bodies, unit = list(ids), np.array([1.0, 0.0, 0.0, 0.0])
+                ends = [(data[:3], unit), (data[3:6], unit)]
+                if kind == 1:
+                    ends = [(data[3:6], data[6:10]), (data[:3], unit)]
+            frames = [pose_matrix(p, Rotation.from_quat(q, scalar_first=True)) for p, q in ends]
+            first, second = (body_names[b] for b in bodies)
+            if {first, second} <= known:
+                name = f"{'weld' if kind else 'connect'} of {first} and {second}"
+                loops.append(Loop(name, (first, second), (frames[0], frames[1]), kind == 1))
+        elif kind == 2 and ids[1] >= 0 and {joint_names[i] for i in ids} <= moving:
+            name, other = joint_names[ids[0]], joint_names[ids[1]]
+            curve = np.polynomial.Polynomial(data[:5])(np.polynomial.Polynomial([-zero[other], 1.0])).coef
+            sums.append(JointSum(f"joint {name} with {other}", {name: (-zero[name], 1.0), other: tuple(-curve)}))
+        elif kind == 3:
+            rates, constant = dict[str, float](), -float(data[0])
+            for t, factor in ((ids[0], 1.0), (ids[1], -float(data[1]))):
+                wraps = range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t]) if t >= 0 else ()
+                for w in wraps:
+                    joint, arm = joint_names[model.wrap_objid[w]], factor * float(model.wrap_prm[w])
+                    rates[joint], constant = rates.get(joint, 0.0) + arm, constant - arm * zero[joint]
+            if set(rates) <= moving and not (len(rates) == 2 and ids[1] < 0):  # of two joints one follows, or none does
+                polynomials = {joint: (constant / len(rates), rate) for joint, rate in rates.items()}
+                sums.append(JointSum(f"tendons of {' and '.join(rates)}", polynomials))
+    return Linkages(tuple(loops), tuple(sums), _unmoved_joints(model, joint_names, links))
+
+
+def _unmoved_joints(model: MjModel, names: Sequence[str], links: Sequence[Link]) -> tuple[str, ...]:
+    """Return the free joints that no actuator moves, by itself or by a fixed tendon."""
+    by_joint, moved = {link.joint: link for link in links if link.moves}, set[str]()
+    for kind, target in zip(model.actuator_trntype, model.actuator_trnid[:, 0], strict=True):
+        ids = [target] if kind in (0, 1) else []
+        if kind == 3:
+            wraps = range(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
+            ids = [model.wrap_objid[w] for w in wraps if model.wrap_type[w] == 1]
+        moved |= {_driving_joint(by_joint, names[i])[0] for i in ids if names[i] in by_joint}
+    return tuple(j for j, link in by_joint.items() if link.follow is None and j not in moved)
 
 
 def pose_matrix(position: FloatArray, rotation: Rotation | None = None) -> FloatArray:

@@ -411,6 +411,9 @@ def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: Num
     if list(torques) != list(hand_jacobians):
         yield f"torques of {', '.join(torques)}, where {', '.join(hand_jacobians)} move the contacts"
         return
+    sliding = [joint for joint in torques if linked_hand.ranges[joint][2]]
+    if list(stated.get("sliding", ())) != sliding:
+        yield f"{', '.join(sliding) or 'no joints'} slide, stated {', '.join(stated.get('sliding', ())) or 'none'}"
     forces = np.array([[*f["force"], *f.get("moment", [0.0] * 3)] for f in stated["fingers"]], dtype=float)
     size = float(np.max(np.linalg.norm(forces[:, :3], axis=1)))
     tolerance = JACOBIAN_TOLERANCE + linked_hand.direction_error

@@ -20,15 +20,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.robot_files import UrdfUnits
-from nlpgrasp.common.scalar_constraints import TIPS_APART
+from nlpgrasp.common.scalar_constraints import CLOSED_LINKAGE, TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.phase_record import LIFT, SQUEEZE
 from nlpgrasp.verify.chain_kinematics import (
     Link,
+    Linkages,
+    all_positions,
     free_joint_limits,
     jacobian,
+    linkages_in,
     links_in,
     loaded_joints,
     pose_matrix,
@@ -46,6 +49,9 @@ CAPSULE_TOLERANCE = 1e-4  # allowed depth of a contact inside a capsule, as a sh
 QUATERNION = "palm quaternion of unit length"  # name of the constraint
 TIP_DEPTH = 0.2  # allowed penetration of a round fingertip away from its contact, as a share of its radius
 SPHERE_REACH = 3.0  # largest reach of spheres, in reaches of the URDF's frames
+OPEN, LEVER = 1e-4, 0.05  # metres: largest gap of a closed linkage; arm at which an angle counts
+SLOPE_STEP, LEAST_SLOPE = 1e-5, 1e-6  # radians or metres, step of differences; smallest share of the largest slope
+CLOSING_STEPS, CLOSING_SHARE = 40, 1e-2  # Gauss-Newton steps of a random posture; smallest share of a slope in them
 MIMIC_TOLERANCE = 1e-9  # radians or metres: tolerance of mimic joints
 
 
@@ -120,16 +126,96 @@ class NumericLinkedHand:
         return pose_matrix(position, Rotation.from_quat(quaternion, scalar_first=True))
 
     @cached_property
-    def links(self) -> tuple[Link, ...]:
-        """Links below the palm.
+    def _moving_links(self) -> tuple[Link, ...]:
+        """Links below the palm, as in the hand's file.
 
-        Raises ``NotCheckedError`` if the hand's file is missing or another one.
+        Raises ``NotCheckedError`` if the file is missing or another one.
         """
         path = self.sources.find(self.data.get("source"))
         if sha256_of(path) != self.data["sha256"]:
             raise NotCheckedError(f"{path.name} has another sha256 than the file records")
         self.sources.check_references(path, (self.data.get("meshes") or {}).values())
         return links_in(path, str(self.data["palm"]), UrdfUnits.from_dict(self.data))
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """Links below the palm, with the joints fixed that springs hold at a stop."""
+        stops = {name: number(f"stops.{name}", stop) for name, stop in self.data.get("stops", {}).items()}
+        return tuple(
+            replace(link, kind="fixed", origin=link.step(stops[link.joint])) if link.joint in stops else link
+            for link in self._moving_links
+        )
+
+    @cached_property
+    def linkages(self) -> Linkages:
+        """What holds its links and joints together beside the joints.
+
+        Raises ``InputError`` for passive joints with an actuator, and for stops that are not limits of such without.
+        """
+        path, palm = self.sources.find(self.data.get("source")), str(self.data["palm"])
+        linkages = linkages_in(path, self._moving_links, palm)
+        limits = {link.joint: (link.lower, link.upper) for link in self._moving_links}
+        for name, stop in self.data.get("stops", {}).items():
+            if name not in linkages.unmoved or stop not in limits[name]:
+                raise InputError(f"problem.hand.stops.{name}", stop, "a limit of a joint that no actuator moves")
+        for name in self._passive:
+            if name not in linkages.unmoved:
+                raise InputError("problem.hand.passive", name, "joints that no actuator moves")
+        return linkages
+
+    @property
+    def _passive(self) -> Sequence[str]:
+        """Joints that linkages move with the others."""
+        return [str(name) for name in self.data.get("passive", ())]
+
+    def _linkage_errors(self, positions: Json) -> list[tuple[str, FloatArray]]:
+        """Return name and error, metres and radians, of each loop and each equation of joints in a posture."""
+        if not self.linkages:
+            return []
+        frames = poses(self.links, str(self.data["palm"]), np.eye(4), positions)
+        loops = [(loop.name, loop.error(frames)) for loop in self.linkages.loops]
+        return loops + [(equation.name, equation.error(positions)) for equation in self.linkages.sums]
+
+    def random_positions(self, rng: np.random.Generator) -> dict[str, float]:
+        """Return the positions of all moving joints in a random posture, near to which linkages are closed."""
+        limits = free_joint_limits(self.links)
+        low, high = np.clip(np.array(list(limits.values())), -np.pi, np.pi).T
+        drawn = rng.uniform(low, high)
+        for _ in range(CLOSING_STEPS if self.linkages else 0):
+            free = dict(zip(limits, drawn.tolist(), strict=True))
+            error, slopes = self._linkage_slopes(free)
+            if np.linalg.norm(error) <= OPEN:
+                break
+            drawn = np.clip(drawn - np.linalg.pinv(slopes, rcond=CLOSING_SHARE) @ error, low, high)
+        return all_positions(self.links, dict(zip(limits, drawn.tolist(), strict=True)))
+
+    def _linkage_slopes(self, free: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """Return the errors of all linkages (n,) and their slopes (n, m) by the free joints, in a posture."""
+
+        def errors(joint: str, step: float) -> FloatArray:
+            positions = all_positions(self.links, {**free, joint: free[joint] + step})
+            return np.concatenate([error for _, error in self._linkage_errors(positions)])
+
+        slopes = [(errors(j, SLOPE_STEP) - errors(j, -SLOPE_STEP)) / (2.0 * SLOPE_STEP) for j in free]
+        return errors(next(iter(free)), 0.0), np.column_stack(slopes)
+
+    def _motion_by_drives(self, joints: Sequence[str]) -> dict[str, dict[str, float]]:
+        """Return the rates of all free joints by joint, per unit rate of each joint that is not passive.
+
+        Raises ``InputError`` where the linkages do not determine the passive joints.
+        """
+        free = {joint: float(self.posture["joint_positions"][joint]) for joint in joints}
+        slopes = dict(zip(joints, self._linkage_slopes(free)[1].T, strict=True))
+        followers = self._passive
+        matrix = np.column_stack([slopes[joint] for joint in followers])
+        if np.linalg.matrix_rank(matrix, rtol=LEAST_SLOPE) < len(followers):
+            raise InputError("problem.hand.passive", ", ".join(followers), "joints that the others move by linkages")
+        inverse = np.linalg.pinv(matrix, rcond=LEAST_SLOPE)
+        return {
+            drive: {drive: 1.0, **dict(zip(followers, (-inverse @ slopes[drive]).tolist(), strict=True))}
+            for drive in joints
+            if drive not in followers
+        }
 
     @cached_property
     def shapes(self) -> dict[str, list[LinkShape]]:
@@ -205,6 +291,9 @@ class NumericLinkedHand:
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
             yield from touch_constraints(tip, self._touching(name, tip, p, n, placement.size))
+        for name in self.stated:  # the posture's own errors are among ``limits``
+            if name.startswith(f"{CLOSED_LINKAGE}, "):
+                yield ConstraintValue(name, None, 0.0, 0.0, scale=OPEN)
         balls = self._tip_balls(placement)
         for i, j in self.data.get("tips_apart", ()):
             a, b = balls[i], balls[j]
@@ -244,9 +333,17 @@ class NumericLinkedHand:
         """
         tip_links = [str(tip["link"]) for tip in self.tips]
         jacobians = [jacobian(self.links, self.poses, end, p) for end, p in zip(tip_links, points, strict=True)]
+
+        def columns(joint: str) -> FloatArray:
+            return np.array([m.get(joint, np.zeros(6)) for m in jacobians])
+
+        if not self.linkages:
+            return {joint: columns(joint) for joint in loaded_joints(self.links, tip_links)}
+        free = list(free_joint_limits(self.links))
+        motions = self._motion_by_drives(free) if self._passive else {joint: {joint: 1.0} for joint in free}
         return {
-            joint: np.array([m.get(joint, np.zeros(6)) for m in jacobians])
-            for joint in loaded_joints(self.links, tip_links)
+            drive: np.sum([rate * columns(joint) for joint, rate in rates.items()], axis=0)
+            for drive, rates in motions.items()
         }
 
     @property
@@ -274,6 +371,13 @@ class NumericLinkedHand:
 
     def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[ConstraintValue]:
         """Yield the constraints of joint limits and mimic relations in a posture."""
+        for joint, stop in self.data.get("stops", {}).items():
+            value = number(f"joint_positions.{joint}", positions[joint])
+            yield ConstraintValue(f"{name} {joint} at its stop", value, stop, stop, 0.0, MIMIC_TOLERANCE)
+        if limited:
+            for linkage, error in self._linkage_errors(positions):
+                size = float(np.linalg.norm(error[:3]) + LEVER * np.linalg.norm(error[3:]))
+                yield ConstraintValue(f"{name.removesuffix('joint')}{linkage} closed", size, 0.0, 0.0, 0.0, OPEN)
         for link in self.links:
             if link.moves:
                 value = number(f"joint_positions.{link.joint}", positions[link.joint])

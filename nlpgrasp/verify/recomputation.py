@@ -17,6 +17,7 @@ import numpy as np
 
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
+    CLOSED_LINKAGE,
     EDGE_MARGIN,
     FINGERTIP_CLEARANCE,
     ON_FINGERTIP,
@@ -72,7 +73,7 @@ CONSTRAINT_PREFIXES = {
     "approach": "approach, ",
 }
 HAND_PREFIXES = {
-    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{TIPS_APART}, "),
+    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{TIPS_APART}, ", f"{CLOSED_LINKAGE}, "),
     "fingertips": ("reach, ", f"{TIPS_APART}, "),
     "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
 }

@@ -17,7 +17,6 @@ import numpy as np
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.obstructions import LEAST_DEPTH, LinkPenetration, link_name
-from nlpgrasp.verify.chain_kinematics import all_positions, free_joint_limits
 from nlpgrasp.verify.convex_solids import penetration_depth
 from nlpgrasp.verify.link_shapes import LinkShape
 from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand
@@ -46,6 +45,7 @@ class NumericSelfPenetration:
             for link, points in samples.items()
         }
         self._pairs = list(_separate_links(hand))
+        self._rng, self._random = np.random.default_rng(1), list[dict[str, float]]()
         self._permanent: dict[tuple[str, str], bool] = {}  # whether a pair overlaps by construction, once it is known
         self._last: tuple[Mapping[str, float], LinkPenetration] | None = None  # an approach does not change the joints
 
@@ -81,13 +81,11 @@ class NumericSelfPenetration:
     def _is_permanent(self, pair: tuple[str, str]) -> bool:
         """Return whether two links overlap by construction: in nearly all of several random postures."""
         if pair not in self._permanent:
-            limits = free_joint_limits(self._hand.links)
-            rng, free_count = np.random.default_rng(1), 0
-            for _ in range(RANDOM_POSTURES):
-                drawn = {
-                    joint: rng.uniform(max(low, -np.pi), min(high, np.pi)) for joint, (low, high) in limits.items()
-                }
-                posture = self._hand.with_posture({"joint_positions": all_positions(self._hand.links, drawn)})
+            free_count = 0
+            for i in range(RANDOM_POSTURES):
+                if i == len(self._random):
+                    self._random.append(self._hand.random_positions(self._rng))
+                posture = self._hand.with_posture({"joint_positions": self._random[i]})
                 free_count += self._depth(posture, pair) <= LEAST_DEPTH
                 if free_count > MOST_FREE:
                     break
@@ -140,7 +138,11 @@ class _Part:
 def _separate_links(hand: NumericLinkedHand) -> Iterator[tuple[str, str]]:
     """Yield the pairs of links that both have shapes and are separated by more than one moving joint."""
     neighbours = {
-        frozenset((hand.rigid_root(link.parent), hand.rigid_root(link.name))) for link in hand.links if link.moves
+        frozenset(map(hand.rigid_root, pair))
+        for pair in (
+            *((link.parent, link.name) for link in hand.links if link.moves),
+            *(loop.links for loop in hand.linkages.loops),
+        )
     }
     for a, b in combinations(hand.shapes, 2):
         roots = frozenset((hand.rigid_root(a), hand.rigid_root(b)))

@@ -230,13 +230,13 @@ def test_a_file_that_makes_no_sense_is_refused(path, wrong, message):
 
 
 def test_joints_that_slide_have_forces_and_those_that_turn_torques():
-    """A joint whose rate turns no contact slides; what is above its limit is counted in newtons."""
+    """What is above the limit of a joint that slides is counted in newtons, whatever turns with the others."""
     jacobians = np.zeros((2, 6, 2))
     jacobians[:, 0, 0] = [1.0, -1.0]  # slides along x
     jacobians[0, :, 1] = [0.0, 0.05, 0.0, 0.0, 0.0, 1.0]  # turns about z, 50 mm away
     wrenches = np.array([[3.0, 2.0, 0, 0, 0, 0], [-3.0, 0, 0, 0, 0, 0]])
     limits, positions = {"slide": 4.0, "turn": 0.01}, {"slide": 0.0, "turn": 0.0}
-    squeeze = JointSqueeze.of(("slide", "turn"), wrenches, jacobians, limits, positions, None)
+    squeeze = JointSqueeze.of(("slide", "turn"), wrenches, jacobians, limits, positions, None, ["slide"])
     assert squeeze.torques == pytest.approx({"slide": 6.0, "turn": 0.1})
     assert squeeze.words() == "MORE than the effort of slide (by 2 N), turn (by 0.09 N m)"
 

@@ -1,5 +1,6 @@
 """Irregular URDFs: missing signs and shapes, xacro and COLLADA, arms above the palm."""
 
+import re
 import sys
 import warnings
 
@@ -173,17 +174,17 @@ def test_meshes_of_packages_elsewhere(tmp_path, monkeypatch, variable, inside):
         ('<mujoco><equality><connect body1="A" body2="B" anchor="0 0 0"/></equality></mujoco>', "<connect>"),
     ],
 )
-def test_what_closes_a_linkage_is_ignored_and_named(tmp_path, element, named):
+def test_linkages_that_extensions_close(tmp_path, element, named):
     loop = element.replace("A", "left_pad").replace("B", "right_pad")
-    path = write_hand(tmp_path, GRIPPER.read_text().replace("</robot>", f"{loop}</robot>"))
-    message = (
-        "hand.urdf: closed linkages are left open, so that their joints move on their own: "
-        f"{named} of links left_pad and right_pad ignored"
-    )
+    text = GRIPPER.read_text().replace("</robot>", f"{loop}</robot>")
+    message = f"hand.urdf: closed linkages that mimic joints are taken to keep: {named} of links left_pad and right_pad"
     with pytest.warns(UserWarning, match=f"^{message}$"):
+        ng.URDFHand.load(write_hand(tmp_path, text), PADS)
+    path = write_hand(tmp_path, re.sub("<mimic[^>]*/>", "", text))
+    with pytest.raises(ng.InputError, match=f"a closed linkage: {named} of links .*, expected a tree with <mimic>"):
         ng.URDFHand.load(path, PADS)
     elsewhere = write_hand(tmp_path, GRIPPER.read_text().replace("</robot>", f"{element}</robot>"), "b.urdf")
-    assert read_urdf(elsewhere).open_loops == ()  # of links that are not the hand's
+    assert read_urdf(elsewhere).mimicked_loops == ()  # of links that are not the hand's
 
 
 def test_effort_of_zero_is_none(tmp_path):
