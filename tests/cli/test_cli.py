@@ -346,8 +346,8 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["solve"], "Missing argument"),
         (["resolve"], "No such command"),
         (["verify", "none.json"], "a solution file or a bound file that exists"),
-        (["quality", "square.py"], "got a Python script, expected a solution file (JSON)"),
-        (["verify", "square.json", "--rtol", "-1"], "square.json"),
+        (["quality", "square.py"], "got the ending .py, expected one of .json"),
+        (["verify", "square.json", "--rtol", "-1"], "rtol: got -1.0, expected a number greater than 0"),
         (["report", "square.json", "--folder", "x"], "No such option: --folder; `nlpgrasp report --help` lists those"),
     ],
 )
