@@ -134,7 +134,7 @@ def tighten(
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - 1.0 / heights[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
-        if not hull.insert(_inner_points(problem, normals[chosen], shrink, rng)):
+        if not hull.insert(*_inner_points(problem, normals[chosen], shrink, rng)):
             break
     return state
 
@@ -166,10 +166,12 @@ def _is_limited_by_rounding(points: int, share: float) -> bool:
     return any(points > largest_count and share < least_share for largest_count, least_share in ROUNDING_LIMITS)
 
 
-def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:
-    """Return support points in directions u, shrunk towards the origin by small random factors."""
-    wrench = problem.wrenches.support(u)[1]
-    return np.asarray(wrench * (1.0 - shrink * rng.random((len(u), 1))))
+def _inner_points(
+    problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Return support points in directions u, shrunk towards the origin by small random factors, and their forces."""
+    forces = problem.wrenches.forces(u)[1] * (1.0 - shrink * rng.random((len(u), 1)))
+    return forces @ problem.wrenches.G.T, forces
 
 
 def _initial_hull(
@@ -181,11 +183,11 @@ def _initial_hull(
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
-        points = _inner_points(problem, u, shrink, rng)
+        points, forces = _inner_points(problem, u, shrink, rng)
         if with_origin:
-            points = np.concatenate([np.zeros((1, problem.rank)), points])
+            points, forces = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, forces))
         try:
-            return IncrementalHull(points, lambda planes: problem.task.support(planes)[0])
+            return IncrementalHull(points, forces, lambda planes: problem.task.support(planes)[0])
         except np.linalg.LinAlgError:
             continue
     return None

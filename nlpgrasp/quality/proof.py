@@ -1,0 +1,316 @@
+"""Proof of a lower bound on mu: the forces behind the vertices of the inner polytope, and its cells.
+
+The file (docs/proof_format.md) states contacts, force domain and task, and stands alone: a checker that shares no code
+with this package verifies it (``nlpgrasp.proof``). The force domain is stated once, as second-order cones of variables
+u: ``x = A u`` with every ``M (u, 1)`` in a second-order cone, which is how contacts and budgets state themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.contacts.product import conic_lift
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.containment import make_containment
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.sandwich import tighten
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
+from nlpgrasp.tasks.base import parts_of
+
+EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class ForceCones:
+    """Force domain ``B ∩ K`` as second-order cones of variables: ``x = A u``, every ``M (u, 1)`` in such a cone.
+
+    Parameters
+    ----------
+    lift : (n, l) array
+        A.
+    cones : tuple of (r, l + 1) arrays
+        M.
+    """
+
+    lift: FloatArray
+    cones: tuple[FloatArray, ...]
+
+    @classmethod
+    def of(cls, wrenches: WrenchSet) -> ForceCones:
+        """Return the cones of a wrench set's contacts and budget."""
+        lift, own = conic_lift(wrenches.contacts, wrenches.space)
+        budget = [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrenches.force_set.cones()]
+        return cls(lift, (*[np.pad(M, [(0, 0), (0, 1)]) for M in own], *budget))
+
+    def missing(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return by how much variables (v, l) may be outside their contacts' cones, and the budget's, (v,) each.
+
+        Rounding errors of at most ``m eps sum |M_ij u_j|`` in a row of m terms are counted as outside.
+        """
+        full = np.concatenate([u, np.ones((len(u), 1))], axis=1)
+        outside = np.zeros((2, len(u)))
+        for M in self.cones:
+            value, error = full @ M.T, 2.0 * M.shape[1] * EPS * (np.abs(full) @ np.abs(M).T)
+            tail = np.linalg.norm(np.abs(value[:, 1:]) + error[:, 1:], axis=1) * (1.0 + 8.0 * len(M) * EPS)
+            of_budget = int(np.any(M[:, -1] != 0.0))
+            outside[of_budget] = np.maximum(outside[of_budget], tail - (value[:, 0] - error[:, 0]))
+        return outside[0], outside[1]
+
+    def into(self, u: FloatArray) -> FloatArray:
+        """Return variables (v, l) next to ``u`` that are inside all cones in spite of rounding."""
+        # along the sum of the cones' axes every cone of a pressing contact is wide
+        axes = [M[0, :-1] / np.linalg.norm(M[0, :-1]) for M in self.cones if M[0, -1] == 0.0 and np.any(M[0, :-1])]
+        inward = np.sum(axes, axis=0) if axes else np.zeros(u.shape[1])
+        for _ in range(4):
+            cones, budget = self.missing(u)
+            if np.all(cones <= 0.0) and np.all(budget <= 0.0):
+                break
+            u = u + 2.0 * np.maximum(cones, 0.0)[:, None] * inward
+            u = u * (1.0 - 2.0 * np.maximum(self.missing(u)[1], 0.0))[:, None]
+        return u
+
+
+@dataclass(frozen=True)
+class UpperProof:
+    """Proof of an upper bound: multipliers of the force domain's cones along one direction.
+
+    Parameters
+    ----------
+    direction : (d,) array
+        Direction y of wrench space.
+    multipliers : (r,) array
+        s, one a row of the stacked cones; those of pivot rows are recomputed by the checker.
+    pivots : tuple of (int, int)
+        Row and variable, in the order in which ``b + M^T s = 0`` gives the rows' multipliers.
+    """
+
+    direction: FloatArray
+    multipliers: FloatArray
+    pivots: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Proof that ``lower <= mu <= upper`` for a grasp and a task.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    task : Task
+        About the grasp's torque origin.
+    bounds : Bounds
+        Of mu in units of the task, as proved.
+    domain : ForceCones
+    above : UpperProof
+    variables : (v, l) array
+        Of the forces that exert the vertices of the inner polytope.
+    centre : (d,) array
+        Wrench inside the polytope.
+    cells : (f, d) array
+        Vertices of its cells, ascending in each row, rows in lexicographic order.
+    """
+
+    grasp: Grasp
+    task: Task
+    bounds: Bounds
+    domain: ForceCones
+    above: UpperProof
+    variables: FloatArray
+    centre: FloatArray
+    cells: IntArray
+
+    def to_bytes(self) -> bytes:
+        """Return the proof file: text, then little-endian doubles and prefix-coded cells (docs/proof_format.md)."""
+        return "\n".join(self._text()).encode("ascii") + b"\n" + self.variables.astype("<f8").tobytes() + _pack(self.cells)
+
+    def _text(self) -> list[str]:
+        grasp, domain = self.grasp, self.domain
+        coordinates = [0, 1, 5] if grasp.space == 2 else list(range(6))
+
+        def spatial(rows: FloatArray) -> str:
+            full = np.zeros((*np.shape(rows)[:-1], 6))
+            full[..., coordinates] = rows
+            return _numbers(full)
+
+        lines = ["nlpgrasp-proof 1", f"coordinates {len(coordinates)} {_integers(coordinates)}"]
+        frames = np.tile(np.eye(3), (len(grasp), 1, 1))  # rows: normal and tangents
+        frames[:, : grasp.space, : grasp.space] = grasp.frames.transpose(0, 2, 1)
+        points = np.pad(grasp.points, [(0, 0), (0, 3 - grasp.space)])
+        lines.append(f"origin {_numbers(np.pad(grasp.torque_origin, (0, 3 - grasp.space)))}")
+        lines.append(f"contacts {len(grasp)}")
+        for p, frame, contact in zip(points, frames, grasp.contacts, strict=True):
+            axes = [5 if grasp.space == 2 and axis == 2 else axis for axis in contact.axes(grasp.space)]
+            lines.append(f"{_numbers(p)}  {_numbers(frame)}  {len(axes)} {_integers(axes)}")
+        lines += [f"variables {self.variables.shape[1]}", f"lift {_sparse(domain.lift * grasp.force_unit)}"]
+        sizes = [len(M) for M in domain.cones]
+        lines.append(f"cones {len(sizes)} {_integers(sizes)} {_sparse(np.concatenate(domain.cones))}")
+        parts = parts_of(self.task)
+        lines.append(f"task {len(parts)}")
+        for part in parts:
+            is_polytope = isinstance(part, TaskPolytope)
+            rows = part.wrenches if isinstance(part, TaskPolytope) else np.vstack([part.center, part.axes])
+            lines.append(f"{int(is_polytope)} {len(rows)} {spatial(rows)}")
+        pivots = " ".join(f"{r} {v}" for r, v in self.above.pivots)
+        lines.append(f"bounds {self.bounds.lower!r} {self.bounds.upper!r}")
+        lines.append(f"upper {spatial(self.above.direction)} {_numbers(self.above.multipliers)} {pivots}")
+        lines.append(f"lower {spatial(self.centre)} {len(self.variables)} {len(self.cells)}")
+        return lines
+
+
+def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | ForceBudget = "l2") -> Proof:
+    """Return a proof of bounds on mu whose relative width is ``rtol``.
+
+    Raises
+    ------
+    InputError
+        Where mu is 0, the wrenches do not span wrench space, or the task has no support that can be stated.
+    """
+    if not all(isinstance(part, TaskEllipsoid | TaskPolytope) for part in parts_of(task)):
+        raise InputError("task", task, "ellipsoids, polytopes and sums of them in a proof")
+    wrenches = WrenchSet.of(grasp, force_budget)
+    problem, _ = make_containment(wrenches, task)
+    if problem is None or problem.rank < grasp.dimension:
+        raise InputError("grasp", "forces that do not span wrench space", "a grasp with a positive mu in a proof")
+    state = tighten(problem, rtol)
+    if state.hull is None or state.upper == 0.0:
+        raise InputError("grasp", "mu = 0", "a positive mu in a proof")
+    domain = ForceCones.of(wrenches)
+    forces, cells = state.hull.vertices()
+    variables = domain.into(forces)
+    centre = np.linalg.solve(problem.matrix, state.hull.centre)
+    lower = _provable_lower(wrenches.G, domain, variables, centre, cells, task)
+    upper, above = _prove_upper(wrenches.G, domain, problem.to_wrench_direction(state.worst), task)
+    ordered = np.sort(cells, axis=1)
+    ordered = ordered[np.lexsort(ordered.T[::-1])]
+    return Proof(grasp, task, Bounds(lower, upper), domain, above, variables, centre, ordered)
+
+
+def _prove_upper(G: FloatArray, domain: ForceCones, y: FloatArray, task: Task) -> tuple[float, UpperProof]:
+    """Return an upper bound on mu along a direction, and its proof by weak duality.
+
+    With s in the dual of the cones and ``b + M^T s = 0``, ``b = A^T G^T y``: ``phi_W(y) <= <s, constants>``. The conic
+    program has its cones narrowed by a margin, so that multipliers of pivot rows may be recomputed with rounding.
+    """
+    M = np.concatenate(domain.cones)
+    b = domain.lift.T @ (G.T @ y)
+    starts = np.cumsum([0] + [len(cone) for cone in domain.cones[:-1]])
+    pivots = _pivots(domain)
+    size = max(float(np.max(np.abs(b))), 1e-300)
+    for margin in (1e-9, 1e-8, 1e-7, 1e-6, 1e-5):
+        axes = np.zeros(len(M))
+        axes[starts] = margin
+        program = clarabel.DefaultSolver(
+            sparse.csc_matrix((M.shape[1] - 1,) * 2), -(b / size + M[:, :-1].T @ axes), sparse.csc_matrix(-M[:, :-1]),
+            M[:, -1], [cone_of(cone) for cone in domain.cones], quiet_settings(1e-11, 0.99),
+        )  # fmt: skip
+        s = (np.array(program.solve().z) + axes) * size
+        for row, variable in pivots:
+            s[row] = -(b[variable] + M[:, variable] @ s - M[row, variable] * s[row]) / M[row, variable]
+        slack = [s[a] - np.linalg.norm(s[a + 1 : a + len(cone)]) for a, cone in zip(starts, domain.cones, strict=True)]
+        if min(slack) > 0.01 * margin * size:
+            break
+    reach = float(task.support(y[None])[0][0])
+    upper = float(M[:, -1] @ s) / reach * (1.0 + 1e-13)
+    return upper, UpperProof(y, s, pivots)
+
+
+def _pivots(domain: ForceCones) -> tuple[tuple[int, int], ...]:
+    """Return a row of the stacked cones for each variable, in an order in which they determine each other.
+
+    A row of one variable determines its multiplier last; before, variables without one take a row in which all others
+    have one. Rows of the budget's cones are freest, then half-spaces, then other rows, the cones' axes last.
+    """
+    rows = np.concatenate(domain.cones)[:, :-1] != 0.0
+    rank = np.concatenate(
+        [
+            np.r_[4.0 if M[0, -1] else 3.0 - 2.0 * (len(M) == 1), np.full(len(M) - 1, 0.0 if M[0, -1] else 2.0)]
+            for M in domain.cones
+        ]
+    )
+    of_one = np.sum(rows, axis=1) == 1
+    is_later = np.any(rows[of_one], axis=0)
+    pivots = []
+    for variable in [*np.flatnonzero(~is_later), *np.flatnonzero(is_later)]:
+        others = np.delete(rows, variable, axis=1)
+        is_free = of_one if is_later[variable] else ~np.any(others[:, ~np.delete(is_later, variable)], axis=1)
+        options = np.flatnonzero(rows[:, variable] & is_free)
+        if not len(options):
+            raise InputError("force_budget", "cones without pivots", "cones in which each variable has a row")
+        pivots.append((int(options[np.argmin(rank[options])]), int(variable)))
+    return tuple(pivots)
+
+
+def _provable_lower(
+    G: FloatArray, domain: ForceCones, variables: FloatArray, centre: FloatArray, cells: IntArray, task: Task
+) -> float:
+    """Return a lower bound that interval arithmetic confirms: each rounding error is counted at eight times its bound."""
+    loss = 8.0 * EPS
+    forces = variables @ domain.lift.T
+    vertices = forces @ G.T - centre
+    radius = loss * (len(G) + G.shape[1]) * ((np.abs(variables) @ np.abs(domain.lift).T) @ np.abs(G).T + np.abs(centre))
+    unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(vertices), axis=0)))
+    corners = vertices[cells]
+    planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
+    size = np.abs(planes)
+    heights = np.einsum("fvd,fd->fv", corners, planes)
+    heights -= np.einsum("fvd,fd->fv", radius[cells] + loss * len(G) * np.abs(corners), size)
+    offsets = np.min(heights, axis=1) + planes @ centre - loss * (2 + len(G)) * (size @ np.abs(centre) + 1.0)
+    reach = task.support(planes)[0] + loss * 4 * len(G) * _reach_of_sizes(task, size)
+    binding = reach > 0.0
+    if np.any(offsets[~binding] < 0.0):
+        return 0.0
+    return float(max(0.0, np.min(offsets[binding] / reach[binding], initial=np.inf)) * (1.0 - loss))
+
+
+def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:
+    """Return the sums of absolute products in a task's support along directions of absolute components ``size``."""
+    total = np.zeros(len(size))
+    for part in parts_of(task):
+        if isinstance(part, TaskPolytope):
+            total += np.max(size @ np.abs(part.wrenches).T, axis=1)
+        elif isinstance(part, TaskEllipsoid):
+            total += size @ np.abs(part.center) + np.sum(size @ np.abs(part.axes).T, axis=1)
+    return total
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(repr(float(v)) for v in np.ravel(values))
+
+
+def _integers(values: Sequence[int]) -> str:
+    return " ".join(map(str, values))
+
+
+def _sparse(matrix: FloatArray) -> str:
+    rows, columns = np.nonzero(matrix)
+    entries = (f"{r} {c} {float(matrix[r, c])!r}" for r, c in zip(rows, columns, strict=True))
+    return f"{len(rows)} {' '.join(entries)}"
+
+
+def _pack(cells: IntArray) -> bytes:
+    """Return cells as bytes: the number of indices shared with the row before, then steps as base-128 numbers."""
+    packed = bytearray()
+    previous: list[int] = []
+    for cell in cells.tolist():
+        same = next((i for i, (a, b) in enumerate(zip(cell, previous, strict=False)) if a != b), 0)
+        if previous:
+            packed.append(same)
+        last = cell[same - 1] if same else -1
+        for index in cell[same:]:
+            step, last = index - last - 1, index
+            while step >= 128:
+                packed.append(step & 127 | 128)
+                step >>= 7
+            packed.append(step)
+        previous = cell
+    return bytes(packed)
