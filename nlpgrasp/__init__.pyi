@@ -95,7 +95,9 @@ from nlpgrasp.quality import (
     support,
 )
 from nlpgrasp.quality.grasp import Grasp, GraspStack
+from nlpgrasp.proof import CheckedProof, check_proof
 from nlpgrasp.quality.measure_table import Columns, measure
+from nlpgrasp.quality.proof import write_proof
 from nlpgrasp.report.parts import PartResult, PartsSolved, solve_parts
 from nlpgrasp.report.pictures import draw_fit, draw_wrenches
 from nlpgrasp.sets.grasp_set import GraspSet, SetVerification, open_set

@@ -36,6 +36,7 @@ from nlpgrasp.cli.export_command import export_command
 from nlpgrasp.cli.hand_command import hand_command
 from nlpgrasp.cli.parts_command import parts_command
 from nlpgrasp.cli.problem_script import load_problem
+from nlpgrasp.cli.proof_commands import check_command, prove_command
 from nlpgrasp.cli.quality_command import quality_command
 from nlpgrasp.cli.report_command import report_command
 from nlpgrasp.cli.set_command import set_app
@@ -306,6 +307,8 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
     app.command("bound")(bound_command)
     app.command("program")(program_command)
     app.command("verify")(verify_command)
+    app.command("prove")(prove_command)
+    app.command("check")(check_command)
     app.command("quality")(quality_command)
     app.command("experiment")(experiment_command)
     app.command("parts")(parts_command)

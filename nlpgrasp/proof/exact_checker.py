@@ -265,7 +265,10 @@ def _inverse(rows: list[list[float]]) -> list[list[float]]:
     """Return the inverse by Gauss-Jordan elimination in floating point; nothing depends on its being exact."""
     d = len(rows)
     units = [max(abs(row[j]) for row in rows) or 1.0 for j in range(d)]
-    m = [[x / unit for x, unit in zip(row, units, strict=True)] + [float(i == j) for j in range(d)] for i, row in enumerate(rows)]
+    m = [
+        [x / unit for x, unit in zip(row, units, strict=True)] + [float(i == j) for j in range(d)]
+        for i, row in enumerate(rows)
+    ]
     for c in range(d):
         pivot = max(range(c, d), key=lambda i: abs(m[i][c]))
         m[c], m[pivot] = m[pivot], m[c]

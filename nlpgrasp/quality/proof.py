@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.files import write_bytes
 from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.validation import FloatArray, IntArray, number
 from nlpgrasp.contacts.product import conic_lift
 from nlpgrasp.errors import InputError
+from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
@@ -52,16 +55,35 @@ class ForceCones:
         budget = [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrenches.force_set.cones()]
         return cls(lift, (*[np.pad(M, [(0, 0), (0, 1)]) for M in own], *budget))
 
+    def variables(self, forces: FloatArray) -> FloatArray:
+        """Return variables (v, l) of finger forces (v, n): the forces themselves, or those at the corners of pads.
+
+        Corner forces are the solution of a small conic program a vertex. The forces they add up to may differ from the
+        given ones by the solver's tolerance: what is proved is of theirs.
+        """
+        n, count = self.lift.shape
+        if n == count and np.array_equal(self.lift, np.eye(n)):
+            return forces
+        own = [M[:, :-1] for M in self.cones if M[0, -1] == 0.0]
+        square = sparse.csc_matrix(np.triu(self.lift.T @ self.lift))
+        rows, cones = sparse.csc_matrix(-np.concatenate(own)), [cone_of(M) for M in own]
+        settings = quiet_settings(1e-11, 0.99)
+        programs = (
+            clarabel.DefaultSolver(square, -self.lift.T @ x, rows, np.zeros(rows.shape[0]), cones, settings)
+            for x in forces
+        )
+        return np.array([program.solve().x for program in programs])
+
     def missing(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return by how much variables (v, l) may be outside their contacts' cones, and the budget's, (v,) each.
 
-        Rounding errors of at most ``m eps sum |M_ij u_j|`` in a row of m terms are counted as outside.
+        Rounding errors of intervals, at most ``4 (m + 1) eps sum |M_ij u_j|`` in a row of m terms, are counted as outside.
         """
         full = np.concatenate([u, np.ones((len(u), 1))], axis=1)
         outside = np.zeros((2, len(u)))
         for M in self.cones:
-            value, error = full @ M.T, 2.0 * M.shape[1] * EPS * (np.abs(full) @ np.abs(M).T)
-            tail = np.linalg.norm(np.abs(value[:, 1:]) + error[:, 1:], axis=1) * (1.0 + 8.0 * len(M) * EPS)
+            value, error = full @ M.T, 4.0 * (M.shape[1] + 1) * EPS * (np.abs(full) @ np.abs(M).T)
+            tail = np.linalg.norm(np.abs(value[:, 1:]) + error[:, 1:], axis=1) * (1.0 + 16.0 * len(M) * EPS)
             of_budget = int(np.any(M[:, -1] != 0.0))
             outside[of_budget] = np.maximum(outside[of_budget], tail - (value[:, 0] - error[:, 0]))
         return outside[0], outside[1]
@@ -101,16 +123,14 @@ class UpperProof:
 
 @dataclass(frozen=True)
 class Proof:
-    """Proof that ``lower <= mu <= upper`` for a grasp and a task.
+    """Proof that ``lower <= mu <= upper`` for a grasp and a task (docs/proof_format.md).
 
     Parameters
     ----------
-    grasp : Grasp
-    task : Task
-        About the grasp's torque origin.
+    claim : str
+        Contacts, force domain and task, as ``state_claim`` writes them.
     bounds : Bounds
-        Of mu in units of the task, as proved.
-    domain : ForceCones
+        Of mu, as proved.
     above : UpperProof
     variables : (v, l) array
         Of the forces that exert the vertices of the inner polytope.
@@ -120,51 +140,58 @@ class Proof:
         Vertices of its cells, ascending in each row, rows in lexicographic order.
     """
 
-    grasp: Grasp
-    task: Task
+    claim: str
     bounds: Bounds
-    domain: ForceCones
     above: UpperProof
     variables: FloatArray
     centre: FloatArray
     cells: IntArray
 
     def to_bytes(self) -> bytes:
-        """Return the proof file: text, then little-endian doubles and prefix-coded cells (docs/proof_format.md)."""
-        return "\n".join(self._text()).encode("ascii") + b"\n" + self.variables.astype("<f8").tobytes() + _pack(self.cells)
+        """Return the proof file: text, then little-endian doubles and prefix-coded cells."""
+        pivots = " ".join(f"{row} {variable}" for row, variable in self.above.pivots)
+        text = (
+            f"{self.claim}bounds {self.bounds.lower!r} {self.bounds.upper!r}\n"
+            f"upper {_wrenches(self.above.direction)} {_numbers(self.above.multipliers)} {pivots}\n"
+            f"lower {_wrenches(self.centre)} {len(self.variables)} {len(self.cells)}\n"
+        )
+        return text.encode("ascii") + self.variables.astype("<f8").tobytes() + _pack(self.cells)
 
-    def _text(self) -> list[str]:
-        grasp, domain = self.grasp, self.domain
-        coordinates = [0, 1, 5] if grasp.space == 2 else list(range(6))
 
-        def spatial(rows: FloatArray) -> str:
-            full = np.zeros((*np.shape(rows)[:-1], 6))
-            full[..., coordinates] = rows
-            return _numbers(full)
+def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2") -> str:
+    """Return the text of a proof file that says what is proved: contacts, force domain and task.
 
-        lines = ["nlpgrasp-proof 1", f"coordinates {len(coordinates)} {_integers(coordinates)}"]
-        frames = np.tile(np.eye(3), (len(grasp), 1, 1))  # rows: normal and tangents
-        frames[:, : grasp.space, : grasp.space] = grasp.frames.transpose(0, 2, 1)
-        points = np.pad(grasp.points, [(0, 0), (0, 3 - grasp.space)])
-        lines.append(f"origin {_numbers(np.pad(grasp.torque_origin, (0, 3 - grasp.space)))}")
-        lines.append(f"contacts {len(grasp)}")
-        for p, frame, contact in zip(points, frames, grasp.contacts, strict=True):
-            axes = [5 if grasp.space == 2 and axis == 2 else axis for axis in contact.axes(grasp.space)]
-            lines.append(f"{_numbers(p)}  {_numbers(frame)}  {len(axes)} {_integers(axes)}")
-        lines += [f"variables {self.variables.shape[1]}", f"lift {_sparse(domain.lift * grasp.force_unit)}"]
-        sizes = [len(M) for M in domain.cones]
-        lines.append(f"cones {len(sizes)} {_integers(sizes)} {_sparse(np.concatenate(domain.cones))}")
-        parts = parts_of(self.task)
-        lines.append(f"task {len(parts)}")
-        for part in parts:
-            is_polytope = isinstance(part, TaskPolytope)
-            rows = part.wrenches if isinstance(part, TaskPolytope) else np.vstack([part.center, part.axes])
-            lines.append(f"{int(is_polytope)} {len(rows)} {spatial(rows)}")
-        pivots = " ".join(f"{r} {v}" for r, v in self.above.pivots)
-        lines.append(f"bounds {self.bounds.lower!r} {self.bounds.upper!r}")
-        lines.append(f"upper {spatial(self.above.direction)} {_numbers(self.above.multipliers)} {pivots}")
-        lines.append(f"lower {spatial(self.centre)} {len(self.variables)} {len(self.cells)}")
-        return lines
+    Raises
+    ------
+    InputError
+        When a part of the task has no support that can be stated.
+    """
+    parts = parts_of(task)
+    if not all(isinstance(part, TaskEllipsoid | TaskPolytope) for part in parts):
+        raise InputError("task", task, "ellipsoids, polytopes and sums of them in a proof")
+    space = grasp.space
+    domain = ForceCones.of(WrenchSet.of(grasp, force_budget))
+    frames = np.tile(np.eye(3), (len(grasp), 1, 1))  # rows: normal and tangents, z out of the plane
+    frames[:, :space, :space] = grasp.frames.transpose(0, 2, 1)
+    coordinates = _coordinates(grasp.dimension)
+    lines = [
+        "nlpgrasp-proof 1",
+        f"coordinates {len(coordinates)} {_integers(coordinates)}",
+        f"origin {_numbers(np.pad(grasp.torque_origin, (0, 3 - space)))}",
+        f"contacts {len(grasp)}",
+    ]
+    for p, frame, contact in zip(grasp.points, frames, grasp.contacts, strict=True):
+        axes = [coordinates[axis] for axis in contact.axes(space)]
+        lines.append(f"{_numbers(np.pad(p, (0, 3 - space)))}  {_numbers(frame)}  {len(axes)} {_integers(axes)}")
+    lines += [f"variables {domain.lift.shape[1]}", f"lift {_sparse(domain.lift * grasp.force_unit)}"]
+    sizes = [len(M) for M in domain.cones]
+    lines.append(f"cones {len(sizes)} {_integers(sizes)} {_sparse(np.concatenate(domain.cones))}")
+    lines.append(f"task {len(parts)}")
+    for part in parts:
+        is_polytope = isinstance(part, TaskPolytope)
+        rows = part.wrenches if isinstance(part, TaskPolytope) else np.vstack([part.center, part.axes])
+        lines.append(f"{int(is_polytope)} {len(rows)} {_wrenches(rows)}")
+    return "\n".join(lines) + "\n"
 
 
 def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | ForceBudget = "l2") -> Proof:
@@ -175,8 +202,7 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
     InputError
         Where mu is 0, the wrenches do not span wrench space, or the task has no support that can be stated.
     """
-    if not all(isinstance(part, TaskEllipsoid | TaskPolytope) for part in parts_of(task)):
-        raise InputError("task", task, "ellipsoids, polytopes and sums of them in a proof")
+    claim = state_claim(grasp, task, force_budget)
     wrenches = WrenchSet.of(grasp, force_budget)
     problem, _ = make_containment(wrenches, task)
     if problem is None or problem.rank < grasp.dimension:
@@ -186,13 +212,47 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
         raise InputError("grasp", "mu = 0", "a positive mu in a proof")
     domain = ForceCones.of(wrenches)
     forces, cells = state.hull.vertices()
-    variables = domain.into(forces)
+    variables = domain.into(domain.variables(forces))
     centre = np.linalg.solve(problem.matrix, state.hull.centre)
     lower = _provable_lower(wrenches.G, domain, variables, centre, cells, task)
     upper, above = _prove_upper(wrenches.G, domain, problem.to_wrench_direction(state.worst), task)
     ordered = np.sort(cells, axis=1)
     ordered = ordered[np.lexsort(ordered.T[::-1])]
-    return Proof(grasp, task, Bounds(lower, upper), domain, above, variables, centre, ordered)
+    return Proof(claim, Bounds(lower, upper), above, variables, centre, ordered)
+
+
+def write_proof(
+    grasp: Grasp, task: Task, path: str | Path, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
+) -> Bounds:
+    """Write a proof of bounds on mu that ``nlpgrasp check`` and programs of others can check.
+
+    Parameters
+    ----------
+    grasp : Grasp
+        Of any tool.
+    task : Task
+        Ellipsoid, polytope or a sum of them, about the grasp's torque origin.
+    path : str or Path
+        File to write, for example ``grasp.proof``.
+    rtol : float
+        Relative width of the interval. The file is some 100 kB at 0.01 for four fingers, 20 kB at 0.05.
+    force_budget : str or ForceBudget
+        As for ``ng.mu``.
+
+    Returns
+    -------
+    Bounds
+        The interval as proved.
+
+    Raises
+    ------
+    InputError
+        Where nothing can be proved: mu is 0, wrenches that do not span wrench space, a task given by a function.
+    """
+    require_grasp(grasp)
+    proof = prove(grasp, task_for(task, grasp), number("rtol", rtol, above=0.0), force_budget)
+    write_bytes(path, proof.to_bytes())
+    return proof.bounds.of_measure(task.measure, task.paper_beta)
 
 
 def _prove_upper(G: FloatArray, domain: ForceCones, y: FloatArray, task: Task) -> tuple[float, UpperProof]:
@@ -281,6 +341,17 @@ def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:
         elif isinstance(part, TaskEllipsoid):
             total += size @ np.abs(part.center) + np.sum(size @ np.abs(part.axes).T, axis=1)
     return total
+
+
+def _coordinates(dimension: int) -> list[int]:
+    """Return the components of a spatial wrench that wrenches of a dimension have."""
+    return [0, 1, 5] if dimension == 3 else list(range(6))
+
+
+def _wrenches(rows: FloatArray) -> str:
+    full = np.zeros((*np.shape(rows)[:-1], 6))
+    full[..., _coordinates(np.shape(rows)[-1])] = rows
+    return _numbers(full)
 
 
 def _numbers(values: FloatArray) -> str:

@@ -19,6 +19,7 @@ from nlpgrasp.common.validation import FloatArray, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.proof import write_proof
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.analysis_records import (
     Robustness,
@@ -694,8 +695,20 @@ class GraspSolution(InNotebook):
             )
         return solution
 
-    def save(self, path: str | Path) -> Path:
+    def write_proof(self, path: str | Path, rtol: float = 0.01) -> Bounds:
+        """Write a proof of the bounds on mu of the answer, which anyone can check (docs/proof_format.md).
+
+        Raises
+        ------
+        InputError
+            When there is no grasp, or nothing can be proved, as for a task given by a function.
+        """
+        return write_proof(self.require_grasp(), self.task, path, rtol, force_budget=self.budget)
+
+    def save(self, path: str | Path, *, proof: bool = False) -> Path:
         """Write the solution to a JSON file (schema 1) atomically, and return its path.
+
+        With ``proof`` a proof of the bounds on mu goes beside it, ``F.proof`` for ``F.json``.
 
         The file contains a drawing of what it does not state whole: a mesh, an expression or a hand. A certificate of
         the global bound above 200 kB goes to a bound file beside it, ``F.bound.json`` for ``F.json``, which the
@@ -709,6 +722,8 @@ class GraspSolution(InNotebook):
         bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
         is_restorable = self.source is None or restore_problem(self.problem, self.grasp) is not None
         drawing = self.drawing if is_restorable else self.drawn()
+        if proof:
+            self.write_proof(Path(path).with_suffix(".proof"))
         return write_solution(replace(self, bound=bound, drawing=drawing).to_dict(), path)
 
     @classmethod

@@ -1,0 +1,107 @@
+"""Check of a proof file by the checker in C, or by the one in Python where there is no compiler."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from nlpgrasp.common.cache import folder
+from nlpgrasp.errors import InputError
+from nlpgrasp.proof.exact_checker import NotProvedError, check
+
+PROVED = re.compile(r"PROVED: (\S+) <= mu <= (\S+)\n")
+TIME_LIMIT = 600.0  # s, of a check
+
+
+@dataclass(frozen=True)
+class CheckedProof:
+    """Result of a check: the proved interval, or the step that does not hold.
+
+    Parameters
+    ----------
+    lower, upper : float
+        ``lower <= mu <= upper``; 0 and infinity where nothing is proved.
+    reason : str
+        The first step that does not hold; empty if the proof holds.
+    checker : str
+        ``"c"`` or ``"python"``.
+    """
+
+    lower: float
+    upper: float
+    reason: str
+    checker: Literal["c", "python"]
+
+    def __bool__(self) -> bool:
+        return not self.reason
+
+    def __str__(self) -> str:
+        if self.reason:
+            return f"NOT PROVED: {self.reason}"
+        by = "interval arithmetic" if self.checker == "c" else "rational arithmetic"
+        return f"PROVED in {by}: {self.lower!r} <= mu <= {self.upper!r}"
+
+
+def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None) -> CheckedProof:
+    """Check a proof file (docs/proof_format.md), which stands alone.
+
+    Parameters
+    ----------
+    path : str or Path
+    checker : {"c", "python"}, optional
+        ``nlpgrasp/proof/checker.c``, built once by the machine's compiler, or ``exact_checker.py``, some hundred times
+        slower; by default the first, where there is a compiler.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or the checker in C is requested and there is no compiler.
+    """
+    if checker not in (None, "c", "python"):
+        raise InputError("checker", checker, '"c" or "python"')
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"proof ({path})", error.strerror, "a proof file that can be read") from None
+    program = None if checker == "python" else _program()
+    if program is not None:
+        done = subprocess.run([program], input=data, capture_output=True, timeout=TIME_LIMIT, check=False)  # noqa: S603
+        answer = PROVED.fullmatch(done.stdout.decode("ascii", "replace"))
+        if done.returncode == 0 and answer is not None:
+            return CheckedProof(float(answer[1]), float(answer[2]), "", "c")
+        said = done.stdout.decode("ascii", "replace").strip().removeprefix("NOT PROVED: ")
+        return CheckedProof(0.0, float("inf"), said or f"the checker ended with code {done.returncode}", "c")
+    if checker == "c":
+        raise InputError("checker", "c", '"python", or a C compiler named cc, gcc or clang on the PATH')
+    try:
+        lower, upper = check(data)
+    except NotProvedError as error:
+        return CheckedProof(0.0, float("inf"), str(error), "python")
+    return CheckedProof(lower, upper, "", "python")
+
+
+def _program() -> Path | None:
+    """Return the compiled checker from the cache folder, built if need be; None without a compiler."""
+    source = resources.files("nlpgrasp.proof").joinpath("checker.c").read_bytes()
+    compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    place = folder() or Path(tempfile.gettempdir())
+    program = place / f"proof-checker-{hashlib.sha256(source).hexdigest()[:16]}"
+    if program.exists() or compiler is None:
+        return program if program.exists() else None
+    place.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=place) as work:
+        file, built = Path(work) / "checker.c", Path(work) / "checker"
+        file.write_bytes(source)
+        command = [compiler, "-O2", "-o", str(built), str(file), "-lm"]
+        if subprocess.run(command, capture_output=True, check=False).returncode != 0:  # noqa: S603
+            return None
+        os.replace(built, program)
+    return program

@@ -1,0 +1,116 @@
+"""Proofs of bounds on mu: every kind of cone, budget and task is proved by both checkers, and no false bound is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+
+BOX = np.array([[-0.04, 0.016, -0.002], [0.04, 0.016, -0.002], [-0.04, -0.016, -0.002], [0.04, -0.016, -0.002]])
+INWARD = np.array([[1.0, 0, 0], [-1, 0, 0], [1, 0, 0], [-1, 0, 0]])
+WHOLE = ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2])
+LIFT = ng.TaskEllipsoid([1, 1, 2, 0.02, 0.02, 0.02], center=[0, 0, 3, 0, 0, 0])
+WRENCHES = ng.TaskPolytope([[0, 0, 5, 0, 0, 0], [1, 0, 5, 0, 0, 0.1], [0, 1, 3, 0.1, 0, 0], [0, -1, 4, 0, 0.05, 0]])
+PLANAR = ([[-1, 0], [1, 0.1], [0, 1.0]], [[1, 0], [-1, 0], [0, -1.0]])
+CASES = {
+    "friction": (ng.FrictionContact(0.6), WHOLE, "l2"),
+    "box torsion": (ng.SoftContact(0.6, 0.01), LIFT, "l2"),
+    "elliptic torsion": (ng.SoftContact(0.6, 0.01, model="elliptic"), LIFT, "shared"),
+    "line": (ng.LineContact(0.02, 0.5, direction=[0, 1, 0]), LIFT, "per_finger"),
+    "plane": (ng.PlaneContact(0.005, friction=0.5), WHOLE, "per_finger_size"),
+    "pad under Coulomb's law": (ng.PlaneContact(extents=[0.02, 0.01], friction=0.5, direction=[0, 1, 0]), WHOLE, "l2"),
+    "bilateral": (ng.BilateralContact(ng.FrictionContact(0.6)), LIFT, "l2"),
+    "polytope": (ng.FrictionContact(0.6), WRENCHES, "shared"),
+    "sum": (ng.FrictionContact(0.6), WRENCHES + ng.TaskEllipsoid([0.1, 0.1, 0.1, 0.01, 0.01, 0.01]), "l2"),
+}
+
+
+@pytest.fixture(params=CASES)
+def case(request: pytest.FixtureRequest) -> tuple[ng.Grasp, ng.TaskEllipsoid | ng.TaskPolytope, str]:
+    contact, task, budget = CASES[request.param]
+    return ng.Grasp(BOX, INWARD, contact), task, budget
+
+
+def test_both_checkers_prove_what_mu_certifies(case, tmp_path: Path) -> None:
+    grasp, task, budget = case
+    bounds = ng.write_proof(grasp, task, tmp_path / "g.proof", 0.2, force_budget=budget)
+    certified = ng.mu(grasp, task, 0.01, force_budget=budget)
+    assert bounds.lower <= certified.upper
+    assert certified.lower <= bounds.upper <= 1.21 * bounds.lower
+    for checker in ("c", "python"):
+        checked = ng.check_proof(tmp_path / "g.proof", checker)
+        assert (checked.lower, checked.upper, checked.checker) == (bounds.lower, bounds.upper, checker)
+
+
+def test_no_bound_is_proved_that_is_better(case, tmp_path: Path) -> None:
+    grasp, task, budget = case
+    path = tmp_path / "g.proof"
+    bounds = ng.write_proof(grasp, task, path, 0.2, force_budget=budget)
+    data = path.read_bytes()
+    stated = f"bounds {bounds.lower!r} {bounds.upper!r}\n".encode()
+    for lower, upper in ((bounds.lower * (1.0 + 1e-9), bounds.upper), (bounds.lower, bounds.upper * (1.0 - 1e-9))):
+        path.write_bytes(data.replace(stated, f"bounds {lower!r} {upper!r}\n".encode()))
+        for checker in ("c", "python"):
+            assert not ng.check_proof(path, checker)
+
+
+def test_a_planar_grasp_is_proved(tmp_path: Path) -> None:
+    grasp = ng.Grasp(*PLANAR, ng.FrictionContact(0.5))
+    bounds = ng.write_proof(grasp, ng.TaskEllipsoid([1, 1, 0.5]), tmp_path / "g.proof", 0.01)
+    for checker in ("c", "python"):
+        assert ng.check_proof(tmp_path / "g.proof", checker).lower == bounds.lower
+
+
+EDITS = {
+    "more friction": (b" 0.6", b" 0.7"),
+    "another version": (b"nlpgrasp-proof 1", b"nlpgrasp-proof 2"),
+    "NaN": (b" 0.2", b" nan"),
+    "a huge count": (b"contacts 4", b"contacts 400000000"),
+    "contacts moved apart": (b"-0.04", b"-0.05"),
+}
+
+
+def test_edited_files_are_refused_with_the_step(tmp_path: Path) -> None:
+    grasp = ng.Grasp(BOX, INWARD, ng.FrictionContact(0.6))
+    path = tmp_path / "g.proof"
+    ng.write_proof(grasp, WHOLE, path, 0.2)
+    data = path.read_bytes()
+    for name, (old, new) in EDITS.items():
+        path.write_bytes(data.replace(old, new))
+        for checker in ("c", "python"):
+            assert not ng.check_proof(path, checker), name
+    rng = np.random.default_rng(0)
+    start = data.find(b"\n", data.find(b"\nlower ") + 1) + 1
+    for _ in range(40):  # cells and forces: a changed bit may leave a true proof, of the same interval
+        edited = bytearray(data)
+        edited[rng.integers(start, len(data))] ^= 1 << int(rng.integers(0, 8))
+        path.write_bytes(edited)
+        checked = ng.check_proof(path, "c")
+        assert checked.lower <= ng.mu(grasp, WHOLE, 0.01).upper
+    for end in (10, start - 3, start + 5, len(data) - 1):
+        path.write_bytes(data[:end])
+        for checker in ("c", "python"):
+            assert not ng.check_proof(path, checker)
+    path.write_bytes(data + b"\0")
+    assert ng.check_proof(path, "c").reason == "more than a proof (-1)"
+
+
+def test_what_cannot_be_proved_is_refused(tmp_path: Path) -> None:
+    grasp = ng.Grasp(BOX, INWARD, ng.FrictionContact(0.6))
+    function = ng.TaskSet(lambda y: (np.linalg.norm(y, axis=1), y / np.linalg.norm(y, axis=1, keepdims=True)), 6)
+    with pytest.raises(ng.InputError, match="ellipsoids, polytopes and sums"):
+        ng.write_proof(grasp, function, tmp_path / "g.proof")
+    with pytest.raises(ng.InputError, match="mu = 0"):
+        ng.write_proof(ng.Grasp(BOX, INWARD, ng.FrictionContact(0.01)), WHOLE, tmp_path / "g.proof")
+    with pytest.raises(ng.InputError, match=r"proof \(.*a proof file that can be read"):
+        ng.check_proof(tmp_path / "none.proof")
+
+
+def test_without_a_compiler_rational_arithmetic_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ng.write_proof(ng.Grasp(*PLANAR, ng.FrictionContact(0.5)), ng.TaskEllipsoid([1, 1, 0.5]), tmp_path / "g.proof")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("NLPGRASP_CACHE", str(tmp_path / "cache"))
+    assert ng.check_proof(tmp_path / "g.proof").checker == "python"
+    with pytest.raises(ng.InputError, match="a C compiler"):
+        ng.check_proof(tmp_path / "g.proof", "c")
