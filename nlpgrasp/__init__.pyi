@@ -94,6 +94,7 @@ from nlpgrasp.quality import (
     smallest_singular_value,
     support,
 )
+from nlpgrasp.quality.critical_friction import critical_friction, force_curve
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.proof import CheckedProof, check_proof
 from nlpgrasp.quality.measure_table import Columns, measure
