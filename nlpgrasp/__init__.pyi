@@ -71,6 +71,7 @@ from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, form
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.proof import CheckedProof, check_proof
 from nlpgrasp.quality import (
     Bounds,
     FingerForces,
@@ -96,7 +97,6 @@ from nlpgrasp.quality import (
 )
 from nlpgrasp.quality.critical_friction import critical_friction, force_curve
 from nlpgrasp.quality.grasp import Grasp, GraspStack
-from nlpgrasp.proof import CheckedProof, check_proof
 from nlpgrasp.quality.measure_table import Columns, measure
 from nlpgrasp.quality.proof import write_proof
 from nlpgrasp.report.parts import PartResult, PartsSolved, solve_parts
@@ -160,6 +160,7 @@ __all__ = [
     "Box",
     "BoxRegion",
     "CapsuleTip",
+    "CheckedProof",
     "CollisionEvent",
     "Columns",
     "Comparison",
@@ -268,10 +269,12 @@ __all__ = [
     "angular_velocity",
     "approaches",
     "best_possible",
+    "check_proof",
     "choose_contact_types",
     "collision_task",
     "combinations",
     "compare",
+    "critical_friction",
     "cut",
     "delta",
     "disturbance",
@@ -284,6 +287,7 @@ __all__ = [
     "first_choice",
     "fit_ellipsoid",
     "follow_task",
+    "force_curve",
     "formulate",
     "gravity",
     "grip_force",
@@ -329,4 +333,5 @@ __all__ = [
     "turn",
     "verify",
     "write",
+    "write_proof",
 ]

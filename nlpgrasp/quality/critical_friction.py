@@ -1,7 +1,7 @@
 """Least friction with which a task is held, and least force at each friction, by certificates.
 
-The force domains grow with friction, ``K(f)`` is in ``K(g)`` for f <= g, and with them the wrench set: what is proved at
-one friction holds for every larger one, and what is refuted at one is refuted for every smaller one. So bisection
+The force domains grow with friction, ``K(f)`` is in ``K(g)`` for f <= g, and with them the wrench set: what is proved
+at one friction holds for every larger one, and what is refuted at one is refuted for every smaller one. So bisection
 between certificates brackets the least friction, and both ends are proved.
 """
 
@@ -30,7 +30,7 @@ def critical_friction(
     rtol: float = 0.02,
     largest: float = 10.0,
 ) -> Bounds:
-    """Return the least friction coefficient with which a task is held: below ``lower`` it is lost, above ``upper`` held.
+    """Return the least friction with which a task is held: below ``lower`` it is lost, above ``upper`` held.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.sandwich import tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
+from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
 
 EPS = float(np.finfo(float).eps)
@@ -77,7 +77,7 @@ class ForceCones:
     def missing(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return by how much variables (v, l) may be outside their contacts' cones, and the budget's, (v,) each.
 
-        Rounding errors of intervals, at most ``4 (m + 1) eps sum |M_ij u_j|`` in a row of m terms, are counted as outside.
+        Rounding errors of intervals in a row of m terms, at most ``4 (m + 1) eps sum |M_ij u_j|``, count as outside.
         """
         full = np.concatenate([u, np.ones((len(u), 1))], axis=1)
         outside = np.zeros((2, len(u)))
@@ -166,9 +166,7 @@ def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2"
     InputError
         When a part of the task has no support that can be stated.
     """
-    parts = parts_of(task)
-    if not all(isinstance(part, TaskEllipsoid | TaskPolytope) for part in parts):
-        raise InputError("task", task, "ellipsoids, polytopes and sums of them in a proof")
+    parts = _support_rows(task)
     space = grasp.space
     domain = ForceCones.of(WrenchSet.of(grasp, force_budget))
     frames = np.tile(np.eye(3), (len(grasp), 1, 1))  # rows: normal and tangents, z out of the plane
@@ -187,10 +185,7 @@ def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2"
     sizes = [len(M) for M in domain.cones]
     lines.append(f"cones {len(sizes)} {_integers(sizes)} {_sparse(np.concatenate(domain.cones))}")
     lines.append(f"task {len(parts)}")
-    for part in parts:
-        is_polytope = isinstance(part, TaskPolytope)
-        rows = part.wrenches if isinstance(part, TaskPolytope) else np.vstack([part.center, part.axes])
-        lines.append(f"{int(is_polytope)} {len(rows)} {_wrenches(rows)}")
+    lines += [f"{int(is_polytope)} {len(rows)} {_wrenches(rows)}" for is_polytope, rows in parts]
     return "\n".join(lines) + "\n"
 
 
@@ -213,7 +208,7 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
     domain = ForceCones.of(wrenches)
     forces, cells = state.hull.vertices()
     variables = domain.into(domain.variables(forces))
-    centre = np.linalg.solve(problem.matrix, state.hull.centre)
+    centre = np.asarray(np.linalg.solve(problem.matrix, state.hull.centre), dtype=np.float64)
     lower = _provable_lower(wrenches.G, domain, variables, centre, cells, task)
     upper, above = _prove_upper(wrenches.G, domain, problem.to_wrench_direction(state.worst), task)
     ordered = np.sort(cells, axis=1)
@@ -313,7 +308,7 @@ def _pivots(domain: ForceCones) -> tuple[tuple[int, int], ...]:
 def _provable_lower(
     G: FloatArray, domain: ForceCones, variables: FloatArray, centre: FloatArray, cells: IntArray, task: Task
 ) -> float:
-    """Return a lower bound that interval arithmetic confirms: each rounding error is counted at eight times its bound."""
+    """Return a lower bound that intervals confirm: each rounding error is counted at eight times its bound."""
     loss = 8.0 * EPS
     forces = variables @ domain.lift.T
     vertices = forces @ G.T - centre
@@ -334,13 +329,17 @@ def _provable_lower(
 
 def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:
     """Return the sums of absolute products in a task's support along directions of absolute components ``size``."""
-    total = np.zeros(len(size))
-    for part in parts_of(task):
-        if isinstance(part, TaskPolytope):
-            total += np.max(size @ np.abs(part.wrenches).T, axis=1)
-        elif isinstance(part, TaskEllipsoid):
-            total += size @ np.abs(part.center) + np.sum(size @ np.abs(part.axes).T, axis=1)
-    return total
+    work = [(is_polytope, size @ np.abs(rows).T) for is_polytope, rows in _support_rows(task)]
+    return np.asarray(sum(np.max(w, axis=1) if is_polytope else np.sum(w, axis=1) for is_polytope, w in work))
+
+
+def _support_rows(task: Task) -> list[tuple[bool, FloatArray]]:
+    """Return the rows that state the support function of each part of a task."""
+    parts = [part.support_rows() for part in parts_of(task)]
+    stated = [part for part in parts if part is not None]
+    if len(stated) < len(parts):
+        raise InputError("task", task, "ellipsoids, polytopes and sums of them in a proof")
+    return stated
 
 
 def _coordinates(dimension: int) -> list[int]:

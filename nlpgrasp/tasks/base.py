@@ -99,6 +99,17 @@ class Task(ABC):
         """Return the task from the data of its ``to_dict``."""
         raise InputError("task.type", data.get("type"), f"a kind that can be read, which {cls.__name__} cannot")
 
+    def support_rows(self) -> tuple[bool, FloatArray] | None:
+        """Return the rows that state the support function in full; None for a task given by a function.
+
+        Returns
+        -------
+        is_polytope : bool
+        rows : (m, d) array
+            The wrenches of a polytope, or the centre and the semi-axes of an ellipsoid.
+        """
+        return None
+
     def ends(self) -> FloatArray:
         """Return representative wrenches of the task's boundary, (m, d), newtons and newton-metres."""
         values, vectors = np.linalg.eigh(self.second_moment())

@@ -200,6 +200,10 @@ class TaskEllipsoid(Task):
         self.beta = beta
         return self
 
+    def support_rows(self) -> tuple[bool, FloatArray]:
+        """Return false, for an ellipsoid, and its centre and semi-axes (m + 1, d)."""
+        return False, np.vstack([self.center, self.axes])
+
     def second_moment(self) -> FloatArray:
         """Return ``L L^T + c c^T``, (d, d)."""
         return self.axes.T @ self.axes + np.outer(self.center, self.center)

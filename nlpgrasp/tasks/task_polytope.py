@@ -68,6 +68,10 @@ class TaskPolytope(Task):
         result.wrenches = read_only(self.wrenches @ matrix.T)  # of a lower dimension, perhaps
         return result
 
+    def support_rows(self) -> tuple[bool, FloatArray]:
+        """Return true, for a polytope, and its wrenches (m, d)."""
+        return True, self.wrenches
+
     def second_moment(self) -> FloatArray:
         """Return the mean of ``v v^T`` over the wrenches, times the dimension, (d, d)."""
         return self.dimension * self.wrenches.T @ self.wrenches / len(self.wrenches)

@@ -54,8 +54,8 @@ def held(grasp: ng.Grasp, wrenches: np.ndarray, friction: float, total: float) -
 def test_bad_input_is_refused() -> None:
     with pytest.raises(ng.InputError, match="one of finger_force and total"):
         ng.critical_friction(pinch(), WEIGHT, finger_force=1.0, total=2.0)
+    mixed = ng.Grasp(SIDES, INWARD, [ng.FrictionContact(0.5)] * 3 + [ng.FrictionContact(0.6)])
     with pytest.raises(ng.InputError, match="contacts with one friction coefficient"):
-        contacts = [ng.FrictionContact(0.5)] * 3 + [ng.FrictionContact(0.6)]
-        ng.critical_friction(ng.Grasp(SIDES, INWARD, contacts), WEIGHT)
+        ng.critical_friction(mixed, WEIGHT)
     with pytest.raises(ng.InputError, match="frictions"):
         ng.force_curve(pinch(), WEIGHT, [0.0])
