@@ -15,9 +15,9 @@ def ball(directions):
 
 
 def grown(points, first):
-    hull = IncrementalHull(points[:first], ball)
+    hull = IncrementalHull(points[:first], points[:first], ball)
     for p in points[first:]:
-        hull.insert(p[None])
+        hull.insert(p[None], p[None])
     return hull
 
 
@@ -32,9 +32,10 @@ def test_same_facets_as_qhull(dimension, rng):
 
 def test_a_point_inside_changes_nothing(rng):
     points = rng.standard_normal((30, 4))
-    hull = IncrementalHull(points, ball)
+    hull = IncrementalHull(points, points, ball)
     before = hull.values.copy()
-    assert not hull.insert(points.mean(axis=0, keepdims=True))
+    middle = points.mean(axis=0, keepdims=True)
+    assert not hull.insert(middle, middle)
     np.testing.assert_array_equal(hull.values, before)
 
 
