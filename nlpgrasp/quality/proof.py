@@ -321,10 +321,12 @@ def _provable_lower(
     heights -= np.einsum("fvd,fd->fv", radius[cells] + loss * len(G) * np.abs(corners), size)
     offsets = np.min(heights, axis=1) + planes @ centre - loss * (2 + len(G)) * (size @ np.abs(centre) + 1.0)
     reach = task.support(planes)[0] + loss * 4 * len(G) * _reach_of_sizes(task, size)
-    binding = reach > 0.0
-    if np.any(offsets[~binding] < 0.0):
+    # a half-space without the origin holds a task beside it from some multiple on: lower * reach <= offset
+    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - loss)
+    is_beside = (reach <= 0.0) & (offsets < 0.0)
+    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
         return 0.0
-    return float(max(0.0, np.min(offsets[binding] / reach[binding], initial=np.inf)) * (1.0 - loss))
+    return largest
 
 
 def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:

@@ -130,10 +130,11 @@ def _lower_end(grasp: Grasp, task: Task, offset: float, angle: float, budget: Fo
     if np.min(least) <= 0.0:
         return 0.0
     offsets, reach = least + planes @ centre, task.support(planes)[0]
-    if np.any((offsets < 0.0) & (reach <= 0.0)):
+    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - ROUNDING)
+    is_beside = (reach <= 0.0) & (offsets < 0.0)  # half-spaces that hold the task from some multiple on
+    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
         return 0.0
-    binding = reach > 0.0
-    return float(max(0.0, np.min(offsets[binding] / reach[binding], initial=np.inf)) * (1.0 - ROUNDING))
+    return largest
 
 
 def _losses(
