@@ -71,7 +71,6 @@ from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, form
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.proof import CheckedProof, check_proof
 from nlpgrasp.quality import (
     Bounds,
     FingerForces,
@@ -148,6 +147,7 @@ from nlpgrasp.tasks.recording import WrenchRecording
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit, fit_ellipsoid
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
 from nlpgrasp.verify.check import Verification
+from nlpgrasp.verify.proof_checker import CheckedProof, check_proof
 from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 

@@ -9,7 +9,6 @@ import typer
 
 import nlpgrasp as ng
 from nlpgrasp.cli.console import AsJson, File, Rtol, writable, write_json_line
-from nlpgrasp.proof import check_proof
 
 ProofFile = Annotated[Path, typer.Argument(metavar="F.proof", help="Proof file.")]
 
@@ -22,7 +21,7 @@ def check_command(
     as_json: AsJson = False,
 ) -> None:
     """Check a proof of bounds on mu, which stands alone. Exit code: 0 if it holds, 1 if not, 2 on bad input."""
-    checked = check_proof(file, "python" if exact else None)
+    checked = ng.check_proof(file, "python" if exact else None)
     if as_json:
         mu = [checked.lower, checked.upper] if checked else None
         write_json_line({"proved": bool(checked), "mu": mu, "reason": checked.reason, "checker": checked.checker})

@@ -1,8 +1,9 @@
 """Proof of a lower bound on mu: the forces behind the vertices of the inner polytope, and its cells.
 
 The file (docs/proof_format.md) states contacts, force domain and task, and stands alone: a checker that shares no code
-with this package verifies it (``nlpgrasp.proof``). The force domain is stated once, as second-order cones of variables
-u: ``x = A u`` with every ``M (u, 1)`` in a second-order cone, which is how contacts and budgets state themselves.
+with this package verifies it (``verify/proof_checker``). The force domain is stated once, as second-order cones of
+variables u: ``x = A u`` with every ``M (u, 1)`` in a second-order cone, which is how contacts and budgets state
+themselves.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Checkers of proofs: interval arithmetic in C, rational arithmetic in Python. They share no code with certificates."""
 
-from nlpgrasp.proof.check import CheckedProof, check_proof
+from nlpgrasp.verify.proof_checker.check import CheckedProof, check_proof
 
 __all__ = ["CheckedProof", "check_proof"]

@@ -15,7 +15,7 @@ from typing import Literal
 
 from nlpgrasp.common.cache import folder
 from nlpgrasp.errors import InputError
-from nlpgrasp.proof.exact_checker import NotProvedError, check
+from nlpgrasp.verify.proof_checker.exact_checker import NotProvedError, check
 
 PROVED = re.compile(r"PROVED: (\S+) <= mu <= (\S+)\n")
 TIME_LIMIT = 600.0  # s, of a check
@@ -57,8 +57,8 @@ def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None)
     ----------
     path : str or Path
     checker : {"c", "python"}, optional
-        ``nlpgrasp/proof/checker.c``, built once by the machine's compiler, or ``exact_checker.py``, some hundred times
-        slower; by default the first, where there is a compiler.
+        ``checker.c``, built once by the machine's compiler, or ``exact_checker.py``, some hundred times slower; by
+        default the first, where there is a compiler.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None)
 
 def _program() -> Path | None:
     """Return the compiled checker from the cache folder, built if need be; None without a compiler."""
-    source = resources.files("nlpgrasp.proof").joinpath("checker.c").read_bytes()
+    source = resources.files("nlpgrasp.verify.proof_checker").joinpath("checker.c").read_bytes()
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     place = folder() or Path(tempfile.gettempdir())
     program = place / f"proof-checker-{hashlib.sha256(source).hexdigest()[:16]}"
