@@ -13,7 +13,10 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import repaired_mesh
+from nlpgrasp.common.meshes.outer_surface import HOLLOW
+from nlpgrasp.common.meshes.topology import merge_mesh_vertices
 from nlpgrasp.common.spatial import Pose, pose_matrix, rotation_matrices
+from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray, array, number, prefix_errors, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.task_polytope import TaskPolytope
@@ -228,9 +231,22 @@ class MassProperties:
     def of_mesh(cls, mesh: trimesh.Trimesh, density: float) -> MassProperties:
         """Return the mass properties of a mesh of uniform density, kg / m^3.
 
-        Every mesh that ``ng.Mesh`` takes is taken, and measured after the same repairs; ``body.mesh`` had them.
+        Every mesh that ``ng.Mesh`` takes is taken, and measured after the same repairs. Closed hollows of a mesh that
+        needs no repair have no mass; ``body.mesh`` has none any more, as it counts them as filled.
+
+        Warns
+        -----
+        UserWarning
+            On closed hollows of a mesh that needs repair: they count as filled.
         """
-        density, integrals = number("density", density, above=0.0), volume_integrals(repaired_mesh(mesh)[0])
+        density, (repaired, notes) = number("density", density, above=0.0), repaired_mesh(mesh)
+        if any(note.startswith(HOLLOW) for note in notes):
+            merged = merge_mesh_vertices(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces))
+            if len(notes) == 1 and merged.is_volume:
+                repaired = merged
+            else:
+                warn(f"MassProperties.of_mesh: {'; '.join(notes)}")
+        integrals = volume_integrals(repaired)
         return cls(density * integrals.volume, integrals.centre, density * integrals.inertia)
 
     def wrenches(

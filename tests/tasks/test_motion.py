@@ -95,6 +95,19 @@ def test_mass_properties_of_what_a_body_is_made_of():
             np.testing.assert_allclose(properties.center_of_mass, ng.Mesh(mesh).centroid, atol=1e-6)
 
 
+def test_closed_hollows_have_no_mass():
+    outer, inner = trimesh.creation.box([0.05, 0.04, 0.03]), trimesh.creation.box([0.03, 0.02, 0.01])
+    inner.apply_translation([0.005, 0.0, 0.0]).invert()
+    mesh = trimesh.util.concatenate([outer, inner])
+    for given in (mesh, trimesh.Trimesh(mesh.triangles.reshape(-1, 3), np.arange(72).reshape(-1, 3), process=False)):
+        properties = ng.MassProperties.of_mesh(given, 1000.0)
+        assert properties.mass == pytest.approx(0.054)
+        np.testing.assert_allclose(properties.center_of_mass, [-0.005 / 9.0, 0.0, 0.0], atol=1e-9)
+    overlapping = trimesh.util.concatenate([mesh, outer.copy().apply_translation([0.045, 0.0, 0.0])])
+    with pytest.warns(UserWarning, match="a closed hollow.* filled"):
+        assert ng.MassProperties.of_mesh(overlapping, 1000.0).mass == pytest.approx(0.114)
+
+
 MASS = ng.MassProperties(1.0)
 FOUR = np.arange(4.0)
 

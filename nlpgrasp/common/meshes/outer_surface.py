@@ -34,6 +34,7 @@ MOST_PIECES = 1_000_000  # of bisected triangles
 GROWN = 2e-6  # of the size: outward offset that makes touching parts overlap
 MOST_BURIED = 5e-4  # of the surface area: buried share that is tolerated
 MOST_LEFT = 0.01  # of the surface area: share that may seem buried beside the slits of triangles left out
+HOLLOW = "left out the walls of "  # beginning of the note on closed hollows
 OVERLAP = 0.5  # rise of the winding number through a wall above which it is no wall of a slit
 
 
@@ -128,7 +129,7 @@ def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshP
     hollow_count = len(hollows) + united[1]
     if hollow_count:
         walls = "a closed hollow" if hollow_count == 1 else f"{hollow_count} closed hollows"
-        notes.append(f"left out the walls of {walls}: no finger gets there, and the body counts as filled")
+        notes.append(f"{HOLLOW}{walls}: no finger gets there, and the body counts as filled")
     return MeshParts(*united[0])
 
 
