@@ -21,6 +21,15 @@ SHARE = "a share above 0, at most 1"
 TURN = 2.0 * np.pi * (1.0 + 1e-6)  # rad, a full turn with tolerance for rounding in files
 LARGEST_TIP = 1.0  # m, largest fingertip radius
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+LENGTHS = {  # names of UNITS by the words of files, in lower case
+    **{name: name for name in UNITS},
+    **{
+        f"{prefix}met{ending}": f"{short}m"
+        for prefix, short in (("", ""), ("deci", "d"), ("centi", "c"), ("milli", "m"))
+        for ending in ("er", "ers", "re", "res")
+    },
+    **{"inch": "in", "inches": "in", "foot": "ft", "feet": "ft"},
+}
 HEAVY = 50.0  # kg, mass above which grams are suspected
 MOST, NEAREST = 16, 4  # most names listed in a message, most suggestions
 CLOSE, LONG = 0.6, 3  # least similarity ratio of similar names; least letters of a significant word

@@ -75,8 +75,11 @@ FILES = {
     "mm.obj": (lambda: b"# Units: millimeters\n" + plain("obj", b"", b""), 0.001, "mm"),
     "file.obj": (lambda: b"# File units = inches\r\n" + plain("obj", b"", b""), 0.0254, "in"),
     "prose.obj": (lambda: b"# units: mm are not what these are\n" + plain("obj", b"", b""), 1.0, "m"),
-    "two.obj": (lambda: b"# units: mm\n# units: cm\n" + plain("obj", b"", b""), 1.0, "m"),
+    "bare.obj": (lambda: b"#units Millimetres\n" + plain("obj", b"", b""), 0.001, "mm"),
+    "long.obj": (lambda: b"# Unit: Millimeter (mm).\n" + plain("obj", b"", b""), 0.001, "mm"),
+    "cube.obj": (lambda: b"# unit cube\n" + plain("obj", b"", b""), 1.0, "m"),
     "cm.ply": (lambda: plain("ply", PLY, PLY + b"comment unit: cm\n"), 0.01, "cm"),
+    "bare.ply": (lambda: plain("ply", PLY, PLY + b"comment length unit feet\n"), 0.3048, "ft"),
     "none.stl": (lambda: plain("stl", b"", b""), 1.0, "m"),
     "mm.stl": (lambda: header(b"COLOR=\x10\x10\x10\xff UNITS=mm"), 0.001, "mm"),
 }
@@ -101,6 +104,23 @@ def test_another_unit_than_the_stated_one_is_refused(tmp_path):
     np.testing.assert_allclose(
         np.ptp(ng.Mesh.load(tmp_path / "in.3mf", scale=1.0 / 25.4).bounds, axis=0), 0.001 * SIDES, rtol=1e-9
     )
+
+
+def test_a_file_that_states_two_units_says_so(tmp_path):
+    (tmp_path / "both.obj").write_bytes(b"# units: mm\n# units: cm\n" + plain("obj", b"", b""))
+    with pytest.warns(UserWarning, match=r"both.obj: its comments state 2 units: unit= says which"):
+        ng.Mesh.load(tmp_path / "both.obj")
+
+
+@pytest.mark.parametrize(("name", "cure"), [("m.3mf", "scale=0.001"), ("m.dae", "scale=0.001"), ("ft.3mf", "scale= ")])
+def test_the_cure_of_a_wrong_stated_unit_works(tmp_path, name, cure):
+    long = 16.0 * SIDES
+    asset = '<unit meter="1"/>'
+    units = {"m.3mf": "meter", "ft.3mf": "foot"}
+    (tmp_path / name).write_bytes(threemf(units[name], long) if name in units else collada(asset, long))
+    with pytest.raises(ng.InputError, match=rf"{name}, which states .* m long.*{cure}"):
+        ng.Mesh.load(tmp_path / name)
+    assert ng.Mesh.load(tmp_path / name, scale=0.001).size > 0.0
 
 
 @pytest.mark.parametrize(

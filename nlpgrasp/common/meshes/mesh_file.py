@@ -18,7 +18,7 @@ from nlpgrasp.common.meshes.outer_surface import outer_surface
 from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, local_origin, relative_to, unclear_fraction
 from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
 from nlpgrasp.common.user_warnings import warn_once
-from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, IntArray, check_body_size, metres_per
+from nlpgrasp.common.validation import LENGTHS, LONGEST_BODY, UNITS, FloatArray, IntArray, check_body_size, metres_per
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +36,9 @@ WITH_UNIT = (".3mf", ".dae", ".zae", ".3dxml")  # formats that state a unit, or 
 HEAD, STL_HEADER = 8192, 80  # bytes in which comments are looked at
 # a comment of an OBJ or PLY file that is nothing but a unit; the header of an STL file as Materialise writes it
 UNIT_COMMENT = re.compile(
-    rb"^(?:#|comment|obj_info)[ \t]*(?:file )?units?[ \t]*[:=][ \t]*([a-z]+)[ \t\r]*$", re.I | re.M
+    rb"^(?:#|comment|obj_info)[ \t]*(?:(?:file|length)[ \t]+)?units?(?:[ \t]*[:=][ \t]*|[ \t]+)"
+    rb"([a-z]+)(?:[ \t]*\([a-z]+\))?\.?[ \t\r]*$",
+    re.I | re.M,
 )
 STL_UNIT = re.compile(rb"\bUNITS=[ \t]*([a-z]+)", re.I)
 
@@ -120,6 +122,10 @@ def read_mesh(path: str | Path, unit: str | None = None, scale: float = 1.0) -> 
     used = stated or unit or "m"
     factor = scale * metres_per("Mesh.unit", used)
     longest = factor * _longest_side(loaded)
+    if stated is not None and longest > LONGEST_BODY:
+        cure = "scale=0.001 makes up for numbers that are millimetres" if stated == "m" else "scale= makes up for it"
+        allowed = f"at most {LONGEST_BODY:g} m: where a file states a wrong unit, {cure}"
+        raise InputError("Mesh.path", f"{file.name}, which states {stated} and is {longest:.3g} m long", allowed)
     if used == "m" and stated is None and LARGE < longest <= LONGEST_BODY:
         warn_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
     return scale_mesh(loaded, factor), used
@@ -153,7 +159,9 @@ def _metres_in_comment(file: Path) -> float | None:
         return None
     with file.open("rb") as stream:
         head = stream.read(HEAD if pattern is UNIT_COMMENT else STL_HEADER)
-    lengths = {_metres_of_name(name.decode()) for name in pattern.findall(head.partition(b"end_header")[0])}
+    lengths = {_metres_of_name(name.decode()) for name in pattern.findall(head.partition(b"end_header")[0])} - {None}
+    if len(lengths) > 1:
+        warn_once(f"{file.name}: its comments state {len(lengths)} units: unit= says which one is meant")
     return lengths.pop() if len(lengths) == 1 else None
 
 
@@ -178,9 +186,11 @@ def metres_of_format(file: Path, geometry: trimesh.Scene | trimesh.Trimesh) -> f
 
 
 def _metres_of_name(name: str) -> float | None:
-    """Return the length of a unit in metres, by a name that trimesh knows; None for any other."""
+    """Return the length of a unit in metres, by a name of ``LENGTHS`` or trimesh; None for any other."""
     from trimesh.units import unit_conversion
 
+    if name.lower() in LENGTHS:
+        return UNITS[LENGTHS[name.lower()]]
     try:
         factor = float(unit_conversion(name, "meters"))
     except ValueError:
