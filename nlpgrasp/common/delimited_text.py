@@ -23,6 +23,7 @@ COMMENT = re.compile(r"\s*(#|%|//)+\s*")  # at the beginning of a line
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+")  # a decimal comma, or commas between thousands
 NUMBER_LIKE = re.compile(r"[+-]?[\d.,]*\d([eE][+-]?\d+)?")
+UNIT_SEPARATOR = re.compile(r"[\s:;,=()\[\]]+")  # between words of a line above the header
 TEXT_ROWS = 3  # most rows of text between a header and its data
 
 
@@ -45,6 +46,8 @@ class DelimitedTable:
     widths : list of int
         Number of cells of each row in the file.
     delimiter : str
+    above : list of lists of str
+        Cells of the rows above the header.
     """
 
     name: str
@@ -54,6 +57,13 @@ class DelimitedTable:
     lines: list[int]
     widths: list[int]
     delimiter: str
+    above: Sequence[Cells] = ()
+
+    def stated_units(self, is_unit: Callable[[str], bool]) -> set[str]:
+        """Return the units in rows above the header that have the word unit."""
+        rows = [row for row in self.above if any("unit" in cell.lower() for cell in row)]
+        words = [word for row in rows for cell in row for word in [cell, *UNIT_SEPARATOR.split(cell)]]
+        return {word for word in words if is_unit(word)}
 
     def with_decimal_points(self, rows: Sequence[Cells]) -> list[Cells]:
         """Return cells of numbers with decimal points in place of decimal commas.
@@ -204,7 +214,8 @@ def _table_of(
     is_short = any(len(row) < width for _, row in rows)
     text_columns = _trailing_text([row for _, row in rows], width, delimiter) if is_short else 0
     cells = [_fit(row, width, text_columns) for _, row in rows]
-    return DelimitedTable(name, header, units, cells, [line for line, _ in rows], [len(r) for _, r in rows], delimiter)
+    lines, widths, above = [line for line, _ in rows], [len(row) for _, row in rows], [r for _, r in numbered[:index]]
+    return DelimitedTable(name, header, units, cells, lines, widths, delimiter, above if index else ())
 
 
 def _names_columns(row: Cells, is_header: Test) -> bool:

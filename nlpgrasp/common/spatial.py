@@ -15,9 +15,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.files import parse_json
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, array, check_angles
 from nlpgrasp.errors import InputError
 
+HALF_TURN = np.pi * (1.0 + 1e-3)  # rad, longest rotation vector that robots show, with their rounding
+REACH = 3.0  # m from a cell's origin, above which millimetres are suspected
 UNIT_TOLERANCE = 1e-6  # tolerance of unit vectors and rotations
 ROUNDING = 8.0 * float(np.finfo(float).eps)  # of the coordinates: rounding error of their difference
 WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"  # fields of a pose given as a mapping
@@ -247,6 +250,11 @@ def pose_from_text(field: str, text: str) -> FloatArray:
     ------
     InputError
         On any other text, on what is no rigid transform, and on a rotation vector longer than a turn.
+
+    Warns
+    -----
+    UserWarning
+        On a rotation vector longer than half a turn.
     """
     try:
         value = parse_json(text.strip().removeprefix("p"))
@@ -254,7 +262,10 @@ def pose_from_text(field: str, text: str) -> FloatArray:
         raise InputError(field, text, POSE_TEXT) from None
     if isinstance(value, list) and len(value) == 6:
         coordinates = array(field, value, (6,))
-        check_angles(f"{field}, length of (rx, ry, rz)", np.asarray(np.linalg.norm(coordinates[3:])))
+        length = float(check_angles(f"{field}, length of (rx, ry, rz)", np.asarray(np.linalg.norm(coordinates[3:]))))
+        if length > HALF_TURN:
+            text = f"{length:.4g} radians are more than half a turn: {length:.4g} degrees are {np.radians(length):.4g}"
+            warn_once(f"{field}, length of (rx, ry, rz): {text}")
         quaternion = Rotation.from_rotvec(coordinates[3:]).as_quat(scalar_first=True)
         return pose_matrix(field, {"position": coordinates[:3], WXYZ: quaternion})
     if not isinstance(value, list | dict) or not value:
@@ -281,8 +292,14 @@ def pose_matrix(field: str, value: Pose) -> FloatArray:
 
 
 def check_cell_positions(field: str, positions: ArrayLike) -> None:
-    """Raise if positions (..., 3) in a robot's cell, metres, are too far from its origin: a pose in millimetres."""
+    """Raise if positions (..., 3) in a robot's cell, metres, are too far from its origin: a pose in millimetres.
+
+    Warn if they are farther than arms reach.
+    """
     farthest = float(np.max(np.linalg.norm(positions, axis=-1), initial=0.0))
+    if REACH < farthest <= LONGEST_BODY:
+        text = f"puts the hand {farthest:.4g} m from the cell's origin: {farthest:.4g} mm are {farthest / 1000.0:.4g} m"
+        warn_once(f"{field}: the pose {text}")
     if farthest > LONGEST_BODY:
         cure = f"if the position is in millimetres, divide it by 1000: {farthest:.4g} mm are {farthest / 1000.0:.4g} m"
         allowed = f"a pose that puts it at most {LONGEST_BODY:g} m from the cell's origin; {cure}"

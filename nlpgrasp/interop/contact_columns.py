@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from nlpgrasp.common.validation import UNITS
+from nlpgrasp.common.validation import LENGTHS
 from nlpgrasp.errors import InputError
 
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
@@ -158,8 +158,8 @@ def _component_of(column: str) -> _Component | None:
         if words[-len(parts) :] == parts and set(words[: -len(parts)]) <= OWNERS:
             return _Component(coefficient, tuple(words[: -len(parts)]), number, None)
     unit = None
-    if len(words) > 1 and words[-1] in UNITS:
-        unit = words.pop()
+    if len(words) > 1 and words[-1] in LENGTHS:
+        unit = LENGTHS[words.pop()]
         if len(words) > 1 and words[-1] == "in":
             words.pop()
     match = AXIS.fullmatch(words[-1])

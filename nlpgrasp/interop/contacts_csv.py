@@ -13,7 +13,7 @@ from nlpgrasp.bodies import Body, body_from_dict
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.common.delimited_text import DelimitedTable, read_delimited
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import UNITS, FloatArray, in_metres
+from nlpgrasp.common.validation import LENGTHS, UNITS, FloatArray, in_metres
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat, ReadGrasp, ReadOptions
@@ -251,7 +251,13 @@ def _contact_rows(path: str | Path, unit: str) -> tuple[list[Row], str]:
 
 def _is_length(cell: str) -> bool:
     """Return whether a cell is a unit of length."""
-    return cell.strip("[]() ") in UNITS
+    return _length_name(cell) in UNITS
+
+
+def _length_name(cell: str) -> str:
+    """Return the name of a unit of length in a cell as ``UNITS`` has it, or the cell itself."""
+    text = cell.strip("[]() ")
+    return LENGTHS.get(text.lower(), text)
 
 
 def _check_widths(table: DelimitedTable, header: Sequence[str], contacts: Sequence[ContactColumns]) -> None:
@@ -298,7 +304,8 @@ def _stated_unit(table: DelimitedTable, contacts: Sequence[ContactColumns], unit
     stated = {columns.unit for columns in contacts} - {None}
     if table.units is not None:
         positions = [i for columns in contacts for name, i in columns.indices.items() if name in POSITION]
-        stated |= {table.units[i].strip("[]() ") for i in positions}
+        stated |= {_length_name(table.units[i]) for i in positions}
+    stated = stated or {_length_name(word) for word in table.stated_units(_is_length) if word.lower() != "in"}
     if not stated:
         return unit
     texts = sorted(map(str, stated))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from nlpgrasp.common.delimited_text import DelimitedTable, is_number, read_delimited
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import LARGEST, FloatArray, IntArray
 from nlpgrasp.errors import InputError
 
@@ -392,6 +393,11 @@ def units_of(table: WrenchTable, columns: Sequence[int], units: object) -> tuple
         for name, text, other in zip(names, texts, stated, strict=True):
             if other is not None and (_is_unit(other) or table.units) and _unit_name(other) != _unit_name(text):
                 raise InputError("units", repr(text), f"{other!r}, which the table states for {name}, or no units=")
+        unknown = sorted({other for other in stated if other is not None and not _is_unit(other)})
+        if unknown:
+            named = ", ".join(map(repr, unknown))
+            warn_once(f"{table.name}: columns are read in {texts[0]} and {texts[-1]}, as units= says, not in {named}")
+        _check_lines_above(table, texts)
     else:
         texts = [text for text in stated if text is not None]
         if len(texts) < len(stated):
@@ -403,6 +409,18 @@ def units_of(table: WrenchTable, columns: Sequence[int], units: object) -> tuple
         if _unit_name(text) not in allowed:
             raise InputError("units", repr(text), "one of " + ", ".join(allowed))
     return tuple(_unit_name(text) for text in texts)
+
+
+def _check_lines_above(table: WrenchTable, units: Sequence[str]) -> None:
+    """Raise if lines above the header state other units of forces, or of torques, than ``units``."""
+    words = set() if table.text is None else table.text.stated_units(_is_unit)
+    for kind in (FORCES, TORQUES):
+        stated = sorted(word for word in words if _unit_name(_bare_unit(word)) in kind)
+        names = {_unit_name(_bare_unit(word)) for word in stated}
+        for unit in units:
+            if names and _unit_name(unit) in kind.keys() - names:
+                cure = f"{', '.join(stated)}, which a line above the header of {table.name} states, or skip_lines="
+                raise InputError("units", repr(unit), cure)
 
 
 def scales_of(units: Sequence[str]) -> FloatArray:

@@ -462,6 +462,8 @@ def contact_lines(header, delimiter=",", decimal=".", factor=1.0):
 WAYS = {
     **{name: contact_lines(header) for name, header in HEADERS.items()},
     "millimetres": contact_lines(["x [mm]", "y [mm]", "z [mm]", *PLAIN[3:]], factor=1e3),
+    "units in words": contact_lines([*(f"{axis} [millimetre]" for axis in "xyz"), *PLAIN[3:]], factor=1e3),
+    "a line of units": "# units: mm\n" + contact_lines(PLAIN, factor=1e3),
     "a row of units": contact_lines(PLAIN, factor=1e3).replace("nz\n", "nz\nmm,mm,mm,-,-,-\n"),
     "semicolons": contact_lines(PLAIN, ";", ","),
     "spaces": "# made by hand\n" + contact_lines(PLAIN, "  "),

@@ -215,6 +215,16 @@ def test_a_frame_in_millimetres_is_asked_about(block, spelling, tmp_path):
     assert not (tmp_path / "block.poses.csv").exists()
 
 
+def test_a_frame_of_few_millimetres_or_degrees_is_asked_about(block):
+    near = np.array(CELL)
+    near[:3, 3] = [8.0, -3.0, 2.0]
+    with pytest.warns(UserWarning, match=r"puts the hand 8\..* m from the cell's origin: 8\..* mm are 0\.008"):
+        ng.robot_poses(block, frame=near)
+    with pytest.warns(UserWarning, match="more than half a turn: 5 degrees are 0.08727"):
+        pose_from_text("--frame", "p[0.4, -0.1, 0.2, 0, 0, 5]")
+    pose_from_text("--frame", "p[0.4, -0.1, 0.2, 0, 0, 3.142]")
+
+
 def test_a_frame_is_refused_by_formats_in_the_parts_frame(block, tmp_path):
     file = block.save(tmp_path / "block.json")
     arguments = ["export", str(file), "--to", "moveit", "--frame", "p[0,0,0,0,0,0]"]

@@ -339,3 +339,25 @@ def test_a_frame_has_its_row_of_units(tmp_path):
     np.testing.assert_allclose(recording.wrenches, SERIES)
     with pytest.raises(ng.InputError, match="which the table states for Tx"):
         ng.WrenchRecording.of(pd.read_csv(path), **SI)
+
+
+@pytest.mark.parametrize(
+    ("line", "stated"),
+    [("# units: N, Nmm", "Nmm"), ("Force unit: N; torque unit: N*mm", "N\\*mm"), ("Y_Unit_Label,N,N mm", "N mm")],
+)
+def test_units_of_a_line_above_the_header_are_not_overruled(tmp_path, line, stated):
+    path = write_csv(tmp_path, AXES, ROWS)
+    path.write_text(f"Range 2 kN\n{line}\n{path.read_text()}")
+    with pytest.raises(ng.InputError, match=rf"units: got 'Nm', expected {stated}, which a line above the header of"):
+        ng.WrenchRecording.read(path, **SI)
+    np.testing.assert_array_equal(ng.WrenchRecording.read(path, skip_lines=2, **SI).wrenches, ROWS)
+    in_millimetres = ng.WrenchRecording.read(path, units=("N", "Nmm"), exerts="fingers").wrenches
+    np.testing.assert_allclose(in_millimetres, ROWS * ([1.0] * 3 + [1e-3] * 3))
+
+
+def test_units_beside_a_header_with_unknown_ones_say_so(tmp_path):
+    path = write_csv(tmp_path, [f"{name} [{'dyn' if i < 3 else 'dyn cm'}]" for i, name in enumerate(AXES)], ROWS)
+    with pytest.raises(ng.InputError, match="units: got 'dyn'"):
+        ng.WrenchRecording.read(path)
+    with pytest.warns(UserWarning, match=r"read in N and Nm, as units= says, not in 'dyn', 'dyn cm'"):
+        ng.WrenchRecording.read(path, **SI)
