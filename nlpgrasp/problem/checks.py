@@ -11,7 +11,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.mesh.signed_distance import FINEST, choose_grid_resolution
-from nlpgrasp.common.formatting import format_number
+from nlpgrasp.common.formatting import format_number, vector
 from nlpgrasp.common.scalar_constraints import Clearance, ScalarConstraint
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray, check_body_size
@@ -285,6 +285,21 @@ def warn_of_point(task: Task, body: Body) -> None:
             f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * distance:.3g} mm "
             "from the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
         )
+
+
+def task_of_problem(task: Task, origin: FloatArray) -> Task:
+    """Return a task about a problem's torque origin; warn if it has another one only from another problem."""
+    result, left_out = task.about(origin), task.torque_origin is None
+    if task.torque_origin is not None and task.origin_left_out:
+        left_out = np.array_equal(task.torque_origin, origin)
+        if not left_out:
+            points = f"[{vector(task.torque_origin, 3)}] m, the torque origin of the problem it was in"
+            warn_once(
+                f"GraspProblem.task: its moments stay about {points}, and not about [{vector(origin, 3)}] m; with "
+                "task=problem.stated_task they are about the new one"
+            )
+    result.origin_left_out = left_out
+    return result
 
 
 def _warn_of_arm(task: Task, body: Body) -> None:

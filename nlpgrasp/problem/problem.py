@@ -27,6 +27,7 @@ from nlpgrasp.problem.checks import (
     check_volume_parts,
     hand_advice,
     task_advice,
+    task_of_problem,
     warn_of_friction,
     warn_of_lengths,
     warn_of_point,
@@ -148,8 +149,9 @@ class GraspProblem(DisplayedProblem):
         if self.max_force is not None:
             self._set("max_force", number("GraspProblem.max_force", self.max_force, above=0.0))
         warn_of_point(self.task, self.body)  # of the task as given, before its moments are about the torque origin
-        self._set("stated_task", self.task)
-        self._set("task", self.task.about(self.origin))
+        task = task_of_problem(self.task, self.origin)
+        self._set("stated_task", task.without_origin() if task.origin_left_out else self.task)
+        self._set("task", task)
         if (
             not isinstance(self.name, str)
             or not self.name.strip()

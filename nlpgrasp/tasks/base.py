@@ -31,11 +31,14 @@ class Task(ABC):
         task is used with.
     point_left_out : bool
         Whether a force acts at the body frame's origin only by default.
+    origin_left_out : bool
+        Whether the torque origin is that of a problem only because the task stated none.
     """
 
     kind: ClassVar[str]
     torque_origin: FloatArray | None = None
     point_left_out: bool = False
+    origin_left_out: bool = False
     __array_ufunc__ = None  # numpy arrays must not broadcast over a task
 
     @property
@@ -162,8 +165,12 @@ class Task(ABC):
         space = space_dimension(self.dimension)
         return copy(self)._set_origin(array("origin", origin, (space,)))
 
+    def without_origin(self) -> Self:
+        """Return a copy with unchanged wrenches, about the torque origin of whatever it is used with."""
+        return copy(self)._set_origin(None)
+
     def _set_origin(self, origin: FloatArray | None) -> Self:
-        self.torque_origin = None if origin is None else read_only(np.array(origin))
+        self.torque_origin, self.origin_left_out = None if origin is None else read_only(np.array(origin)), False
         return self
 
     def __add__(self, other: object) -> Task:

@@ -226,7 +226,8 @@ def test_a_task_of_a_problem_carries_its_torque_origin():
     problem = off_centre_box()
     np.testing.assert_allclose(problem.task.torque_origin, OFF, atol=1e-12)
     assert problem.stated_task.torque_origin is None
-    other = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)] * 3, problem.task)
+    with pytest.warns(UserWarning, match=r"task: its moments stay about \[0.1, 0.02, 0.05\] m, the torque origin of"):
+        other = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)] * 3, problem.task)
     np.testing.assert_allclose(other.task.at(OFF).axes, problem.task.axes, atol=1e-12)
     assert not np.allclose(other.task.axes, problem.task.axes)
 
@@ -245,6 +246,17 @@ def test_the_task_of_a_solution_is_measured_about_its_own_point(off_centre, tmp_
         used = ng.finger_forces(other, task).used
         np.testing.assert_allclose(used, ng.finger_forces(solution.grasp, task).used, rtol=1e-6)
     assert json.loads((tmp_path / "box.json").read_text())["problem"]["task"]["torque_origin"] == pytest.approx(OFF)
+
+
+def test_a_problem_with_another_body_says_where_its_moments_stay():
+    fingers, task = [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1, 1, 1, 0.1, 0.1, 0.1])
+    problem = replace(ng.GraspProblem(ng.Box([0.1, 0.06, 0.04]), fingers, task), contacts=fingers[:2])
+    with pytest.warns(UserWarning, match=r"its moments stay about \[0, 0, 0\] m.* with task=problem.stated_task"):
+        moved = replace(problem, body=off_centre_box().body)
+    assert moved.task != problem.task
+    again = replace(problem, body=off_centre_box().body, task=problem.stated_task)
+    np.testing.assert_array_equal(again.task.torque_origin, again.origin)
+    assert again.task == problem.task == task
 
 
 def test_two_unstated_torque_origins_are_said(off_centre, monkeypatch):
@@ -271,8 +283,9 @@ def test_support_functions_are_converted(off_centre):
 def test_variations_of_an_experiment_keep_a_task_as_it_was_stated():
     """Without a torque origin it is about the centroid of each body; with one it is converted."""
     base = off_centre_box()
-    stated = replace(base, task=base.task)
-    for problem, center in ((base, np.zeros(3)), (stated, OFF)):
+    stated = replace(base, task=base.stated_task.given_about(OFF))
+    softer = replace(base, contacts=[ng.FrictionContact(0.3)] * 3)
+    for problem, center in ((base, np.zeros(3)), (softer, np.zeros(3)), (stated, OFF)):
         experiment = ng.Experiment(problem, {"sphere": {"body": ng.Sphere(0.03)}})
         varied = experiment.case("sphere").problem
         np.testing.assert_allclose(varied.task.at(center).axes, np.diag([1, 1, 1, 0.03, 0.03, 0.03]), atol=1e-12)
