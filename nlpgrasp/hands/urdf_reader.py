@@ -15,12 +15,14 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.meshes.mesh_file import metres_of_format
 from nlpgrasp.common.meshes.mesh_loader import load_scene
 from nlpgrasp.common.robot_files import SI, UrdfUnits, find_mesh, parse_robot
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
 from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, raise_invalid
 
 LARGEST_RPY = 4.0 * np.pi  # rad, angle of an origin above which degrees are suspected: exporters round and add turns
+SUSPECTED = 4.0  # rad, whole number from which degrees are suspected: more than half a turn
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
 
@@ -495,6 +497,9 @@ def _roll_pitch_yaw(source: Path, label: str, origin: ET.Element | None) -> Floa
     if largest > LARGEST_RPY:
         allowed = f"radians: if these are degrees, {largest:g} degrees are {np.radians(largest):.4g}"
         raise_invalid(source, f"{label}, rpy {rpy.tolist()}", allowed)
+    if np.any((np.abs(rpy) >= SUSPECTED) & (rpy == np.round(rpy))):
+        text = f"{largest:g} degrees are {np.radians(largest):.4g}"
+        warn_once(f"{source.name}: {label}, rpy {rpy.tolist()} is taken as radians: {text}")
     return rpy
 
 

@@ -141,6 +141,7 @@ def test_a_drawing_is_small_whatever_the_surface(rng):
             assert (100 if vertices is soup[0] else most / 8) < len(kept) <= most
             assert np.all(points > vertices.min(axis=0) - 0.1 * np.ptp(vertices, axis=0).max())
             assert np.all(points < vertices.max(axis=0) + 0.1 * np.ptp(vertices, axis=0).max())
+    assert not len(simplify(np.full((9, 3), 0.1), rng.integers(0, 9, (3000, 3)), 320)[1])  # all in one point
     flat = simplify(np.asarray(sheet.vertices), np.asarray(sheet.faces), 320)
     assert np.ptp(flat[0][:, 2]) < 1e-12
     assert trimesh.Trimesh(*flat).area == pytest.approx(sheet.area, rel=0.3)

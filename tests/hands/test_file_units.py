@@ -190,6 +190,14 @@ def test_origins_turned_by_degrees_are_asked_about(tmp_path, place):
         ng.URDFHand.load(path, ["left_link", "right_link"])
 
 
+def test_origins_turned_by_few_whole_degrees_are_asked_about(tmp_path):
+    trimesh.creation.box([0.02, 0.02, 0.06]).export(tmp_path / "finger.stl")
+    turned = finger("left", -0.05, 1, "").replace('xyz="0 -0.05 0.02"', 'xyz="0 -0.05 0.02" rpy="0 0 10"')
+    path = write_hand(tmp_path, turned, finger("right", 0.05, -1, ""))
+    with pytest.warns(UserWarning, match=r"left, rpy \[0.0, 0.0, 10.0\] is taken as radians: 10 degrees are 0.1745"):
+        read_robot(path)
+
+
 def test_followers_in_degrees(tmp_path):
     """A slide that follows a hinge: metres per degree, and an offset in metres."""
     trimesh.creation.box([0.02, 0.02, 0.06]).export(tmp_path / "finger.stl")

@@ -36,10 +36,10 @@ def simplify(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArr
     """
     if len(faces) <= most:
         return vertices, faces.astype(np.int64)
-    lower, longest = vertices.min(axis=0), float(np.max(np.ptp(vertices, axis=0)))
+    lower, longest = vertices.min(axis=0), max(float(np.max(np.ptp(vertices, axis=0))), float(np.finfo(float).tiny))
 
     def clustered(cells: int) -> tuple[IntArray, IntArray]:
-        cell = np.minimum((cells / longest * (vertices - lower)).astype(np.int64), cells - 1)
+        cell = np.minimum((cells * ((vertices - lower) / longest)).astype(np.int64), cells - 1)
         labels = np.unique(cell @ np.array([cells**2, cells, 1]), return_inverse=True)[1].ravel()
         return labels, _distinct_triangles(labels[faces])
 
