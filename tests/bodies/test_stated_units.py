@@ -123,6 +123,15 @@ def test_the_cure_of_a_wrong_stated_unit_works(tmp_path, name, cure):
     assert ng.Mesh.load(tmp_path / name, scale=0.001).size > 0.0
 
 
+def test_a_unit_beside_a_converted_file_is_not_made_up_for(tmp_path, monkeypatch):
+    (tmp_path / "part.step").write_text("ISO-10303-21;")
+    scene = trimesh.Scene(trimesh.creation.box(0.04 * SIDES))
+    monkeypatch.setattr("trimesh.load", lambda *args, **options: scene)  # of a reader that may not be installed
+    with pytest.raises(ng.InputError, match=r"got mm, expected none: part.step .* is converted to metres") as said:
+        ng.Mesh.load(tmp_path / "part.step", unit="mm")
+    assert "scale" not in str(said.value)
+
+
 @pytest.mark.parametrize(
     "content", [lambda: threemf("furlong"), lambda: threemf(""), lambda: threemf("nan * meters")], ids=["f", "e", "nan"]
 )

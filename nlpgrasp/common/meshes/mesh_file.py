@@ -31,7 +31,8 @@ DOUBLE = 4.0 * np.finfo(float).eps  # relative error of a scaled coordinate
 DIGITS = 9  # significant decimal digits up to which a coordinate counts as decimal
 SMALLEST = 1e-300  # against division by zero
 LARGE = 3.0  # m, length above which another unit is suspected
-IN_METRES = (".glb", ".gltf", ".step", ".stp")  # glTF by its specification, STEP as its reader converts it
+STEP = (".step", ".stp")
+IN_METRES = (".glb", ".gltf", *STEP)  # glTF by its specification, STEP as its reader converts it
 WITH_UNIT = (".3mf", ".dae", ".zae", ".3dxml")  # formats that state a unit, or have one by default
 HEAD, STL_HEADER = 8192, 80  # bytes in which comments are looked at
 # a comment of an OBJ or PLY file that is nothing but a unit; the header of an STL file as Materialise writes it
@@ -118,6 +119,8 @@ def read_mesh(path: str | Path, unit: str | None = None, scale: float = 1.0) -> 
     if stated is not None and unit not in (None, stated):
         factor = metres_per("Mesh.unit", unit) / metres_per("Mesh.unit", stated)
         allowed = f"none: {file.name} states {stated}; scale={factor:g} makes up for a file that states a wrong one"
+        if file.suffix.lower() in STEP:
+            allowed = f"none: {file.name} states its unit, from which it is converted to metres when it is read"
         raise InputError("Mesh.unit", unit, allowed)
     used = stated or unit or "m"
     factor = scale * metres_per("Mesh.unit", used)
