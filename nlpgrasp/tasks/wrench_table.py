@@ -48,8 +48,8 @@ SPELT = {  # units as the tables above spell them
     r"f(oo|ee)t": "ft",
     r"pounds?force": "lbf",
     r"^lbs?(?=$|in$|ft$)": "lbf",
-    r"^(in)(lbf?)$": "lbfin",
-    r"^(ft)(lbf?)$": "lbfft",
+    r"^(in)(lbf?s?)$": "lbfin",
+    r"^(ft)(lbf?s?)$": "lbfft",
 }
 NO_VALUES = {"", "-", "--", "---", "n/a", "na", "#n/a", "null", "none", "missing", "invalid", "error", "overflow"}
 # quantity and axis of the columns of a wrench

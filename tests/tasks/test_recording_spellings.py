@@ -361,3 +361,10 @@ def test_units_beside_a_header_with_unknown_ones_say_so(tmp_path):
         ng.WrenchRecording.read(path)
     with pytest.warns(UserWarning, match=r"read in N and Nm, as units= says, not in 'dyn', 'dyn cm'"):
         ng.WrenchRecording.read(path, **SI)
+
+
+@pytest.mark.parametrize(("torque", "metres"), [("in-lbs", 0.0254), ("ft-lbs", 0.3048), ("in-lbf", 0.0254)])
+def test_pounds_of_torque_are_read_in_the_plural(tmp_path, torque, metres):
+    header = [f"{name} ({'lbs' if i < 3 else torque})" for i, name in enumerate(AXES)]
+    wrenches = ng.WrenchRecording.read(write_csv(tmp_path, header, ROWS), exerts="fingers").wrenches
+    np.testing.assert_allclose(wrenches, 4.4482216152605 * ROWS * ([1.0] * 3 + [metres] * 3), rtol=1e-12)
