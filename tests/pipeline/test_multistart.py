@@ -87,7 +87,7 @@ def test_the_answer_is_never_below_what_was_promised():
     assert solution.mu.lower >= promise
     assert solution.mu.upper >= certified(on_body.grasp.points).lower or solution.success
     assert len(solution.starts) == 2
-    assert ng.verify(solution)
+    assert ng.verify(solution, rtol=1e-4)  # as narrow as what was promised
     assert ng.GraspSolution.from_dict(solution.to_dict()).mu == solution.mu
 
 
