@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.common.files import check_regular_file
 from nlpgrasp.errors import InputError
 
 LARGEST_ARRAYS = 256 * 1024 * 1024  # bytes of all arrays that are read, unpacked
@@ -36,6 +37,7 @@ def read_arrays(path: Path, names: Collection[str], content: str) -> dict[str, N
         When it does not exist.
     """
     try:
+        check_regular_file(path, content)
         with zipfile.ZipFile(path) as archive:
             stored = archive.namelist()
             members = {name: f"{name}.npy" for name in names if f"{name}.npy" in stored}

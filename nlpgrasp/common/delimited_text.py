@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 
+from nlpgrasp.common.files import check_regular_file
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError
 
@@ -93,6 +95,11 @@ def is_number(cell: str) -> bool:
     return "_" not in cell
 
 
+def number_or_nan(cell: str) -> float:
+    """Return the number in a cell; NaN where it is not a number, such as ``1_0``, which Python reads as 10."""
+    return float(cell) if is_number(cell) else math.nan
+
+
 def read_delimited(
     path: Path, kind: str, is_header: Test, is_unit: Callable[[str], bool], skip_lines: object = 0
 ) -> DelimitedTable:
@@ -122,6 +129,7 @@ def read_delimited(
     """
     count = integer("skip_lines", skip_lines, at_least=0)
     try:
+        check_regular_file(path, kind)
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(str(path), f"{path.stat().st_size} bytes", f"at most {LARGEST_FILE}")
         try:

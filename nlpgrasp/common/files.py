@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import stat
 import sys
 import tempfile
 import time
@@ -122,6 +123,28 @@ def writable_place(field: str, target: Path, ending: str = "") -> Path:
     return path
 
 
+def check_regular_file(path: str | Path, content: str, field: str = "") -> None:
+    """Raise ``InputError`` if a path is that of a folder, pipe or device, of which reading may never end.
+
+    Parameters
+    ----------
+    path : str or Path
+    content : str
+        Expected content, for messages: ``"a solution file"``.
+    field : str
+        Shown in the message; by default the path.
+
+    Raises
+    ------
+    InputError
+        Naming the field.
+    OSError
+        When there is no such file.
+    """
+    if not stat.S_ISREG(Path(path).stat().st_mode):
+        raise InputError(field or str(path), "not a regular file", content)
+
+
 def read_text(path: str | Path, content: str, largest: int, written_in: str = "JSON") -> str:
     """Return the text of a file, after checks of its kind and size.
 
@@ -142,9 +165,8 @@ def read_text(path: str | Path, content: str, largest: int, written_in: str = "J
     """
     file = Path(path)
     try:
+        check_regular_file(file, content)
         size = file.stat().st_size
-        if not file.is_file():
-            raise InputError(str(path), "not a regular file", content)
         if (kind := file_kind(file)) is not None:
             raise InputError(str(path), kind, f"{content} ({written_in})")
         if size > largest:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.common.files import check_regular_file
 from nlpgrasp.errors import InputError
 
 MJCF_ENDINGS = (".xml", ".mjcf")  # of a file's name
@@ -92,6 +93,7 @@ def parse_robot(source: Path) -> ET.Element:
         When it cannot be read.
     """
     field = f"URDFHand.path: {source.name}"
+    check_regular_file(source, "a URDF or MJCF file", field)
     if source.stat().st_size > LARGEST_XML:
         raise InputError(field, f"more than {LARGEST_XML // 2**20} MiB", "a smaller file")
     try:

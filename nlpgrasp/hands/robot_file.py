@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from nlpgrasp.common.files import check_regular_file
 from nlpgrasp.common.robot_files import SI, UrdfUnits
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.mjcf_reader import mjcf_inertials, mjcf_links, read_mjcf
@@ -73,6 +74,7 @@ def _is_mjcf(path: object) -> bool:
     if not isinstance(path, str | Path):
         return False
     try:
+        check_regular_file(path, "a URDF or MJCF file", "URDFHand.path")
         with Path(path).open("rb") as file:
             _, root = next(iter(ET.iterparse(file, events=("start",))))  # noqa: S314  (the user's own file)
     except (OSError, ValueError, LookupError, StopIteration, ET.ParseError):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from nlpgrasp.bodies import Body, body_from_dict
 from nlpgrasp.budgets import force_budget
-from nlpgrasp.common.delimited_text import DelimitedTable, read_delimited
+from nlpgrasp.common.delimited_text import LARGEST_FILE, DelimitedTable, number_or_nan, read_delimited
+from nlpgrasp.common.files import check_regular_file
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import LENGTHS, UNITS, FloatArray, in_metres
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
@@ -36,6 +39,7 @@ NAMES = (GRASP, "grasp_id", "id")  # columns that name the grasp of a row: the f
 NUMBERS = ("contact", "finger")  # columns that number the contacts of a grasp
 PROBE_STEP = 1e-3  # share of the body's size: probing step along a normal
 MOST_ROWS = 1_000_000  # contacts in a table
+BATCH = 64  # rows of a Parquet table that are unpacked at once
 UNIT_TOLERANCE = 1e-2  # tolerance of unit normals: other tools write few digits
 
 
@@ -217,19 +221,35 @@ def _parquet_table(path: Path) -> DelimitedTable:
     except ImportError:
         raise MissingExtraError("a Parquet table", "tables") from None
     try:
+        check_regular_file(path, "a Parquet table of contacts")
         with parquet.ParquetFile(path) as file:
             if file.metadata.num_rows > MOST_ROWS:  # before they are unpacked
                 raise InputError(str(path), f"{file.metadata.num_rows} contacts", f"at most {MOST_ROWS}")
-            table = file.read()
+            header = list(file.schema_arrow.names)
+            rows = _cells_of_batches(str(path), file.iter_batches(batch_size=BATCH))
     except InputError:
         raise
     except OSError as error:
         raise InputError(str(path), error.strerror or "no table", "a Parquet table that exists") from None
     except (pa.ArrowException, ValueError) as error:
         raise InputError(str(path), f"no table ({error})", "a Parquet table of contacts") from None
-    rows = [["" if cell is None else str(cell) for cell in row.values()] for row in table.to_pylist()]
-    header, lines = list(table.column_names), list(range(2, len(rows) + 2))
+    lines = list(range(2, len(rows) + 2))
     return DelimitedTable(str(path), header, None, rows, lines, [len(header)] * len(rows), ",")
+
+
+def _cells_of_batches(name: str, batches: Iterator[Any]) -> list[list[str]]:
+    """Return the cells of Arrow record batches by row; raise if their text is longer than that of the largest file.
+
+    A few bytes of a dictionary or a compressed page can stand for any length of text.
+    """
+    rows, size = list[list[str]](), 0
+    for batch in batches:
+        columns = [["" if cell is None else str(cell) for cell in column.to_pylist()] for column in batch.columns]
+        size += sum(len(cell) for column in columns for cell in column)
+        if size > LARGEST_FILE:
+            raise InputError(name, f"more than {LARGEST_FILE} characters", "a smaller table")
+        rows.extend(map(list, zip(*columns, strict=True)))
+    return rows
 
 
 def _contact_rows(path: str | Path, unit: str) -> tuple[list[Row], str]:
@@ -237,7 +257,7 @@ def _contact_rows(path: str | Path, unit: str) -> tuple[list[Row], str]:
     name, is_parquet = str(path), Path(path).suffix.lower() == ".parquet"
     table = _parquet_table(Path(path)) if is_parquet else read_delimited(Path(path), KIND, has_contacts, _is_length)
     header = [column.strip() for column in table.header or []]
-    repeated = [column for column in header if column and header.count(column) > 1]
+    repeated = [column for column, count in Counter(header).items() if column and count > 1]
     if repeated:
         raise InputError(f"{name}: header", f"two columns {repeated[0]}", "each column once")
     contacts = contact_columns(name, header)
@@ -331,10 +351,7 @@ def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> Flo
 def _read_number(name: str, row: Row, column: str) -> float:
     """Return the number in a cell of a row; raise if it is not finite."""
     text = (row.get(column) or "").strip()
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
+    value = number_or_nan(text)
     if not np.isfinite(value):
         raise InputError(f"{name}: row {row.line}, {column}", text or "nothing", "a finite number")
     return value

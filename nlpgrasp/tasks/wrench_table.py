@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.delimited_text import DelimitedTable, is_number, read_delimited
+from nlpgrasp.common.delimited_text import DelimitedTable, is_number, number_or_nan, read_delimited
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import LARGEST, FloatArray, IntArray
 from nlpgrasp.errors import InputError
@@ -116,7 +116,7 @@ class WrenchTable:
                 raise InputError(f"{self.name}: line {self.lines[0]}, under the header", ", ".join(cells[0]), allowed)
             if self.text is not None:
                 cells = self.text.with_decimal_points(cells)
-            values = np.array([[_number_or_nan(cell) for cell in row] for row in cells])
+            values = np.array([[number_or_nan(cell) for cell in row] for row in cells])
         return np.where(np.abs(values) <= LARGEST, values, np.nan).reshape(-1, len(columns))
 
     def check_invalid(self, indices: IntArray) -> None:
@@ -215,21 +215,13 @@ def _column(frame: Any, i: int) -> FloatArray:
     if values.dtype.kind in "iuf":
         return np.asarray(values, dtype=float)
     if values.dtype.kind == "O":
-        return np.array([_number_or_nan(cell) if isinstance(cell, str | int | float) else np.nan for cell in values])
+        return np.array([number_or_nan(cell) if isinstance(cell, str | int | float) else np.nan for cell in values])
     return np.full(len(values), np.nan)
 
 
 def _is_missing_or_number(cell: str) -> bool:
     """Return whether a cell has no letters of a unit: a number, or a text in place of one."""
     return is_number(cell) or cell.lower() in NO_VALUES or not any(sign.isalpha() for sign in cell)
-
-
-def _number_or_nan(cell: str | float) -> float:
-    """Return a cell as a number, NaN where it is not a number."""
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
 
 
 def columns_of(

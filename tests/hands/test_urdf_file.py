@@ -31,7 +31,7 @@ def test_missing_file():
 
 
 def test_folder_in_place_of_a_file(tmp_path):
-    with pytest.raises(ng.InputError, match="expected a URDF file that can be read"):
+    with pytest.raises(ng.InputError, match="got not a regular file, expected a URDF or MJCF file"):
         ng.URDFHand.load(tmp_path, TIP)
 
 

@@ -191,6 +191,19 @@ def test_an_unknown_ending_is_no_solution(tmp_path, name, given):
     assert given in refused(run_here("quality", tmp_path / name, "--friction", "0.5", cwd=tmp_path))
 
 
+@pytest.mark.parametrize("ending", [".json", ".csv", ".npz", ".parquet", ".yaml", ".urdf", ".xml", ".stl"])
+def test_what_is_no_regular_file_is_not_opened(tmp_path, ending):
+    path = tmp_path / f"a{ending}"
+    path.symlink_to("/dev/null")  # a device of which reading ends, unlike that of a pipe
+    read = {".urdf": ng.URDFHand.load, ".stl": ng.Mesh.load}
+    read[".xml"] = read[".urdf"]
+    with pytest.raises(ng.InputError, match=r"got not a regular file|expected a mesh file that exists"):
+        read.get(ending, ng.read_grasps)(path)
+    if ending == ".csv":
+        with pytest.raises(ng.InputError, match="got not a regular file"):
+            ng.WrenchRecording.read(path)
+
+
 BOMB = 'a0: &a0 ["x","x","x","x","x","x","x","x","x"]\n' + "".join(
     f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 9)
 )
@@ -259,6 +272,25 @@ def test_archives_that_unpack_to_too_much_are_refused(tmp_path):
             member.write(bytes(2**20))
     with pytest.raises(ng.InputError, match=r"got arrays of 314572800 bytes, expected at most 256 MiB"):
         ng.read_grasps(path)
+
+
+def test_few_bytes_of_a_table_do_not_become_much_text(tmp_path):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    count = 600
+    columns = {name: pa.array(np.zeros(count)) for name in ("p_x", "p_y", "p_z", "n_x", "n_y", "n_z")}
+    columns["note"] = pa.DictionaryArray.from_arrays(pa.array(np.zeros(count, np.int32)), pa.array(["x" * 1_000_000]))
+    parquet.write_table(pa.table(columns), tmp_path / "a.parquet")
+    with pytest.raises(ng.InputError, match="got more than 500000000 characters, expected a smaller table"):
+        ng.read_grasps(tmp_path / "a.parquet", friction=0.5)
+
+
+def test_a_number_with_underscores_is_none(tmp_path):
+    header = "p_x,p_y,p_z,n_x,n_y,n_z,f"
+    (tmp_path / "a.csv").write_text(f"{header}\n0.0_3,0,0,-1,0,0,1\n-0.03,0,0,1,0,0,1\n")
+    with pytest.raises(ng.InputError, match=r"row 2, p_x: got 0\.0_3, expected a finite number"):
+        ng.read_grasps(tmp_path / "a.csv", friction=0.5)
 
 
 def test_names_of_arrays_that_are_none_of_grasps_are_listed(tmp_path):
