@@ -1,9 +1,9 @@
 """Digests of Python values by content, functions included: equal in two processes only where the values behave alike.
 
 A function counts with its bytecode, constants, defaults, captured values, and the globals and module attributes that it
-names, recursively. Functions, classes and modules of installed packages count by name and version. What a digest cannot
-state, such as files that are read, random numbers or the clock, raises ``IncomparableError``: such values are never
-taken for equal.
+names, recursively. Functions and classes of ``COMPARABLE_MODULES`` count by name and version. What a digest cannot
+state, such as files that are read, random numbers, the clock or other installed packages, raises
+``IncomparableError``: such values are never taken for equal.
 """
 
 from __future__ import annotations
@@ -28,20 +28,23 @@ from nlpgrasp.errors import NlpgraspError
 PACKAGE = "nlpgrasp"
 UNIQUE = "once-"  # prefix of what stands for the digest of a function that cannot be compared
 INSTALLED_FOLDERS = ("site-packages", "dist-packages")
-OUTSIDE_MODULES = {
-    *("_io", "_random", "builtins", "ctypes", "fcntl", "gc", "glob", "http", "importlib", "inspect", "io", "mmap"),
-    *("multiprocessing", "nt", "os", "pathlib", "pickle", "posix", "random", "secrets", "shelve", "shutil", "socket"),
-    *("sqlite3", "subprocess", "sys", "tempfile", "threading", "time", "urllib", "uuid"),
-}
-"""Modules of the standard library whose functions depend on more than their arguments."""
+COMPARABLE_MODULES = frozenset(
+    {
+        *("abc", "array", "base64", "bisect", "builtins", "cmath", "collections", "collections_abc", "contextlib"),
+        *("copy", "copyreg", "dataclasses", "datetime", "decimal", "enum", "fractions", "functools", "hashlib"),
+        *("heapq", "itertools", "json", "math", "numbers", "operator", "re", "sre", "statistics", "string", "struct"),
+        *("textwrap", "thread", "types", "typing", "warnings", "zlib", "casadi", PACKAGE, "numpy", "scipy", "trimesh"),
+    }
+)
+"""Installed modules whose functions depend on their arguments and the version alone, but for the names below."""
 OUTSIDE_BUILTINS = {"__import__", "compile", "eval", "exec", "globals", "input", "locals", "open"}
 OUTSIDE_NAMES = {
-    *("default_rng", "environ", "fromfile", "genfromtxt", "getenv", "imread", "memmap", "now", "random", "today"),
-    "utcnow",
+    *("DataSource", "Importer", "TaskLibrary", "default_rng", "environ", "external", "fromfile", "genfromtxt"),
+    *("imread", "memmap", "mmread", "now", "rand", "random", "rvs", "today", "utcnow"),
 }
 OUTSIDE_PREFIXES = ("load", "open", "read")
-"""Names of functions of installed packages, and their beginnings, that depend on more than their arguments."""
-ANY_OBJECT = frozenset({"open", "read_bytes", "read_text"})  # methods that read a file, of any object
+"""Names of functions of these modules, and their beginnings, that depend on more than their arguments."""
+ANY_OBJECT = frozenset({"open", "read_bytes", "read_text", "rvs"})  # of any object
 CLASS_ENTRIES_LEFT_OUT = frozenset(
     [
         "__abstractmethods__",
@@ -65,6 +68,7 @@ CLASS_ENTRIES_LEFT_OUT = frozenset(
         "_abc_impl",
     ]
 )
+HEAP_TYPE = 1 << 9  # flag of classes that are made at run time
 GENERATED = "<string>"  # file of the methods that ``dataclass`` writes
 NAMED_TYPES = (types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType)
 PLAIN = frozenset({"abc", "collections.abc", "enum", "typing"})  # modules of base classes without state
@@ -278,9 +282,9 @@ class _ValueDigest:
 
     @staticmethod
     def _check_module(name: str) -> None:
-        """Raise for modules whose functions depend on more than their arguments."""
-        top = name.partition(".")[0]
-        if (top in OUTSIDE_MODULES and name != "os.path") or name.startswith("numpy.random"):
+        """Raise for modules whose functions may depend on more than their arguments."""
+        top = name.partition(".")[0].lstrip("_")
+        if top not in COMPARABLE_MODULES or name.startswith(("numpy.random", "scipy.datasets", "scipy.io")):
             raise IncomparableError(f"it uses the module {name}")
 
     @staticmethod
@@ -307,8 +311,7 @@ class _ValueDigest:
             raise IncomparableError(f"it calls {module_name}.{name}, which is compiled")
         if _is_outside(value.__name__) or (module_name == "builtins" and name in OUTSIDE_BUILTINS):
             raise IncomparableError(f"it calls {module_name}.{name}")
-        if module_name != "builtins":
-            self._check_module(module_name)
+        self._check_module(module_name)
         self._installed(module_name, name)
 
     def _installed(self, module_name: str, name: str) -> None:
@@ -318,7 +321,9 @@ class _ValueDigest:
     # Classes and their instances
 
     def _class(self, cls: type) -> None:
-        if self._is_named(cls) or (cls.__module__ == "builtins"):
+        is_built_in = cls.__module__ == "builtins" and not cls.__flags__ & HEAP_TYPE  # classes of ``exec`` say so too
+        if is_built_in or self._is_named(cls):
+            self._check_module(cls.__module__)
             self._installed(cls.__module__, cls.__qualname__)
             return
         self._write("class", cls.__qualname__)

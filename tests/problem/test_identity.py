@@ -1,17 +1,22 @@
 """Identity of problems: what can change a result makes another problem, in one process or two."""
 
 import functools
+import linecache
+import re
 import subprocess
 import sys
 import types
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
+from xml.etree import ElementTree
 
 import casadi as ca
 import cloudpickle
 import numpy as np
 import pytest
+import yaml
+from scipy import stats
 
 import nlpgrasp as ng
 from nlpgrasp.common.scalar_constraints import ScalarConstraint
@@ -58,6 +63,13 @@ class Support:
         return hull(y, scale=self.scale)
 
 
+def made_by_exec(scale):
+    names = {}
+    exec("class Made:\n    def __call__(self, y):\n        return self.scale * hull(y)\n", names)  # noqa: S102
+    names["Made"].scale, names["hull"] = scale, hull
+    return names["Made"]()
+
+
 def wrapped(scale):
     @functools.lru_cache
     def number():
@@ -93,6 +105,7 @@ SUPPORTS = {
     "a cached function": wrapped,
     "a module": with_module,
     "a class": lambda s: type("Mine", (Support,), {"factor": s})(1.0),
+    "a class made by exec": made_by_exec,
     "a captured list": lambda s: (lambda numbers: lambda y: numbers[0] * hull(y))([s, {"a": 2}]),
 }
 
@@ -184,6 +197,24 @@ OUTSIDE = {
     "a file": (of_a_file, "it calls open"),
     "a path": (lambda y: hull(y, scale=float(Path("scale.txt").read_text())), "read_text"),
     "an array's file": (lambda y: hull(y, np.load("wrenches.npy")), "it uses numpy.load"),
+    "an XML file": (
+        lambda y: hull(y, scale=1.0 + len(ElementTree.parse("scale.xml").getroot())),  # noqa: S314
+        "uses the module xml",
+    ),
+    "a line of a file": (
+        lambda y: hull(y, scale=float(linecache.getline("scale.txt", 1))),
+        "it uses the module linecache",
+    ),
+    "a library of tasks": (lambda y: hull(y) * (1 + 0 * ("a" in ng.TaskLibrary())), "pathlib|TaskLibrary"),
+    "a captured library": (
+        (lambda tasks: lambda y: hull(y) + 0.0 * len(tasks))(ng.TaskLibrary()),
+        "the module pathlib",
+    ),
+    "samples": (lambda y: hull(y) + 0.0 * stats.norm.rvs(), "it uses rvs"),
+    "another package": (
+        lambda y: hull(y, scale=yaml.safe_load("1.0")),
+        "it uses yaml.safe_load|it uses the module yaml",
+    ),
     "random numbers": (lambda y: hull(y) * (1.0 + 0.0 * np.random.default_rng().random()), "it uses numpy.random"),
     "a generator": ((lambda rng: lambda y: hull(y) + 0.0 * rng.random())(np.random.default_rng(0)), "random numbers"),
 }
@@ -193,10 +224,11 @@ OUTSIDE = {
 def test_what_cannot_be_compared_is_never_the_same(function, reason, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("scale.txt").write_text("1.0")
+    Path("scale.xml").write_text("<scale/>")
     np.save("wrenches.npy", WRENCHES)
     task = ng.TaskSet(function)
     first, second = (problem_identity(problem(task=task)) for _ in range(2))
-    assert reason in first.obstacle
+    assert re.search(reason, first.obstacle)
     assert first.digest != second.digest
     assert "is solved anew" in first.advice
 

@@ -279,7 +279,7 @@ def test_a_kill_leaves_no_result_under_another_problem(tmp_path, monkeypatch):
     tasks = []
 
     def solve(problem, **_):
-        tasks.append(problem.task.to_dict())
+        tasks.append(problem.to_dict()["task"])
         return solve_stub(problem)
 
     def killed(*_):
