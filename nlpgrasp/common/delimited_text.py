@@ -95,9 +95,9 @@ def is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def number_or_nan(cell: str) -> float:
+def number_or_nan(cell: str | float) -> float:
     """Return the number in a cell; NaN where it is not a number, such as ``1_0``, which Python reads as 10."""
-    return float(cell) if is_number(cell) else math.nan
+    return float(cell) if is_number(str(cell)) else math.nan
 
 
 def read_delimited(

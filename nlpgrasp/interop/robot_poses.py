@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.files import check_regular_file, parse_json
 from nlpgrasp.common.spatial import Pose, check_cell_positions, pose_matrix, quaternion_wxyz
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
@@ -240,7 +241,8 @@ def check_one_frame(target: Path, export_format: ExportFormat, frame: FloatArray
     if export_format not in (POSES, POSES_JSON):
         return
     wanted = np.eye(4) if frame is None else frame
-    for file in sorted({target, *target.parent.glob(f"*{export_format.ending}")}):
+    there = (file for kind in (POSES, POSES_JSON) for file in target.parent.glob(f"*{kind.ending}"))
+    for file in sorted({target, *there}):
         pose = _stated_part_pose(file)
         if pose is not None and not np.allclose(pose, wanted, rtol=0.0, atol=SAME_FRAME):
             allowed = "a folder whose poses are all in one frame, or --out in another folder"
@@ -250,9 +252,10 @@ def check_one_frame(target: Path, export_format: ExportFormat, frame: FloatArray
 def _stated_part_pose(file: Path) -> FloatArray | None:
     """Return the pose of the part (4, 4) that a file with poses states; None for a file of another kind."""
     try:
+        check_regular_file(file, "a file with poses")
         text = file.read_text(encoding="utf-8")
         if text.startswith("{"):
-            return pose_matrix("part_pose", json.loads(text)["part_pose"])
+            return pose_matrix("part_pose", parse_json(text)["part_pose"])
         row = next(csv.DictReader(io.StringIO(text)))
         values = [float(row[name]) for name in PART_POSE]
         return pose_matrix("part_pose", {"position": values[:3], "quaternion_wxyz": values[3:]})

@@ -80,10 +80,16 @@ def test_exports_in_several_frames_do_not_replace_each_other(block, tmp_path, na
 @pytest.mark.parametrize("name", ["poses", "poses_json"])
 @pytest.mark.parametrize("other", ["block", "another"])
 def test_a_folder_of_poses_has_one_frame(block, tmp_path, name, other):
+    (tmp_path / "a.poses.json").write_text('{"a":' * 100_000)
+    (tmp_path / "b.poses.csv").symlink_to("/dev/null")
     file, ending = block.save(tmp_path / "block.json"), format_named(name).ending
     export(file, "--to", name)
     with pytest.raises(InputError, match=rf"got block\{ending} in another frame is there"):
         export(file, "--to", name, "--frame", "p[0.4, 0, 0, 0, 0, 0]", "--out", tmp_path / f"{other}{ending}")
+    for kind in ("poses", "poses_json"):
+        out = tmp_path / f"third{format_named(kind).ending}"
+        with pytest.raises(InputError, match=rf"got block\{ending} in another frame is there"):
+            export(file, "--to", kind, "--frame", "p[0.4, 0, 0, 0, 0, 0]", "--out", out)
     export(file, "--to", name, "--frame", "p[0, 0, 0, 0, 0, 0]", "--out", tmp_path / f"{other}{ending}")
     assert (tmp_path / f"{other}{ending}").is_file()
 
