@@ -179,7 +179,8 @@ def _initial_hull(
 ) -> IncrementalHull | None:
     """Return the hull of support points in given and random directions; None if the points stay flat.
 
-    An origin on the boundary of W is added as a vertex.
+    Flat points are completed in the directions across them, which random ones rarely are: of contacts that nearly
+    coincide, one is the farthest in almost all. An origin on the boundary of W is added as a vertex.
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
@@ -189,7 +190,8 @@ def _initial_hull(
         try:
             return IncrementalHull(points, forces, lambda planes: problem.task.support(planes)[0])
         except np.linalg.LinAlgError:
-            continue
+            axes = np.linalg.svd(points - points.mean(axis=0))[2]
+            start = np.concatenate([start, axes, -axes])
     return None
 
 

@@ -243,6 +243,20 @@ def test_intervals_of_one_sided_grasps_close(seed, budget):
     assert needed[-1] * bounds.upper >= 1.0 - 1e-6
 
 
+@pytest.mark.parametrize("apart", [1e-3, 1e-5])
+@pytest.mark.parametrize("friction", [0.02, 0.4])
+def test_intervals_close_where_contacts_nearly_coincide(friction, apart):
+    """Of two contacts side by side, the one with more friction is the farthest in almost all directions."""
+    points = [[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0], [-0.03, apart, 0.5 * apart]]
+    models = [ng.FrictionContact(0.7), ng.FrictionContact(friction), ng.FrictionContact(0.4)]
+    grasp = ng.Grasp(points, [[-1, 0, 0], [1, 0, 0], [1, 0, 0]], models, [0.0, 0.0, 0.0])
+    task = ng.TaskEllipsoid([1e-3] * 3 + [1e-8, 1e-6, 1e-6], grasp.G @ np.eye(9)[[0, 3, 6]].sum(axis=0))
+    bounds = ng.mu(grasp, task, force_budget="shared")
+    assert 0.0 < bounds.lower <= bounds.upper <= 1.011 * bounds.lower
+    worst = task.support(bounds.worst_direction[None])[1][0]
+    assert bounds.lower <= 1.0001 / least_normal_force(grasp, worst, "shared")
+
+
 @pytest.mark.parametrize("budget", ["shared", "per_finger", "l2"])
 def test_a_task_just_out_of_reach_is_refuted(budget):
     """The task ends a little beyond the cone of what the contacts exert."""
