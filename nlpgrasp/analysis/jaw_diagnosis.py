@@ -188,8 +188,8 @@ def _solid_reasons(problem: GraspProblem, hand: ParallelJaw, pairs: FloatArray) 
         if any(pose.is_free for pose in on_faces):
             return ()
     if not on_faces:
-        length, width, _ = clearance.patches[0]
-        size, share = f"{_millimetres(length)} x {_millimetres(width)}", format_percent(most)
+        patch = clearance.patches[0]
+        size, share = f"{_millimetres(patch.length)} x {_millimetres(patch.width)}", format_percent(most)
         return (f"No face has room for a pad of {size} mm: at most {share} of it is on one.",)
     best = min(on_faces, key=_rank)
     depth = f"{_millimetres(_largest_depth(best))} mm"

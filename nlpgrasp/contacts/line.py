@@ -15,6 +15,8 @@ from nlpgrasp.contacts.plane import enclosing_disc
 
 MORE, HALVINGS = 1e-7, 40  # correction of projections: largest relative increase of forces; bisection steps
 
+LINE_WIDTH = 1e-4  # metres: of the strip of surface under a line
+
 
 @dataclass(frozen=True)
 class LineContact(PadContact):
@@ -66,6 +68,11 @@ class LineContact(PadContact):
         """Positions of the ends of a line contact along its line, relative to the contact point, metres."""
         half = 0.5 * self.length
         return (half, 0.0), (-half, 0.0)
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Length of the line and a small width, metres."""
+        return self.length, LINE_WIDTH
 
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the indices of the wrench components: 2 without friction, 5 with friction (3 in the plane)."""

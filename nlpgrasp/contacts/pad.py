@@ -46,6 +46,11 @@ class PadContact(RangeContact):
     def arms(self) -> Arms:
         """Positions of the pad's ends or corners along both tangents, relative to the contact point, metres."""
 
+    @property
+    @abstractmethod
+    def sides(self) -> tuple[float, float]:
+        """Sides of the rectangle that has to be on a face for the contact to exist, metres, the first along it."""
+
     @abstractmethod
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return force and moment from the NLP variables of the box model (symbolic, body frame)."""

@@ -92,6 +92,12 @@ class PlaneContact(PadContact):
         a, b = self.extents or (0.0, 0.0)
         return tuple((0.5 * a * i, 0.5 * b * j) for i in (1.0, -1.0) for j in (1.0, -1.0))
 
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Sides of the rectangle, or of the square of the disc's area, metres."""
+        side = float(np.sqrt(np.pi)) * (self.radius or 0.0)
+        return self.extents or (side, side)
+
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the indices of the wrench components: 3 without friction, 6 with friction."""
         if space == 2:

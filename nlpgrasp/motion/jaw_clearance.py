@@ -21,7 +21,8 @@ from nlpgrasp.bodies.mesh.display_triangles import triangles as display_triangle
 from nlpgrasp.common.meshes.box_distance import least_box_distance
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.constraints import Approach, Obstacle, PlacementConstraint, Table
-from nlpgrasp.contacts import ContactModel, PlaneContact
+from nlpgrasp.contacts import ContactModel, LineContact, PlaneContact
+from nlpgrasp.contacts.pad import PadContact
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.parallel_jaw import Cone
 from nlpgrasp.solution.kept_grasps import DISTINCT_ANGLE
@@ -32,6 +33,7 @@ TOUCHING = 2e-4  # metres: allowed depth of a finger in the part, by compression
 UNSTATED_TOUCHING = TOLERANCE  # metres: the same for grippers without stated pads or fingers
 FACE_DEPTH = 3e-3  # metres behind a pad within which the surface counts as its face
 FLAT_DEPTH = 5e-4  # metres: the same where a contact is the whole pad, which touches as far as it yields
+LINE_DEPTH = 1e-4  # metres: least depth of short lines
 FLAT_AREA = 1e-14  # square metres: projected triangles with less are edge-on
 PARALLEL = 1e-3  # least sine of the angle between closing line and a pad's direction, for a defined orientation
 PATH_SIZES = 2.0  # length of an approach, in body sizes
@@ -215,7 +217,7 @@ class JawClearance:
         models: Sequence[ContactModel] = (),
     ) -> None:
         self.gripper, self.path = gripper, PATH_SIZES * body.size
-        self.patches = contact_patches(gripper.pad, models)
+        self.patches = contact_patches(gripper, models)
         self.touching = UNSTATED_TOUCHING if gripper.pad is None and gripper.finger is None else TOUCHING
         self.solids = build_solids(body, constraints)
         self.cones: list[Cone] = [(np.asarray(c.direction), c.angle) for c in constraints if isinstance(c, Approach)]
@@ -223,7 +225,7 @@ class JawClearance:
     def with_contacts(self, models: Sequence[ContactModel]) -> JawClearance:
         """Return the clearance of the same gripper, body and surroundings with other contacts."""
         other = copy(self)
-        other.patches = contact_patches(self.gripper.pad, models)
+        other.patches = contact_patches(self.gripper, models)
         return other
 
     def poses(
@@ -292,7 +294,7 @@ class JawClearance:
         return least_clearance, depths
 
     def pad_shares(self, points: FloatArray, directions: FloatArray) -> FloatArray:
-        """Return the fraction of each contact's rectangle, or pad, that is on its face, (m, 2); (m, 0) without either.
+        """Return the fraction of each contact's patch, or pad, that is on its face, (m, 2); (m, 0) without either.
 
         Parts of the pad count behind which, along the closing line, the part's surface is within 3 mm, and
         within 0.5 mm where the contact is the whole pad (``contact_patches``). They are clipped from the triangles that
@@ -307,9 +309,11 @@ class JawClearance:
         """
         _, closing = _opening_and_closing(points)
         shares = [np.zeros((len(directions), 0))]
-        for point, inward, (length, width, depth) in zip(points, (closing, -closing), self.patches, strict=False):
-            half, across = 0.5 * np.array([width, length]), np.cross(directions, inward)
-            frames = np.stack([np.broadcast_to(inward, across.shape), across, directions], axis=2)
+        for point, inward, patch in zip(points, (closing, -closing), self.patches, strict=False):
+            length, width, depth = patch.length, patch.width, patch.depth
+            along = patch.along(inward, directions)
+            half, across = 0.5 * np.array([width, length]), np.cross(along, inward)
+            frames = np.stack([np.broadcast_to(inward, across.shape), across, along], axis=2)
             facing = _facing_triangles(self.solids[0].triangles - point, inward, float(np.hypot(*half)), depth)
             shares.append(_covered_areas(facing, frames, half, depth)[:, None] / (width * length))
         return np.minimum(np.concatenate(shares, axis=1), 1.0)
@@ -358,23 +362,52 @@ class JawClearance:
         return within
 
 
-def contact_patches(pad: Sequence[float] | None, models: Sequence[ContactModel]) -> list[tuple[float, float, float]]:
-    """Return length and width of the patch of each of two contacts, and how far behind it the face may be, metres.
+@dataclass(frozen=True)
+class ContactPatch:
+    """Rectangle that has to be on a face for a contact to exist.
 
-    The patch is a contact's rectangle, or else the pad; an empty list without either. The whole pad as a contact yields
-    by 0.5 mm; smaller rectangles by the square of their share of its sides, as they would on a face equally curved.
+    Parameters
+    ----------
+    length, width : float
+        Metres.
+    depth : float
+        How far behind it the face may be, metres.
+    direction : (3,) array or None
+        Of the length, body frame; None for the gripper's approach.
+    """
+
+    length: float
+    width: float
+    depth: float
+    direction: tuple[float, float, float] | None = None
+
+    def along(self, inward: FloatArray, directions: FloatArray) -> FloatArray:
+        """Return the directions of the length, (m, 3), across ``inward`` (3,), for approaches (m, 3)."""
+        stated = np.zeros(3) if self.direction is None else np.asarray(self.direction)
+        tangential = stated - (stated @ inward) * inward
+        length = np.linalg.norm(tangential)
+        return directions if length < PARALLEL else np.broadcast_to(tangential / length, directions.shape)
+
+
+def contact_patches(gripper: ParallelJaw, models: Sequence[ContactModel]) -> list[ContactPatch]:
+    """Return the patch of each of two contacts: that of a plane or line contact, or else the pad; none without either.
+
+    The whole pad as a contact yields by 0.5 mm; smaller ones by the square of their share of its sides, as they would
+    on a face equally curved, and lines by at least 0.1 mm.
     """
     patches = []
     for model in (*models, None, None)[:2]:
-        extents = model.extents if isinstance(model, PlaneContact) else None
-        if extents is None and pad is None:
-            return []
-        length, width = extents or tuple(pad or ())
-        if extents is None:
-            patches.append((length, width, FACE_DEPTH))
+        if isinstance(model, PadContact):
+            sides, is_line = model.sides, isinstance(model, LineContact)
+            ratios = [side / whole for side, whole in zip(sides, gripper.pad or sides, strict=True)]
+            depth = FLAT_DEPTH * min(1.0, *(ratios[:1] if is_line else ratios)) ** 2
+            follows = gripper.is_solid and not is_line  # rectangles of gripper's pads turn with it
+            patch = ContactPatch(*sides, max(depth, LINE_DEPTH * is_line), None if follows else model.direction)
+        elif gripper.pad is not None:
+            patch = ContactPatch(*gripper.pad, FACE_DEPTH)
         else:
-            share = 1.0 if pad is None else min(1.0, length / pad[0], width / pad[1])
-            patches.append((length, width, FLAT_DEPTH * share**2))
+            return []
+        patches.append(patch)
     return patches
 
 

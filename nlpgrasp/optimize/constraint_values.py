@@ -22,7 +22,7 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf_hand import ADDED, SURFACE_POINT
 from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_distance_fields, distance_to_all
-from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose
+from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, contact_patches
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import TOLERANCE, jaws_depth
@@ -221,9 +221,10 @@ class HandFunctions:
         if clearance is not None:
             directions = clearance.directions(points, self._problem.models)
             return _jaw_record(clearance, points, clearance.poses(points, SOLID_TURNS, directions=directions)[0])
-        return self.hand.at_contacts(
+        data = self.hand.at_contacts(
             points, self._problem.body.size, lambda points: self._distance(points), self._approach_cones
         )
+        return self._with_shares(points, data)
 
     def along_approach(self, points: FloatArray, direction: FloatArray, flip: bool = False) -> Json:
         """Return the pose and obstacles of parallel jaws at contacts (2, 3) for an approach direction, as JSON data.
@@ -237,8 +238,16 @@ class HandFunctions:
             data = _jaw_record(clearance, points, clearance.pose(points, direction))
         else:
             data = hand.along_approach(points, direction, self._problem.body.size, self._distance)
-            data = self.name_obstacles(points, data)
+            data = self._with_shares(points, self.name_obstacles(points, data))
         return hand.flip_record(data) if flip else data
+
+    def _with_shares(self, points: FloatArray, data: Json) -> Json:
+        """Return the data of parallel jaws without stated sizes with the fraction of each contact on its face added."""
+        if self._unsized_jaws is None:
+            return data
+        direction = np.asarray(data["approach"]["direction"])
+        shares = self._unsized_jaws.pad_shares(points, direction[None])[0].tolist()
+        return {**data, "pads": shares}
 
     @property
     def _approach_cones(self) -> list[tuple[FloatArray, float]]:
@@ -270,6 +279,16 @@ class HandFunctions:
         """Exact clearance of a gripper with given pad or finger sizes; None for other hands and in the plane."""
         problem, hand = self._problem, self._problem.hand
         if not isinstance(hand, ParallelJaw) or not hand.is_solid or problem.body.space != 3:
+            return None
+        return JawClearance(hand, problem.body, problem.constraints, problem.models)
+
+    @cached_property
+    def _unsized_jaws(self) -> JawClearance | None:
+        """The surface under plane and line contacts of parallel jaws without stated sizes; None for all others."""
+        problem, hand = self._problem, self._problem.hand
+        if not isinstance(hand, ParallelJaw) or hand.is_solid or problem.body.space != 3:
+            return None
+        if not contact_patches(hand, problem.models):
             return None
         return JawClearance(hand, problem.body, problem.constraints, problem.models)
 

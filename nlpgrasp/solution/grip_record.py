@@ -34,8 +34,8 @@ class GripForce(Record):
     with_margin : Bounds
         The same with ``friction_loss`` less friction, times ``safety_factor``, newtons.
     pad_share : float
-        Least share of the rectangular contacts that is on a face. Below 0.9 the contact that was solved does not exist,
-        and no force is stated.
+        Least share of the plane and line contacts that is on a face. Below 0.9 the contact that was solved does not
+        exist, and no force is stated.
     """
 
     safety_factor: NonNegative
@@ -102,9 +102,10 @@ class GripForce(Record):
         if self.pad_share >= LEAST_PAD_SHARE:
             return "no force of the jaws holds the whole task"
         return (
-            f"no grip force is stated: {format_percent(self.pad_share)} of a rectangular contact is on the face, and a"
-            f" force needs {format_percent(LEAST_PAD_SHARE)}; state contacts that exist, such as ng.LineContact along"
-            " a cylinder, ng.SoftContact, or a smaller ng.PlaneContact"
+            f"no grip force is stated: {format_percent(self.pad_share)} of a plane or line contact is on the face, and"
+            f" a force needs {format_percent(LEAST_PAD_SHARE)}; the quality too is of the whole contact, which does not"
+            " exist: state contacts that do, such as ng.LineContact along a cylinder, ng.SoftContact, or a smaller"
+            " ng.PlaneContact"
         )
 
     def _margin_text(self) -> str:

@@ -11,6 +11,7 @@ from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.pad import PadContact
 from nlpgrasp.solution.record_fields import LATER, Count, NonNegative, Record
 
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
@@ -125,8 +126,15 @@ def pad_share(hand: Json | None) -> float:
 
 
 def patch_share(hand: Json | None, contacts: Sequence[ContactModel]) -> float:
-    """Return the least share of a gripper's rectangular contacts that is on a face; 1 for contacts at points."""
-    return pad_share(hand) if any(getattr(model, "extents", None) is not None for model in contacts) else 1.0
+    """Return the least share of a gripper's plane and line contacts that is on a face; 1 for contacts at points."""
+    return pad_share(hand) if any(isinstance(model, PadContact) for model in contacts) else 1.0
+
+
+def unseen_patches(hand: Json | None, contacts: Sequence[ContactModel]) -> str:
+    """Return a text on plane and line contacts whose share on a face is unknown; empty without such."""
+    if "pads" in (hand or {}) or not any(isinstance(model, PadContact) for model in contacts):
+        return ""
+    return "it is not checked that plane and line contacts are whole on their faces, as the quality takes them to be"
 
 
 def pad_overhang(hand: Json | None) -> str:

@@ -48,6 +48,7 @@ from nlpgrasp.solution.obstructions import (
     jaws_depth,
     links_are_free,
     missing_approach_reason,
+    unseen_patches,
     unusable_reason,
 )
 from nlpgrasp.solution.phase_record import Phase, read_phases
@@ -444,6 +445,7 @@ class GraspSolution(InNotebook):
             *grasp_obstructions(self.hand),
             *approach_obstructions(self.hand),
             unusable_reason(self.hand),
+            "" if self.grasp is None else unseen_patches(self.hand, self.grasp.contacts),
             format_unshaped_links(self.hand),
             fragility_warning(self.robust, self.mu, self.label),
             excess_force_warning(self.needed, self.finger_limit),

@@ -42,13 +42,13 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
         return [Check("grip force", False, f"stated of {len(grasp)} contacts")]
     share = patch_share(solution.hand, grasp.contacts)
     if stated.holds and share < LEAST_PAD_SHARE:
-        text = f"stated with {format_percent(share)} of a rectangular contact on its face"
+        text = f"stated with {format_percent(share)} of a plane or line contact on its face"
         return [Check("grip force", False, text)]
     if share < LEAST_PAD_SHARE and stated.pad_share != share:
         text = f"a share of {stated.pad_share:.3g} of the contacts on faces stated, {share:.3g} with the pads"
         return [Check("grip force", False, text)]
     if share < LEAST_PAD_SHARE:
-        return [Check("grip force", True, "none stated, as a rectangular contact is not on its face")]
+        return [Check("grip force", True, "none stated, as a plane or line contact is not on its face")]
     weaker, factor = _with_friction(grasp, 1.0 - stated.friction_loss), stated.safety_factor
     try:
         errors = [*_factor_errors(solution, stated), *_interval_errors("the least force", stated.force, grasp, task)]

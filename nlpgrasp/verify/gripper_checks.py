@@ -14,7 +14,7 @@ from nlpgrasp.solution.obstructions import BODY, TOLERANCE, jaws_depth
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotCheckedError, guard, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, solids_around, vectorised_distance
-from nlpgrasp.verify.gripper_solids import solid_checks
+from nlpgrasp.verify.gripper_solids import pad_checks, solid_checks
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement, require_body
 
@@ -57,6 +57,8 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     checks = [Check.of_errors("gripper", errors, f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
     if placement.points.shape[1] == 3 and any(problem_hand.get(key) is not None for key in ("pad", "finger")):
         return [*checks, *guard("way in", lambda: _checks_of_solids(solution, placement, surface))]
+    if placement.points.shape[1] == 3:
+        checks += guard("pads", lambda: _checks_of_pads(solution, placement, surface))
     try:
         depth, enters_steeply, rough, blocking = _approach_penetration(solution, problem_hand, hand, placement, surface)
     except NotCheckedError as reason:
@@ -90,6 +92,14 @@ def _checks_of_solids(solution: GraspSolution, placement: StatedPlacement, surfa
         return solid_checks(solution, placement, surface)
     except NotCheckedError as reason:
         return [Check.not_made(name, str(reason)) for name in ("way in", "pads")]
+
+
+def _checks_of_pads(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
+    """Return the check of plane and line contacts of a gripper without stated sizes."""
+    try:
+        return pad_checks(solution, placement, surface)
+    except NotCheckedError as reason:
+        return [Check.not_made("pads", str(reason))]
 
 
 def _pose_errors(problem_hand: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:

@@ -14,7 +14,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, LineContact
+from nlpgrasp.contacts.pad import PadContact
 from nlpgrasp.solution.obstructions import BODY
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check
@@ -29,7 +30,8 @@ MOST_CLEARANCE = 0.02  # metres: largest stated clearance
 TOUCHING = 2e-4  # metres: allowed depth of fingers in the part
 TOLERANCE = 2e-4  # metres: tolerance of clearances and depths
 PAD_SPACING = 5e-4  # metres: between rays from a pad
-FACE_DEPTH, FLAT_DEPTH = 3e-3, 5e-4  # metres: a surface farther behind a pad, or a rectangular contact, is not its face
+FACE_DEPTH, FLAT_DEPTH = 3e-3, 5e-4  # metres: a surface farther behind a pad, or a plane contact, is not its face
+LINE_DEPTH = 1e-4  # metres: the same at least of lines
 ON_SURFACE, LEAST_STEP = 2e-5, 5e-5  # metres: distance that counts as on the surface; least step along a ray
 SHARE_TOLERANCE = 0.04  # tolerance of the share of a pad on its face
 COSINE_TOLERANCE = 1e-4  # tolerance of the cosine between a rectangle's first side and the approach
@@ -67,7 +69,7 @@ def solid_checks(solution: GraspSolution, placement: StatedPlacement, surface: N
         errors.append(f"a clearance of {1e3 * stated:.3g} mm stated, at most {1e3 * least:.3g} mm found")
     blocked = ", ".join(approach.get("blocked_by", {}))
     summary = f"stated to be blocked by {blocked}" if blocked else f"free, by points every {1e3 * SPACING:g} mm"
-    return [Check.of_errors("way in", errors, summary), *_pad_checks(solution, placement, body)]
+    return [Check.of_errors("way in", errors, summary), *pad_checks(solution, placement, surface)]
 
 
 def _half_diagonal(body: NumericBody) -> float:
@@ -186,29 +188,45 @@ def _vertex_errors(
             yield f"a vertex of the mesh is {1e3 * depth:.3g} mm inside a finger or the palm"
 
 
-def _pad_checks(solution: GraspSolution, placement: StatedPlacement, body: NumericBody) -> list[Check]:
-    """Return the check of the stored fraction of each rectangular contact, or pad, that is on its face."""
-    hand, pad = solution.hand or {}, solution.problem["hand"].get("pad")
-    extents = [getattr(model, "extents", None) for model in solution.require_grasp().contacts]
-    if pad is None and None in extents:
+def pad_checks(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
+    """Return the check of the stored fraction of each plane or line contact, or pad, that is on its face."""
+    hand, pad, grasp = solution.hand or {}, solution.problem["hand"].get("pad"), solution.require_grasp()
+    is_solid = any(solution.problem["hand"].get(key) is not None for key in ("pad", "finger"))
+    sides = [model.sides if isinstance(model, PadContact) else None for model in grasp.contacts]
+    if pad is None and None in sides:
         return []
+    body = require_body(surface)
     stated = array("hand.pads", hand.get("pads", ()), (2,))
     frame, _ = _frame(placement.points, array(DIRECTION, hand["approach"]["direction"], (3,)))
     distance = vectorised_distance(body)
     inward = frame[:, 0], -frame[:, 0]
-    fractions = [
-        _fraction_on_face(distance, p, n, frame, sides or pad, _face_depth(sides, pad))
-        for p, n, sides in zip(placement.points, inward, extents, strict=True)
-    ]
+    fractions = []
+    for point, normal, patch, model, tangents in zip(
+        placement.points, inward, sides, grasp.contacts, grasp.tangents, strict=True
+    ):
+        turns = patch is None or (is_solid and not isinstance(model, LineContact))
+        axes = frame if turns else _turned(frame, tangents[0])
+        depth = _face_depth(patch, pad, isinstance(model, LineContact))
+        fractions.append(_fraction_on_face(distance, point, normal, axes, patch or pad, depth))
     agrees = bool(np.all(np.abs(stated - fractions) <= SHARE_TOLERANCE))
     claim, result = (f"{first:.3g} and {second:.3g}" for first, second in (stated, fractions))
     return [Check("pads", agrees, f"{claim} of the pads on their faces stated, {result} found")]
 
 
-def _face_depth(sides: Sequence[float] | None, pad: Sequence[float] | None) -> float:
-    """Return how far a face may be behind a contact's rectangle, or the pad of one without, metres."""
+def _turned(frame: FloatArray, along: FloatArray) -> FloatArray:
+    """Return the frame (3, 3) turned about the closing line so that its last axis is along a direction (3,)."""
+    last = along - (along @ frame[:, 0]) * frame[:, 0]
+    last = last / np.linalg.norm(last)
+    return np.stack([frame[:, 0], np.cross(last, frame[:, 0]), last], axis=1)
+
+
+def _face_depth(sides: Sequence[float] | None, pad: Sequence[float] | None, is_line: bool) -> float:
+    """Return how far a face may be behind a contact's patch, or the pad of one without, metres."""
     if sides is None:
         return FACE_DEPTH
+    if is_line:
+        share = 1.0 if pad is None else min(1.0, sides[0] / pad[0])
+        return max(FLAT_DEPTH * share**2, LINE_DEPTH)
     share = 1.0 if pad is None else min(1.0, *(side / whole for side, whole in zip(sides, pad, strict=True)))
     return FLAT_DEPTH * share**2
 

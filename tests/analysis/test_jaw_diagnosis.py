@@ -212,7 +212,7 @@ def test_a_force_is_stated_only_for_a_contact_that_exists():
     solution = ng.solve(ng.GraspProblem(bar, task=task, hand=gripper), starts=1, options=QUICK)
     assert max(solution.hand["pads"]) < 0.5
     assert solution.grip_force is None or not np.isfinite(solution.grip_force)
-    assert re.search(r"no grip force is stated: 4\d % of a rectangular contact is on the face", solution.grip_line())
+    assert re.search(r"no grip force is stated: 4\d % of a plane or line contact is on the face", solution.grip_line())
     assert ng.verify(solution).passed
     force = {"lower": 2.0, "upper": 2.01}
     for lie in ({}, {"pads": [0.95, 0.95]}):
@@ -221,6 +221,47 @@ def test_a_force_is_stated_only_for_a_contact_that_exists():
         data["hand"] = {**data["hand"], **lie, "grip": {**grip, "force": force, "with_margin": force}}
         failed = {check.name for check in ng.verify(ng.GraspSolution.from_dict(data)).checks if not check.passed}
         assert failed & {"grip force", "pads"}
+
+
+ALONG, ACROSS = (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("contact", "gripper", "is_held"),
+    [
+        (ng.PlaneContact(extents=(0.0375, 0.022), friction=0.5, direction=ALONG), ng.ParallelJaw(0.11), False),
+        (ng.LineContact(0.0375, friction=0.5, direction=ACROSS), ng.ParallelJaw(0.11), False),
+        (ng.LineContact(0.0375, friction=0.5, direction=ACROSS), ng.hands.jaws("2f-85"), False),
+        (ng.PlaneContact(radius=0.018, friction=0.5), ng.hands.jaws("2f-85"), False),
+        (ng.LineContact(0.0375, friction=0.5, direction=ALONG), ng.hands.jaws("2f-85"), True),
+    ],
+)
+def test_plane_and_line_contacts_exist_whatever_the_gripper_states(contact, gripper, is_held):
+    """On a bar of 26 mm radius only a line along it does; the share is measured without pads or fingers too."""
+    bar = ng.Cylinder(0.026, 0.2)
+    task = ng.lift(bar.centroid, 0.1) + ng.disturbance(0.5, 0.01, bar.centroid)
+    solution = ng.solve(ng.GraspProblem(bar, [contact] * 2, task, hand=gripper), starts=1, options=QUICK)
+    assert (min(solution.hand["pads"]) > 0.99) == is_held == bool(np.isfinite(solution.grip_force))
+    assert is_held == ("plane or line contact is on the face" not in solution.told)
+    verification = ng.verify(solution)
+    assert verification.passed
+    assert is_held == ("the quality too is of the whole contact" not in verification.verdict)
+    data = solution.to_dict()
+    data["hand"] = {**data["hand"], "pads": [0.5, 0.5] if is_held else [1.0, 1.0]}
+    assert not ng.verify(ng.GraspSolution.from_dict(data)).passed
+
+
+@pytest.mark.slow
+def test_contacts_of_other_hands_are_said_not_to_be_checked_on_their_faces():
+    """Without a gripper nothing says whether a pad is on its face: on a ball it is not."""
+    ball = ng.Sphere(0.03)
+    task = ng.disturbance(0.5, 0.01, ball.centroid)
+    for contact, is_said in ((ng.PlaneContact(radius=0.01, friction=0.5), True), (ng.SoftContact(0.5, 0.005), False)):
+        solution = ng.solve(ng.GraspProblem(ball, [contact] * 3, task), starts=1, options=QUICK)
+        assert solution.success
+        for text in (solution.told, ng.verify(solution).verdict):
+            assert ("not checked that plane and line contacts are whole" in text) == is_said
 
 
 @pytest.mark.slow
