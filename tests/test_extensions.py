@@ -184,6 +184,24 @@ def test_a_contact_model_states_its_friction_coefficients(base):
             use(silent)
 
 
+@pytest.mark.parametrize(
+    ("coefficients", "words"),
+    [
+        (
+            property(lambda self: {"mu": 0.5}),
+            r"coefficients: got .*mu.*, expected numbers by name of its fields",
+        ),
+        (property(lambda self: {"friction": "much"}), r"coefficients\['friction'\]: got"),
+        (property(lambda self: None), r"coefficients: got None, expected numbers by name of its fields"),
+        (lambda self: {"friction": 0.5}, r"coefficients: .*a property with the friction coefficients"),
+    ],
+)
+def test_friction_coefficients_are_numbers_of_the_models_fields(coefficients, words):
+    odd = type("Odd", (ng.FrictionContact,), {"kind": "test odd", "coefficients": coefficients})
+    with pytest.raises(ng.InputError, match=words):
+        odd(0.5).with_friction(0.9)
+
+
 @pytest.mark.slow
 def test_a_budget_from_elsewhere(tmp_path):
     found = ng.solve(ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL, force_budget=Weighed(2.0)), starts=2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression, Json, Ops
-from nlpgrasp.common.validation import FloatArray, face_names
+from nlpgrasp.common.validation import FloatArray, face_names, number
 from nlpgrasp.errors import InputError
 
 MISSING = float("nan")  # stands for a coefficient missing in a file: every model that needs it raises
@@ -94,8 +94,16 @@ class ContactModel(ABC):
         """Return a copy with all friction coefficients multiplied by a factor.
 
         A contact without coefficients is returned itself.
+
+        Raises
+        ------
+        InputError
+            When the coefficients are no numbers by name of the model's fields.
         """
-        scaled = {name: factor * value for name, value in self.coefficients.items()}
+        name, values, known = f"{type(self).__name__}.coefficients", self.coefficients, {f.name for f in fields(self)}
+        if not isinstance(values, Mapping) or not known.issuperset(values):
+            raise InputError(name, values, f"numbers by name of its fields, among {', '.join(sorted(known))}")
+        scaled = {key: factor * number(f"{name}[{key!r}]", value) for key, value in values.items()}
         return self.with_coefficients(**scaled) if scaled else self
 
     @property
@@ -259,7 +267,8 @@ class ContactModel(ABC):
 
 def require_coefficients(model: type[ContactModel]) -> None:
     """Raise ``InputError`` for a class of contact models that does not state its friction coefficients."""
-    if getattr(model.coefficients, "__isabstractmethod__", False):
+    is_abstract = getattr(model.coefficients, "__isabstractmethod__", False)
+    if is_abstract or not isinstance(model.coefficients, property):
         expected = "a property with the friction coefficients by name of their fields, {} without friction"
         raise InputError(f"{model.__name__}.coefficients", None, expected)
 

@@ -401,10 +401,10 @@ def contact_patches(gripper: ParallelJaw, models: Sequence[ContactModel]) -> lis
             sides, is_line = model.sides, isinstance(model, LineContact)
             ratios = [side / whole for side, whole in zip(sides, gripper.pad or sides, strict=True)]
             depth = FLAT_DEPTH * min(1.0, *(ratios[:1] if is_line else ratios)) ** 2
-            follows = gripper.is_solid and not is_line  # rectangles of gripper's pads turn with it
+            follows = gripper.is_solid and not is_line  # rectangles on stated fingers turn with them
             patch = ContactPatch(*sides, max(depth, LINE_DEPTH * is_line), None if follows else model.direction)
         elif gripper.pad is not None:
-            patch = ContactPatch(*gripper.pad, FACE_DEPTH)
+            patch = ContactPatch(gripper.pad[0], gripper.pad[1], FACE_DEPTH)
         else:
             return []
         patches.append(patch)
