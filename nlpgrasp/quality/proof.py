@@ -123,7 +123,7 @@ class UpperProof:
 
 
 @dataclass(frozen=True)
-class Proof:
+class IntervalProof:
     """Proof that ``lower <= mu <= upper`` for a grasp and a task (docs/proof_format.md).
 
     Parameters
@@ -190,7 +190,7 @@ def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2"
     return "\n".join(lines) + "\n"
 
 
-def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | ForceBudget = "l2") -> Proof:
+def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | ForceBudget = "l2") -> IntervalProof:
     """Return a proof of bounds on mu whose relative width is ``rtol``.
 
     Raises
@@ -214,7 +214,7 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
     upper, above = _prove_upper(wrenches.G, domain, problem.to_wrench_direction(state.worst), task)
     ordered = np.sort(cells, axis=1)
     ordered = ordered[np.lexsort(ordered.T[::-1])]
-    return Proof(claim, Bounds(lower, upper), above, variables, centre, ordered)
+    return IntervalProof(claim, Bounds(lower, upper), above, variables, centre, ordered)
 
 
 def write_proof(
