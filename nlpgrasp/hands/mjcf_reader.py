@@ -95,9 +95,8 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     )
     robot = add_couplings(path, model, robot)
     robot = replace(robot, joints=tuple(with_finite_limits(path, joint) for joint in robot.joints))
-    robot = add_effort_limits(model, add_passive_joints(model, robot))
     check_ranges(path, robot)
-    return robot
+    return add_effort_limits(model, add_passive_joints(model, robot))
 
 
 def mjcf_links(path: Path) -> tuple[str, ...]:

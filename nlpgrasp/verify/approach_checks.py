@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
@@ -25,6 +26,7 @@ POSITION_TOLERANCE = 1e-9  # metres, radians: rounding tolerance of sums
 SAMPLE_STEP = 2e-3  # metres between samples
 CLEARANCE_EXCESS = 2e-4  # metres: allowed excess of a stated clearance, which is rounded to a tenth of a millimetre
 PENETRATION_SHARE = 1e-3  # share of the hand's span: allowed penetration of a sphere on the path
+SIDES = 28  # normals on each ring of the patch of a fingertip of type hull
 RETREAT_TOLERANCE = 1e-5  # metres: tolerance of the distance by which fingertips go back
 GRID_POINTS = 24  # sample points in the body along each side of its box
 
@@ -150,11 +152,22 @@ def _pregrasp_errors(solution: GraspSolution, stated: Json, hand: NumericLinkedH
 
 def _reference_point(tip: Json, frame: FloatArray) -> FloatArray:
     """Return the point of a fingertip that goes back along the normal, (3,), body frame."""
-    if tip["type"] == "hull":
-        raise NotCheckedError("the place of a fingertip of type 'hull' is not in the file")
-    keys = {"cylinder": ("start", "end"), "capsule": ("end",)}.get(str(tip["type"]), ("offset",))
-    point = np.mean([array(key, tip[key], (3,)) for key in keys], axis=0)
+    keys = {"cylinder": ("start", "end"), "capsule": ("end",), "hull": ()}.get(str(tip["type"]), ("offset",))
+    point = np.mean([array(key, tip[key], (3,)) for key in keys], axis=0) if keys else _ball_of_hull(tip)
     return np.asarray(frame[:3, :3] @ point + frame[:3, 3])
+
+
+def _ball_of_hull(tip: Json) -> FloatArray:
+    """Return the centre of the ball whose support function is nearest to a hull's over the normals of its patch."""
+    corners, facing = array("points", tip["points"], (None, 3)), unit("facing", tip["facing"], 3)
+    widest = number("angle", tip["angle"])
+    polar = np.linspace(0.0, widest, max(2, round(SIDES * widest / (2.0 * np.pi))) + 1)[:, None, None]
+    turn = 2.0 * np.pi * np.arange(SIDES)[:, None] / SIDES
+    across = tangents(facing[None])[0]
+    ring = np.cos(turn) * across[0] + np.sin(turn) * across[1]
+    normals = (np.cos(polar) * facing + np.sin(polar) * ring).reshape(-1, 3)
+    heights = np.max(normals @ corners.T, axis=1)
+    return np.asarray(np.linalg.lstsq(np.column_stack([normals, np.ones(len(normals))]), heights, rcond=None)[0][:3])
 
 
 def path_checks(

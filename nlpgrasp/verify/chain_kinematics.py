@@ -393,6 +393,9 @@ def linkages_in(path: Path, links: Sequence[Link], palm: str) -> Linkages:
             name, other = joint_names[ids[0]], joint_names[ids[1]]
             curve = np.polynomial.Polynomial(data[:5])(np.polynomial.Polynomial([-zero[other], 1.0])).coef
             sums.append(JointSum(f"joint {name} with {other}", {name: (-zero[name], 1.0), other: tuple(-curve)}))
+        elif kind == 2 and ids[1] < 0 and joint_names[ids[0]] in moving:  # of a joint that follows another besides
+            name = joint_names[ids[0]]
+            sums.append(JointSum(f"joint {name} at a number", {name: (-zero[name] - float(data[0]), 1.0)}))
         elif kind == 3:
             rates, constant = dict[str, float](), -float(data[0])
             for t, factor in ((ids[0], 1.0), (ids[1], -float(data[1]))):

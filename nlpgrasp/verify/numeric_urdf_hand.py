@@ -199,6 +199,15 @@ class NumericLinkedHand:
         slopes = [(errors(j, SLOPE_STEP) - errors(j, -SLOPE_STEP)) / (2.0 * SLOPE_STEP) for j in free]
         return errors(next(iter(free)), 0.0), np.column_stack(slopes)
 
+    def _linkage_equations(self) -> int:
+        """Return how many equations hold the linkages closed: of each, the directions in which joints open it."""
+        positions = self.posture["joint_positions"]
+        slopes = self._linkage_slopes({joint: positions[joint] for joint in free_joint_limits(self.links)})[1]
+        parts = [np.split(error, [3]) for _, error in self._linkage_errors(positions)]  # gap, and turn of a weld
+        ends = np.cumsum([len(part) for pair in parts for part in pair])
+        blocks = [block for block in np.split(slopes, ends[:-1]) if block.size]
+        return int(sum(np.linalg.matrix_rank(block, tol=CLOSING_SHARE * np.max(np.abs(slopes))) for block in blocks))
+
     def _motion_by_drives(self, joints: Sequence[str]) -> dict[str, dict[str, float]]:
         """Return the rates of all free joints by joint, per unit rate of each joint that is not passive.
 
@@ -291,9 +300,11 @@ class NumericLinkedHand:
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
             yield from touch_constraints(tip, self._touching(name, tip, p, n, placement.size))
-        for name in self.stated:  # the posture's own errors are among ``limits``
-            if name.startswith(f"{CLOSED_LINKAGE}, "):
-                yield ConstraintValue(name, None, 0.0, 0.0, scale=OPEN)
+        closed = [name for name in self.stated if name.startswith(f"{CLOSED_LINKAGE}, ")]
+        for name in closed:  # the posture's own errors are among ``limits``
+            yield ConstraintValue(name, None, 0.0, 0.0, scale=OPEN)
+        if self.linkages and len(closed) < (due := self._linkage_equations()):
+            yield ConstraintValue(f"{CLOSED_LINKAGE}: {due} equations, {len(closed)} in the file", np.nan)
         balls = self._tip_balls(placement)
         for i, j in self.data.get("tips_apart", ()):
             a, b = balls[i], balls[j]

@@ -57,6 +57,7 @@ def test_drawn_postures_keep_what_mujoco_holds(tmp_path, equalities, more):
         ('<connect site1="left_end" site2="right_top"/>', "", r"open by 13\.7 mm in the best posture, .*that closes"),
         ('<tendon tendon1="t" tendon2="u" polycoef="0 1 1 0 0"/>', TENDONS, "t that follows u by polycoef .*line"),
         ('<tendon tendon1="t"/>', SPATIAL, "an equality of tendon t, expected fixed tendons"),
+        (fingers() + TOGETHER.replace("0 -1", "1.9 -1"), "", "joint left_crank that follows it, .*both can keep"),
     ],
 )
 def test_what_cannot_be_stated_is_refused(tmp_path, equalities, more, match):
@@ -177,6 +178,18 @@ def test_an_open_linkage_is_not_verified(held, entry, joint):
     text = str(ng.verify(edited))
     assert text.splitlines()[-1].startswith("NOT verified")
     assert re.search(r"FAIL joints: .*connect of (\w+)_pad and \1_rocker closed: 0\.000\d+ is outside", text)
+
+
+@pytest.mark.slow
+def test_a_file_without_an_equation_of_its_linkages_is_not_verified(held):
+    _, _, file = held
+    data = json.loads(file.read_text())
+    rows = [row for row in data["constraints"] if row["name"].startswith("closed linkage")]
+    data["constraints"].remove(rows[-1])
+    edited = file.with_name("without.json")
+    edited.write_text(json.dumps(data))
+    text = str(ng.verify(edited))
+    assert re.search(rf"FAIL hand: .*closed linkage: {len(rows)} equations, {len(rows) - 1} in the file", text)
 
 
 @pytest.mark.slow
