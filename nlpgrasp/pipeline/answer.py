@@ -113,14 +113,14 @@ def prefer_robust_start(
     deadline : Deadline
     """
     with single_thread():
-        best = _with_robustness(compiled, best)
+        best = with_robustness(compiled, best)
         if best.robust is None or best.robust.share(best.record.mu) >= WEAK:
             return best
         share = HALF if best.robust.is_fragile(best.record.mu) else TIE
         for other in _next_best(compiled, best, results, share):
             if deadline.should_stop():
                 break
-            start = _with_robustness(compiled, other)
+            start = with_robustness(compiled, other)
             if start.robust is None or start.robust.is_fragile(start.record.mu):
                 continue
             if start.robust.mu.lower > best.robust.mu.upper:
@@ -174,7 +174,7 @@ def _restrict(
     return (best, results) if best_restricted is None else (best_restricted, restricted)
 
 
-def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
+def with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     """Return a start with its robustness, or with the error in its message if the robustness fails."""
     if start.robust is not None:
         return start

@@ -49,6 +49,7 @@ from nlpgrasp.pipeline.answer import (
     restrict_to_squeezable,
     solver_record,
     total_effort,
+    with_robustness,
 )
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.analysis_records import WhyNot
@@ -381,6 +382,9 @@ class Multistart:
                 partial(choose_free_approach, results=self.results, deadline=deadline), best
             ) or (best,)
             self.replace_results(best, *blocked)
+        if weighs and best.robust is None and not deadline.should_stop():  # another start has a free way in
+            best = runner.run(with_robustness, best) or best
+            self.replace_results(best)
         self._clock.mark("way in")
         self.chosen = best
 

@@ -56,7 +56,7 @@ from nlpgrasp.sets.stored_solution import unpack_solution
 
 STARTS_PER_GRASP = 4  # most starts of a problem per requested grasp, by default
 WAIT_SECONDS = 0.5  # seconds between readings of the folder while other processes run the last units
-DEFAULT_OPTIONS = SolveOptions(global_bound=False, final_rtol=SolveOptions().rtol)
+DEFAULT_OPTIONS = SolveOptions(global_bound=False, final_rtol=SolveOptions().rtol, rank="mu")
 REFUSED = ("gap", "time_limit", "analyses", "extras", "workers", "edge_margin")  # options that keep their default
 INTERRUPTED = "Interrupted: what is finished is kept; call ng.make_set again to go on."
 
@@ -552,7 +552,7 @@ def check_options(options: SolveOptions | None) -> SolveOptions:
     changed = [name for name in REFUSED if getattr(options, name) != getattr(default, name)]
     if changed:
         raise InputError(f"options.{changed[0]}", getattr(options, changed[0]), "its default for a set of grasps")
-    return replace(options, global_bound=False)
+    return replace(options, global_bound=False, rank=DEFAULT_OPTIONS.rank)
 
 
 def _initial_state(name: str, source: GraspProblem | ProblemFactory) -> _ProblemState:

@@ -1,13 +1,14 @@
-"""Check of a local optimum: its binding inequalities, and first-order gains by moving free contacts."""
+"""Checks of optima: binding inequalities and first-order gains of a local one, and how bad a worst displacement is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.measures import mu
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.solution import GraspSolution
@@ -15,6 +16,7 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_bodies import FacedSurface, SmoothSurface
+from nlpgrasp.verify.quality_checks import OTHER_SEED, support_ratio
 from nlpgrasp.verify.stated_placement import NumericBody
 
 SUM_TOLERANCE = 1e-5  # tolerance of the sum of the weights
@@ -23,6 +25,9 @@ BETA_EXCESS = 2e-3  # largest relative excess of the program's beta over mu
 SLOPE_TOLERANCE = 1e-4  # share of mu: largest first-order gain of a free contact over the body's size
 DIFFERENCE_STEP = 1e-6  # share of the body's size: step of central differences
 EDGE_DISTANCE = 1e-3  # share of the body's size: least distance of a free contact from edges
+RING_ANGLES = np.pi / 4.0 * np.arange(8)  # of displacements of a contact
+SEARCHES, LOOSE_RTOL = 3, 0.1  # searches for a worse displacement; relative gap of the certificates in them
+MILDER = 0.8  # share of the stated quality: a displacement that leaves less is worse than the worst that was found
 
 
 def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, size: float) -> list[Check]:
@@ -82,6 +87,58 @@ def _contact_errors(
                 break
 
 
+def displacement_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, size: float) -> list[Check]:
+    """Return the check that no other displacement of the contacts leaves far less than the stated worst one.
+
+    Contacts move one after the other, in the plane of their face, to where the support ratio along the weakest
+    directions found so far is least. Contacts at edges, on curved meshes and such that slip stay as stated.
+    """
+    robust = solution.robust
+    if robust is None or surface is None or is_sampled(solution.task) or not robust.mu.lower > 0.0:
+        return []
+    if len(robust.points) != len(grasp):  # which the check of robustness sees
+        return []
+    remaining = [i for i in range(len(grasp)) if i not in robust.lost]
+    models = [grasp.contacts[i].with_friction(1.0 - robust.friction_share) for i in remaining]
+    places = [[(robust.points[i], robust.normals[i]), *_ring(solution, grasp, surface, i, size)] for i in remaining]
+    chosen, directions, least = [0] * len(remaining), list[FloatArray](), np.inf
+
+    def displaced(choice: Sequence[int]) -> Grasp:
+        points, normals = zip(*(around[c] for around, c in zip(places, choice, strict=True)), strict=True)
+        return Grasp(np.array(points), np.array(normals), models, grasp.torque_origin)
+
+    def ratio(choice: Sequence[int]) -> float:
+        at = displaced(choice)
+        force_set = solution.budget.at(at.frames, at.contacts)
+        return min(support_ratio(at, solution.task, force_set, y) for y in directions)
+
+    for _ in range(SEARCHES):
+        bounds = mu(displaced(chosen), solution.task, LOOSE_RTOL, force_budget=solution.budget, seed=OTHER_SEED)
+        least = min(least, bounds.upper)
+        if bounds.worst_direction is None or not bounds.upper > 0.0:
+            break
+        directions.append(bounds.worst_direction)
+        for i, around in enumerate(places):
+            chosen = min(([*chosen[:i], c, *chosen[i + 1 :]] for c in range(len(around))), key=ratio)
+    least = min(least, ratio(chosen)) if directions else least
+    text = f"at most {least:.4g} left at another displacement, at least {robust.mu.lower:.4g} stated at the worst"
+    return [Check("worst displacement", least >= MILDER * robust.mu.lower, text)]
+
+
+def _ring(
+    solution: GraspSolution, grasp: Grasp, surface: NumericBody, i: int, size: float
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return points at the stated displacement around a contact, with inward normals; none where these are unknown."""
+    robust = solution.robust
+    normal = None if robust is None else _normal_near(solution, grasp, surface, i, size, room=robust.offset)
+    if normal is None or robust is None:
+        return []
+    across = grasp.frames[i][:, 1:].T
+    weights = np.column_stack([np.cos(RING_ANGLES), np.sin(RING_ANGLES)]) if len(across) == 2 else [[1.0], [-1.0]]
+    points = [grasp.points[i] + robust.offset * (np.asarray(w) @ across) for w in weights]
+    return [(p, normal(p)) for p in points]
+
+
 def _recomputed_ratios(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray:
     """Return the ratio of wrench-set support to task support along each direction, (m,)."""
     y = np.array(kkt.directions)
@@ -107,28 +164,28 @@ def _is_held(solution: GraspSolution, i: int) -> bool:
 
 
 def _normal_near(
-    solution: GraspSolution, grasp: Grasp, surface: NumericBody, i: int, size: float
+    solution: GraspSolution, grasp: Grasp, surface: NumericBody, i: int, size: float, room: float | None = None
 ) -> Callable[[FloatArray], FloatArray] | None:
-    """Return the function from points near a contact to inward normals; None at an edge or on an unknown surface."""
-    face, point = solution.faces[i], grasp.points[i]
+    """Return the function from points near a contact to inward normals; None at an edge or on an unknown surface.
+
+    Points are near within ``room``, metres; those of a free contact within less, but off the edge margin.
+    """
+    face, point, least = solution.faces[i], grasp.points[i], EDGE_DISTANCE * size
+    near = least if room is None else max(room, least)
+    from_edges = float(solution.problem.get("edge_margin", 0.0)) + least if room is None else room
     if isinstance(surface, MeshSurface):
-        nearby, distances = surface.triangles.nearby_triangles(point, EDGE_DISTANCE * size)
-        neighbour_normals = surface.triangles.normals[nearby[distances <= EDGE_DISTANCE * size]]
+        nearby, distances = surface.triangles.nearby_triangles(point, near)
+        neighbour_normals = surface.triangles.normals[nearby[distances <= near]]
         is_flat = len(neighbour_normals) > 0 and bool(
             np.all(np.linalg.norm(neighbour_normals + grasp.normals[i], axis=1) < EDGE_DISTANCE)
         )
-        is_near_edge = (
-            surface.edge_distance(face, point) <= float(solution.problem["edge_margin"]) + EDGE_DISTANCE * size
-        )
+        is_near_edge = surface.edge_distance(face, point) <= from_edges
         return None if not is_flat or is_near_edge else lambda p: grasp.normals[i]
     if isinstance(surface, SmoothSurface):
         return lambda p: -_unit_vector(surface.field(p[None])[1][0])
     if isinstance(surface, FacedSurface):
         overshoot = surface.pieces[face](point)[2]
-        margin = float(solution.problem.get("edge_margin", 0.0))
-        is_near_edge = (
-            overshoot >= -EDGE_DISTANCE * size or surface.edge_distance(face, point) <= margin + EDGE_DISTANCE * size
-        )
+        is_near_edge = overshoot >= -near or surface.edge_distance(face, point) <= from_edges
         return None if is_near_edge else lambda p: -_unit_vector(surface.pieces[face](p)[1])
     return None
 

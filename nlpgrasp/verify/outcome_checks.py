@@ -30,6 +30,7 @@ DECIDING_OPTIONS = (
     *("final_rtol", "link_tolerance", "pregrasp_clearance", "robust_offset", "robust_friction"),
     *("joint_margin", "room_price", "maximise_robust", "rank", "gap"),
 )
+RANKED_BY = ("robust", "mu")  # values of the option rank
 # reasons for which an alternative ranks before another, the weightiest first
 RANKS = (
     "without a link inside anything",
@@ -54,6 +55,8 @@ def _option_errors(solution: GraspSolution) -> Iterator[str]:
     missing = [name for name in DECIDING_OPTIONS if name not in solution.solver.get("options", {})]
     if solution.starts and missing:
         yield f"no {', '.join(missing)} among the options"
+    if solution.starts and solution.solver.get("options", {}).get("rank") not in RANKED_BY:
+        yield f"options.rank is none of {', '.join(RANKED_BY)}"
 
 
 def _status_errors(solution: GraspSolution) -> Iterator[str]:

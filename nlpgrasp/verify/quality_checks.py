@@ -20,6 +20,7 @@ from nlpgrasp.quality.measures import delta, mu, unit_ball
 from nlpgrasp.quality.sandwich import SHRINK
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.kept_grasps import weighs_fragility
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
@@ -42,6 +43,7 @@ ZERO_SHARE = 1e-3  # share of the grasp's quality: a smaller upper bound counts 
 SHARE_TOLERANCE = 1e-9  # tolerance of shares, which follow from other numbers of the file
 OFFSET_FACTOR = 1.5  # allowed displacement over the stated offset, as surfaces are curved
 EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over it
+UNSTATED = "the file does not state what is left of mu when contacts are off, though its solve weighed it"
 RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support ratio
 
 AnyBounds = TypeVar("AnyBounds", bound=Bounds)
@@ -194,7 +196,9 @@ def robustness_checks(
     """Return the check of the stored worst displacement and of the quality there."""
     stated = solution.robust
     if stated is None:
-        return []
+        is_due = is_finished(solution) and weighs_fragility(solution.solver.get("options", {}))
+        is_due = is_due and solution.objective != "nu" and solution.mu.lower > 0.0
+        return [Check.not_made("robustness", UNSTATED)] if is_due else []
     models = [model.with_friction(1.0 - stated.friction_share) for model in grasp.contacts]
     remaining, recomputed = [i for i in range(len(models)) if i not in stated.lost], Bounds(0.0, 0.0)
     if remaining:

@@ -40,7 +40,7 @@ from nlpgrasp.verify.link_checks import link_checks
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_hands import UnknownHand, fingertip_clearances
 from nlpgrasp.verify.numeric_urdf_hand import require_links
-from nlpgrasp.verify.optimality_checks import optimality_checks
+from nlpgrasp.verify.optimality_checks import displacement_checks, optimality_checks
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import (
@@ -119,6 +119,7 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
             constraint_checks.append(_guard_check("links in the pregrasp", opened, within))
     checks += _hand_checks(solution, grasp, surface, placement)
     checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
+    checks += guard("worst displacement", lambda: displacement_checks(solution, grasp, surface, size))
     scales = _scales(solution, grasp, size)
     slack = partial(_slack, stated=stated, scales=scales, tolerance=promise)
     owners = _owners(solution, len(grasp))

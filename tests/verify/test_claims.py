@@ -1,10 +1,13 @@
 """Checks of the stated quality and of the outcome of the solve."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.verify.outcome_checks import outcome_checks
+from tests.once import solve_once
 from tests.quick import first
 from tests.verify import honest
 from tests.verify.edits import failed, put, together, unbounded, verified
@@ -182,3 +185,38 @@ def test_a_lower_bound_raised_towards_the_upper_one_is_not_verified():
 def test_a_gap_that_is_none_is_refused(rtol):
     with pytest.raises(ng.InputError, match=r"^rtol: got .*, expected a number greater than 0"):
         ng.verify(ng.GraspSolution.from_dict(honest.planar(), "f.json"), rtol=rtol)
+
+
+def without_robustness(data):
+    data["quality"]["robust"] = None
+
+
+def test_a_solve_that_does_not_state_its_robustness_is_partly_verified():
+    assert verified(honest.planar(), lambda data: None).complete
+    verification = verified(honest.planar(), without_robustness)
+    assert verification.verdict.startswith("partly verified: ")
+    assert "does not state what is left of mu when contacts are off" in verification.verdict
+    by_mu = together(without_robustness, put(("solver", "options", "rank"), "mu"))  # such a solve weighs it not
+    assert verified(honest.planar(), by_mu).complete
+
+
+def undisplaced(data):
+    """State that no displacement is worse than none, with the quality there."""
+    solution = ng.GraspSolution.from_dict(data, "f.json")
+    grasp, robust = solution.grasp, solution.robust
+    models = [model.with_friction(1.0 - robust.friction_share) for model in grasp.contacts]
+    remaining = ng.Grasp(grasp.points, grasp.normals, models, grasp.torque_origin)
+    bounds = ng.mu(remaining, solution.task, 0.01, force_budget=solution.budget)
+    milder = replace(robust, points=grasp.points, normals=grasp.normals, mu=bounds, lost=())
+    data["quality"]["robust"] = milder.beside(solution.mu).to_dict()
+
+
+def test_a_displacement_that_is_not_the_worst_is_not_verified():
+    """Of a ball of 10 mm a tenth of the quality is left where contacts are 1 mm off."""
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.001, 0.001, 0.001])
+    problem = ng.GraspProblem(ng.Sphere(0.005), [ng.FrictionContact(0.25)] * 3, task)
+    solution = solve_once(problem, 1, honest.QUICK)
+    assert solution.is_fragile
+    data = solution.to_dict()
+    assert failed(verified(data, lambda data: None)) == []
+    assert failed(verified(data, undisplaced)) == ["worst displacement"]

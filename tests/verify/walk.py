@@ -19,9 +19,10 @@ NO_LIE = {
     r"^negated .*quaternion_wxyz": "of a half turn the same pose",
     r" solver\.(seconds|seed|iterations|ipopt_calls)": "effort",
     r" quality\.best_possible\.nodes": "effort",
-    r" solver\.options": "what was asked for: what is claimed stands beside it",
+    r" solver\.options\.(rounds|rtol|extras|global_bound|workers|analyses|edge_margin|ipopt|time_limit)": "effort",
+    r"^(more|less|negated|flipped) solver\.options": "what was asked for: what is claimed stands beside it",
     r" solver\.starts": "starts hold no contacts; of the winner faces, status and interval are compared",
-    r"^removed (quality\.(delta|nu|robust|best_possible)|kkt)$": "a claim less",
+    r"^removed (quality\.(delta|nu|best_possible)|kkt)$": "a claim less",
     r" (shadow_prices|why_not)": "never recomputed",
     r" constraints\.#\.multiplier": "never recomputed",
     r"^swapped constraints": "an order without meaning",
@@ -42,6 +43,7 @@ NO_LIE = {
     r"^swapped (forces\.#\.moments|hand\.squeeze\.fingers\.#\.moment|hand\.tip_gaps)": "equal to rounding",
     r"^removed hand\.(link_depth|way_in)\.(thing|tolerance)$": "the default",
     r" hand\.(link_depth|way_in)\.samples": "effort",
+    r"^removed problem\.task\.torque_origin": "the problem's torque origin, which is checked",
     r"^removed hand\.phases\.#$": "a keyframe less; those that others rest on are due",
     r"^less hand\.(phases\.#\.clearance|squeeze\.normal_force)|^more hand\.squeeze\.share": "a weaker claim",
     r"tangents": "a turn about the normal, under which the friction cone stays",
@@ -76,7 +78,7 @@ def _entries(data, path=()):
         for i, value in enumerate(data):
             if not isinstance(value, int | float):
                 yield "twice", (*path, i), _repeat
-            if i and value != data[i - 1]:
+            if i and not _are_equal(value, data[i - 1]):
                 yield "swapped", (*path, i), _swap
             yield from _entries(value, (*path, i))
     elif isinstance(data, bool):
@@ -89,6 +91,12 @@ def _entries(data, path=()):
             yield "negated", path, -data
     elif isinstance(data, str):
         yield "renamed", path, data + "x"
+
+
+def _are_equal(a, b):
+    """Whether two entries are the same, numbers to rounding."""
+    is_number = isinstance(a, int | float) and isinstance(b, int | float)
+    return abs(a - b) <= 1e-9 if is_number else a == b
 
 
 def _remove(container, key):
