@@ -37,7 +37,7 @@ def test_names_are_text_and_no_markup(tmp_path):
             return {name: marked(item, name) for name, item in value.items()}
         if isinstance(value, list):
             return [marked(item, key) for item in value]
-        return f"{value}{markup}" if isinstance(value, str) and key in ("name", "message") else value
+        return f"{value}{markup}" if isinstance(value, str) and key == "name" else value
 
     solution = ng.GraspSolution.from_dict(marked(held_block().to_dict()))
     text = write_report({markup: solution}, tmp_path / "page.html").read_text(encoding="utf-8")
