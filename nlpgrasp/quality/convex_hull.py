@@ -18,6 +18,7 @@ from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
 FLAT = 1e-13  # distance from the others' affine hull, relative to the first, below which points are flat
+AT_ORIGIN = 1e-9  # offset of a plane, relative to the centre's distance, below which it passes through the origin
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
 MOST_NEW_CELLS = (
     8_000  # cells per new vertex above which rounding has failed (in 6 dimensions some hundreds are normal)
@@ -88,17 +89,24 @@ class IncrementalHull:
         return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
 
     def exceeded(self, scale: float, limit: int) -> tuple[IntArray, FloatArray]:
-        """Return at most ``limit`` cells above whose planes ``scale A`` reaches, highest first, and its heights there.
+        """Return at most ``limit`` cells above whose planes ``scale A`` reaches, worst first, and their shares.
 
-        A height is ``max <a, x - centre>`` over ``scale A``, more than 1. From the centre in the hull's interior it
-        ranks cells of planes through the origin too, which allow no multiple of A.
+        A share is that of ``scale`` whose multiple of A is below the plane. Planes through the origin allow no multiple
+        of A; these are ranked by one over the height ``max <a, x - centre>`` of ``scale A``, seen from the centre.
         """
-        heights = scale * self.values[: self._size] - self.planes[: self._size] @ self.centre
-        cells = np.flatnonzero(heights > 1.0)
+        planes, reach = self.planes[: self._size], self.values[: self._size]
+        offsets = 1.0 + planes @ self.centre
+        cells = np.flatnonzero(scale * reach > offsets)
+        offsets, required = offsets[cells], scale * reach[cells]
+        is_positive = (offsets > AT_ORIGIN) & (required > 0.0)
+        shares = np.where(
+            is_positive, offsets / np.where(is_positive, required, 1.0), 1.0 / (1.0 + required - offsets)
+        )
         if cells.size > limit:
-            cells = cells[np.argpartition(-heights[cells], limit - 1)[:limit]]
-        cells = cells[np.argsort(-heights[cells])]
-        return cells, heights[cells]
+            worst = np.argpartition(shares, limit - 1)[:limit]
+            cells, shares = cells[worst], shares[worst]
+        order = np.argsort(shares)
+        return cells[order], shares[order]
 
     def normals(self, cells: IntArray) -> FloatArray:
         """Return the unit normals of cells, (m, d)."""

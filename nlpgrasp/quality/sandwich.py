@@ -3,8 +3,8 @@
 Support points ``s_j`` of the wrench set W span an inner polytope P, cut into cells around a centre c in its
 interior. A cell with plane ``{x : <a, x - c> = 1}`` allows ``alpha <= (1 + <a, c>) / phi_A(a)``; the least of these is
 a **lower** bound on the largest alpha with ``alpha A`` inside W. Without force closure the origin is a vertex of W:
-planes through it allow all multiples of the task or none, and cells are ranked by the height of the sought multiple
-above their planes, seen from c. The exact ratio ``phi_W(y) / phi_A(y)`` at any
+planes through it allow all multiples of the task or none, and their cells are ranked by the height of the sought
+multiple above them, seen from c. The exact ratio ``phi_W(y) / phi_A(y)`` at any
 direction y is an **upper** bound, and its maximiser is a new point of P.
 """
 
@@ -122,8 +122,8 @@ def tighten(
             state.limit = POINT_LIMIT if len(hull) >= MOST_POINTS else TIME_LIMIT
             break
         target = state.upper / (1.0 + 0.8 * rtol)
-        cells, heights = hull.exceeded(target, 8 * BATCH)
-        if not cells.size or _is_limited_by_rounding(len(hull), 1.0 / heights[0]):
+        cells, shares = hull.exceeded(target, 8 * BATCH)
+        if not cells.size or _is_limited_by_rounding(len(hull), shares[0]):
             break
         normals = hull.normals(cells)
         ratios = problem.ratio(normals)[0]
@@ -132,7 +132,7 @@ def tighten(
             state.upper, state.worst = float(ratios[best]), normals[best]
             if has_no_support(problem.wrenches, state.worst):
                 return Sandwich(0.0, state.worst)
-        gap = max(1.0 - 1.0 / heights[0], rtol)
+        gap = max(1.0 - shares[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
         if not hull.insert(*_inner_points(problem, normals[chosen], shrink, rng)):
             break
