@@ -230,7 +230,7 @@ def gltf_bytes() -> bytes:
 
 def read_mesh(path: Path) -> object:
     """Read a body from a mesh file."""
-    return ng.Mesh.load(path, unit="m")
+    return ng.Mesh.load(path)
 
 
 def read_grasps(path: Path) -> object:

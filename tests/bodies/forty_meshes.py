@@ -143,7 +143,7 @@ def _broken():
             (),
             ("15 % of the surface, the largest around",),
         ),
-        "a triangle inside": MeshCase(join_meshes(A, inner), (A,), (FILLED, BURIED)),
+        "a triangle inside": MeshCase(join_meshes(A, inner), (A,), (FILLED, "sheets without volume left out")),
         "half a ball": MeshCase(select_faces(WHOLE, WHOLE.triangles_center[:, 2] < 0.0), (), ("an open surface",)),
         "box of three sides": MeshCase(select_faces(A, np.max(A.face_normals, axis=1) > 0.5), (), ("an open surface",)),
         "a sheet": MeshCase(join_meshes(flat, invert_mesh(flat)), (), ("a mesh with volume",)),
