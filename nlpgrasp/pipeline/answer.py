@@ -294,15 +294,25 @@ def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float
 
 
 def solver_record(
-    options: SolveOptions, seed: int, effort: SolverEffort, seconds: float, stages: Mapping[str, float] | None = None
+    options: SolveOptions,
+    seed: int,
+    effort: SolverEffort,
+    seconds: float,
+    certified: Bounds,
+    stages: Mapping[str, float] | None = None,
 ) -> Json:
     """Return the solver's record as JSON data: seed, effort, wall time by stage, options and versions.
+
+    Among the options ``final_rtol`` is the gap that the answer's certificate reached, where that is less.
 
     Warns
     -----
     UserWarning
         Where IPOPT did not run in some of its calls.
     """
+    if certified.lower > 0.0:  # what ``verify`` takes for a recomputed certificate
+        least = max(certified.gap, 0.05 * options.final_rtol)
+        options = replace(options, final_rtol=min(options.final_rtol, least))
     record: Json = {
         "seed": seed,
         "iterations": effort.iterations,

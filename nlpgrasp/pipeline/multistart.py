@@ -475,10 +475,7 @@ class Multistart:
         solution = arrange_jaw_poses(solution, problem, self._keeping.count, options)
         solution = with_unusable_reason(solution, problem)
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
-        used = self.runner.options
-        if self.floor > 0.0 and np.isfinite(solution.mu.upper):  # a warm start's certificate may be narrower
-            used = replace(used, final_rtol=max(min(used.final_rtol, solution.mu.gap), 1e-6))
-        record = solver_record(used, self.seed, effort, seconds, self._clock.seconds)
+        record = solver_record(self.runner.options, self.seed, effort, seconds, solution.mu, self._clock.seconds)
         if self._keeping.count > 1:
             record = {**record, "keep": self._keeping.count, "distinct": self._keeping.distinct}
         return replace(solution, solver=record)

@@ -99,9 +99,7 @@ class IncrementalHull:
         cells = np.flatnonzero(scale * reach > offsets)
         offsets, required = offsets[cells], scale * reach[cells]
         is_positive = (offsets > AT_ORIGIN) & (required > 0.0)
-        shares = np.where(
-            is_positive, offsets / np.where(is_positive, required, 1.0), 1.0 / (1.0 + required - offsets)
-        )
+        shares = np.where(is_positive, offsets / np.where(is_positive, required, 1.0), 1.0 / (1.0 + required - offsets))
         if cells.size > limit:
             worst = np.argpartition(shares, limit - 1)[:limit]
             cells, shares = cells[worst], shares[worst]

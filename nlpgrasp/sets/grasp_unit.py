@@ -300,8 +300,8 @@ def _complete(compiled: CompiledProblem, unit: UnitProblem, result: StartGrasp) 
     """Return the solution of a start, with the hand's approach, least forces and squeeze."""
     start = add_hand_record(compiled, result)
     search = SearchRecord(compiled.problem, compiled.options, unit.seed, [start], chosen=start)
-    record = solver_record(compiled.options, unit.seed, start.effort, sum(start.record.seconds.values()))
-    return replace(make_answer(search, None), solver=record)
+    solution, seconds = make_answer(search, None), sum(start.record.seconds.values())
+    return replace(solution, solver=solver_record(compiled.options, unit.seed, start.effort, seconds, solution.mu))
 
 
 def simulate_grasp(

@@ -117,16 +117,16 @@ def unpacked():
     from nlpgrasp.optimize import compiled_programs as programs
 
     programs.CompiledProgram = Given
-    return ng.TaskEllipsoid([1.0, 1.0, 0.5])
+    return ng.FrictionContact(0.5)
 
 
-class Task(ng.TaskEllipsoid):
+class Contact(ng.FrictionContact):
     def __reduce__(self):
         return unpacked, ()
 
 
 body = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, Task([1.0, 1.0, 0.5]))
+problem = ng.GraspProblem(body, [Contact(0.5)] * 3, ng.TaskEllipsoid([1.0, 1.0, 0.5]))
 solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=2, rtol=0.05, final_rtol=0.05))
 print(solution.solver["ipopt_calls"], solution.solver["ipopt_failures"])
 """
