@@ -209,6 +209,8 @@ def read_set(path: Path) -> object:
 def mesh_bytes(ending: str, **options: object) -> bytes:
     """Return a mesh of a box with a hole."""
     mesh = trimesh.creation.annulus(0.01, 0.03, 0.04, sections=12)
+    if ending == "3mf":  # in millimetres
+        mesh.apply_scale(1000.0)
     content = (
         trimesh.Scene(mesh).export(file_type=ending)
         if ending in ("3mf", "glb")

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,7 @@ from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import SuggestedTip, leaf_links, suggest_tip
 from tests.hands.urdf import FOUR, FOUR_TIPS
 
+THREE_FINGERS = Path(__file__).resolve().parents[2] / "problems" / "hands" / "three_finger_hand.urdf"
 SPHERE = '<collision><origin xyz="{}"/><geometry><sphere radius="0.008"/></geometry></collision>'
 BOX = '<collision><origin xyz="0 0 0.01"/><geometry><box size="0.02 0.012 0.03"/></geometry></collision>'
 CAPSULE = '<collision><geometry><capsule radius="0.005" length="0.02"/></geometry></collision>'
@@ -61,36 +63,32 @@ def test_a_radius_is_a_guess_where_no_link_of_the_rigid_group_has_a_shape(tmp_pa
 
 
 @pytest.mark.slow
-def test_a_guess_is_proposed_where_hardly_any_link_has_a_shape(tmp_path):
+def test_tips_of_links_without_shapes_that_close_on_nothing_are_not_proposed(tmp_path):
     path = write_hand(tmp_path)
     path.write_text(re.sub("<collision>.*?</collision>", "", path.read_text()))
-    notice = inspect(inspect_without_tips(path, None, [0.0, 0.0, 1.0])).notices[0].text
-    assert notice.startswith("No fingertips are stated. Links at the ends: ball, off, block, rod, pad. They close on ")
-    assert notice.endswith(" A radius of 0.01 m stands for a link without a collision shape. To use them:")
+    inspection = inspect(inspect_without_tips(path, None, [0.0, 0.0, 1.0]))
+    notice = inspection.notices[0].text
+    assert notice.startswith("No fingertips are stated. Links at the ends: ball, off, block, rod, pad. They close on no")
+        "No fingertips are stated. Links at the ends: ball, off, block, rod, pad. They close on none"
+    )
+    assert notice.endswith("--fingertip LINK states others.")
+    assert not inspection.usage_lines
 
 
 @pytest.mark.slow
 def test_the_lines_to_paste_state_the_same_hand(tmp_path):
-    inspection = inspect(inspect_without_tips(write_hand(tmp_path), "palm", [0.0, -1.0, 0.0]))
-    command, line = inspection.usage_lines
+    path = tmp_path / "three fingers.urdf"
+    path.write_text(THREE_FINGERS.read_text())
+    command, line = inspect(inspect_without_tips(path, "palm", [0.0, 0.0, 1.0])).usage_lines
     hand = eval(line, {"ng": ng})  # noqa: S307
-    assert [link for link, _ in hand.tips] == ["ball", "off", "rod", "pad"]  # the block faces no other
-    assert hand.tree.approach.tolist() == [0.0, -1.0, 0.0]
-    kinds = {link: (tip.kind, tip.standoff, tip.centre.tolist()) for link, tip in hand.tips}
-    assert kinds["off"] == ("sphere", 0.008, [0.0, 0.0, 0.02])
-    assert kinds["rod"][:2] == ("capsule", 0.005)
+    names = [f"finger_{i}_tip" for i in (1, 2, 3)]
+    assert [link for link, _ in hand.tips] == names
+    assert hand.tree.approach.tolist() == [0.0, 0.0, 1.0]
+    assert {(tip.kind, tip.standoff) for _, tip in hand.tips} == {("sphere", 0.01)}
     words = shlex.split(command)
-    assert words[:7] == [
-        "nlpgrasp",
-        "hand",
-        str(tmp_path / "mixed hand.urdf"),
-        "--palm",
-        "palm",
-        "--approach",
-        "0,-1,0",
-    ]
-    assert words[7::2] == ["--fingertip"] * 4
-    assert words[8::2] == ["ball=0.008", "off", "rod", "pad=0.008"]
+    assert words[:5] == ["nlpgrasp", "hand", str(path), "--palm", "palm"]
+    assert words[-6::2] == ["--fingertip"] * 3
+    assert words[-5::2] == [f"{name}=0.01" for name in names]
 
 
 def test_without_fingertips_the_error_names_those_at_the_ends():
