@@ -169,9 +169,7 @@ MENAGERIE = {
     "robotiq_2f85": replace(
         PRESETS["robotiq_2f85"],
         palms=("base_mount", "base"),
-        tips=dict.fromkeys(
-            ("left_pad", "right_pad"), FlatTip((0.022, 0.0375), (0.0, -0.0066, 0.01875), (QUARTER, 0.0, 0.0))
-        ),
+        tips=dict.fromkeys(("left_pad", "right_pad")),  # fitted: its pads tilt by up to 1.5 degrees against each other
         limits={"driver_joint": 25.0},
         marks=("left_spring_link", "right_spring_link", "left_driver", "right_driver"),
     ),
@@ -409,7 +407,8 @@ def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> 
     """Return the Robotiq 2F-85 gripper: two pads, one joint.
 
     Contacts: the pads ``left_inner_finger_pad`` and ``right_inner_finger_pad`` of the ROS-Industrial description, flat
-    rectangles of 22 mm by 37.5 mm. The palm (``robotiq_arg2f_base_link``) faces along its z axis.
+    rectangles of 22 mm by 37.5 mm. The palm (``robotiq_arg2f_base_link``) faces along its z axis. Of MuJoCo Menagerie's
+    MJCF ``left_pad`` and ``right_pad``, fitted to their shapes: its linkage tilts them against each other.
 
     Torque limit: 25 N m at ``finger_joint``. The maker's greatest grip force is 235 N; a pad's stroke of 42.5 mm over
     0.8 rad is 53 mm a radian, and the joint moves both pads: 2 x 235 N x 0.053 m. The URDF's 1000 is a placeholder.
