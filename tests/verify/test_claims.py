@@ -54,8 +54,8 @@ WIDE = {
         together(unbounded, put((*MU, "lower"), lambda v: v / 3.0)),
         ["width", "wrenches"],
     ),
-    "an interval of delta": (put(("quality", "delta", "upper"), 1e6), ["delta"]),
-    "a lower bound of delta": (put(("quality", "delta", "lower"), 0.0), ["delta"]),
+    "an interval of delta": (put(("quality", "delta", "upper"), 1e6), ["delta, width"]),
+    "a lower bound of delta": (put(("quality", "delta", "lower"), 0.0), ["delta, width"]),
     "an error bar of nu": (
         together(put(("quality", "nu", "error"), 1e6), put(("quality", "nu", "value"), lambda v: 1.5 * v)),
         ["nu"],
