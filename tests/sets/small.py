@@ -6,7 +6,7 @@ from nlpgrasp.sets.grasp_rows import COST, LABELS
 from nlpgrasp.sets.grasp_unit import run_starts
 from tests.experiments.small import base
 
-UNREFINED = ng.SolveOptions(rounds=0, rtol=0.3, final_rtol=0.3, global_bound=False)
+UNREFINED = ng.SolveOptions(rounds=0, rtol=0.3, final_rtol=0.3, global_bound=False, rank="mu")
 SETTINGS = {"options": UNREFINED, "simulate": False, "distinct": 0.2}
 _results = {}  # of the starts, by problem and first start: each is run once in all tests
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common import user_warnings
 from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
 from nlpgrasp.tasks import task_from_dict
 from tests.samples import closed_ellipsoid_grasp, random_rotation
@@ -122,7 +123,8 @@ def test_maximisers_by_differences_are_in_the_set_at_kinks():
     assert np.max(maximisers.sum(axis=1)) <= 1.0 + 1e-6
 
 
-def test_another_function_of_the_same_values_is_another_task(rng):
+def test_another_function_of_the_same_values_is_another_task(rng, monkeypatch):
+    monkeypatch.setattr(user_warnings, "_issued", set())  # another test may have been told already
     wrenches = rng.standard_normal((40, 3))
     task = ng.TaskSet(lambda y: np.max(y @ wrenches.T, axis=1), 3)
     stored = json.loads(json.dumps(task.to_dict()))
