@@ -26,7 +26,7 @@ from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.sandwich import tighten
+from nlpgrasp.quality.sandwich import held_multiple, tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
@@ -322,12 +322,7 @@ def _provable_lower(
     heights -= np.einsum("fvd,fd->fv", radius[cells] + loss * len(G) * np.abs(corners), size)
     offsets = np.min(heights, axis=1) + planes @ centre - loss * (2 + len(G)) * (size @ np.abs(centre) + 1.0)
     reach = task.support(planes)[0] + loss * 4 * len(G) * _reach_of_sizes(task, size)
-    # a half-space without the origin holds a task beside it from some multiple on: lower * reach <= offset
-    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - loss)
-    is_beside = (reach <= 0.0) & (offsets < 0.0)
-    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
-        return 0.0
-    return largest
+    return held_multiple(offsets, reach, loss)
 
 
 def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:

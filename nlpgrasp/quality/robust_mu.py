@@ -32,7 +32,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
-from nlpgrasp.quality.sandwich import tighten
+from nlpgrasp.quality.sandwich import held_multiple, tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 
@@ -129,12 +129,7 @@ def _lower_end(grasp: Grasp, task: Task, offset: float, angle: float, budget: Fo
     least = np.min(heights, axis=1)
     if np.min(least) <= 0.0:
         return 0.0
-    offsets, reach = least + planes @ centre, task.support(planes)[0]
-    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - ROUNDING)
-    is_beside = (reach <= 0.0) & (offsets < 0.0)  # half-spaces that hold the task from some multiple on
-    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
-        return 0.0
-    return largest
+    return held_multiple(least + planes @ centre, task.support(planes)[0], ROUNDING)
 
 
 def _losses(

@@ -209,6 +209,18 @@ def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> tuple
     return least, np.where(is_before, np.inf, largest)
 
 
+def held_multiple(offsets: FloatArray, reach: FloatArray, loss: float) -> float:
+    """Return the largest multiple of a set that all half-spaces hold, less a share ``loss``; 0 if there is none.
+
+    Each requires ``alpha * reach <= offset``: one without the origin holds a set beside it from some multiple on.
+    """
+    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - loss)
+    is_beside = (reach <= 0.0) & (offsets < 0.0)
+    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
+        return 0.0
+    return largest
+
+
 def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float:
     """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex.
 
