@@ -34,7 +34,7 @@ CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # defaults, gripper frame
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 DIGITS = 1e-4  # tolerance on unit length and right angles: directions are written with few digits
 TURNS = 36  # approach directions tried about the closing line
-LINE_SPACING = 2e-3  # metres: largest distance between two lines
+LINE_SPACING = 2e-3  # metres: largest distance between two lines, of at most 100 in a row
 SAMPLE_SPACING = 1e-2  # metres between positions along an approach that are sampled
 PATH_SIZES = 2.0  # length of the approach path, in body sizes
 DEPTH_TOLERANCE = 0.02  # share of the body's size: tolerated depth, for example of pads on tilted faces
@@ -323,7 +323,7 @@ class ParallelJaw(Hand):
         They are sampled at positions along the approaches: a shallow or thin obstacle can be missed.
         """
         jaws = Jaws(points, self.finger_length, self.finger_thickness, tuple(cones))
-        return bool(np.all(jaws.sampled_depths(jaws.approaches(), size, distance) > depth))
+        return all(jaws.is_deeper(depth, direction, size, distance) for direction in jaws.approaches())
 
     def to_dict(self) -> Json:
         """Return limits, finger sizes, axes and tool centre point as JSON data."""
@@ -447,14 +447,14 @@ class Jaws:
             index = int(np.argmax(np.where(is_shallow & ~through, mean, -np.inf)))
         return directions[index], float(depth[index]), bool(through[index])
 
-    def sampled_depths(self, directions: FloatArray, size: float, distance: Distance) -> FloatArray:
-        """Return the largest penetration depth along each approach (m, space), (m,), metres, from sampled positions."""
+    def is_deeper(self, depth: float, direction: FloatArray, size: float, distance: Distance) -> bool:
+        """Return whether something is penetrated deeper than ``depth``, metres, at positions along an approach."""
         (starts, setbacks, _), path_length = self._clearance_lines(), self.length + PATH_SIZES * size
-        fractions = np.linspace(0.0, 1.0, 1 + int(np.ceil(path_length / SAMPLE_SPACING)))
-        travelled = setbacks + fractions[:, None] * (path_length - setbacks)  # (s, n)
-        samples = starts - travelled[None, :, :, None] * directions[:, None, None]
-        gaps = distance(samples.reshape(-1, starts.shape[1])).reshape(len(directions), -1)
-        return np.asarray(np.maximum(-np.min(gaps, axis=1), 0.0))
+        travelled = (
+            setbacks + share * (path_length - setbacks)
+            for share in _evenly_spaced(path_length, SAMPLE_SPACING) / path_length
+        )
+        return any(np.min(distance(starts - t[:, None] * direction)) < -depth for t in travelled)  # the next ones first
 
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
@@ -519,8 +519,8 @@ class Jaws:
         finger is on its pad.
         """
         (first, second), closing = self.points, self.closing
-        offsets = _evenly_spaced(self.thickness)
-        palm = _evenly_spaced(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
+        offsets = _evenly_spaced(self.thickness, LINE_SPACING)
+        palm = _evenly_spaced(self.opening, LINE_SPACING)[1:-1] if self.length > 0.0 else np.zeros(0)
         fingers = [first - offsets[:, None] * closing, second + offsets[:, None] * closing]
         starts = np.concatenate([*fingers, first + palm[:, None] * closing])
         setbacks = np.concatenate([np.zeros(2 * len(offsets)), np.full(len(palm), self.length)])
@@ -569,9 +569,9 @@ class Jaws:
         return rotation, self.points.mean(axis=0) - rotation @ tcp
 
 
-def _evenly_spaced(width: float) -> FloatArray:
-    """Return even offsets over a width, ends included, with steps of at most ``LINE_SPACING``, metres."""
-    return np.linspace(0.0, width, 1 + int(np.ceil(width / LINE_SPACING - ROUNDING)))
+def _evenly_spaced(width: float, step: float, most: int = 100) -> FloatArray:
+    """Return even offsets over a width, ends included, with steps of at most ``step``, metres, if ``most`` suffice."""
+    return np.linspace(0.0, width, 1 + min(most, int(np.ceil(width / step - ROUNDING))))
 
 
 def gripper_rotation(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:

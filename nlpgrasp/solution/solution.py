@@ -816,6 +816,10 @@ def _check_parts(solution: GraspSolution, name: str) -> None:
     kept_grasps = (solution.stated_first, *solution.others) if solution.stated_first is not None else ()
     for grasp in (solution.grasp, *(entry.grasp for entry in kept_grasps)):
         solution.check_against(grasp, name)
+    needed, grasp = solution.needed, solution.grasp
+    if needed is not None and grasp is not None and needed.forces.shape != grasp.points.shape:
+        given = f"forces of shape {needed.forces.shape}"
+        raise InputError(f"{name}: quality.forces_needed.fingers", given, f"one force a contact, {grasp.points.shape}")
     with prefix_errors(f"{name}: "):
         _ = solution.grip, solution.squeeze, solution.phases, solution.link_depth, solution.way_in
 

@@ -108,8 +108,9 @@ class Task(ABC):
         Returns
         -------
         is_polytope : bool
+            Whether the rows are the wrenches of a polytope.
         rows : (m, d) array
-            The wrenches of a polytope, or the centre and the semi-axes of an ellipsoid.
+            Those wrenches; otherwise the centre and the semi-axes of an ellipsoid.
         """
         return None
 

@@ -25,6 +25,8 @@ NO_LIE = {
     r"^removed (quality\.(delta|nu|best_possible)|kkt)$": "a claim less",
     r" (shadow_prices|why_not)": "never recomputed",
     r" constraints\.#\.multiplier": "never recomputed",
+    r"^flipped constraints\.#\.active$": "near a limit either is true; farther off it is seen",
+    r"^removed best_start$": "an answer of jaws may be of no start, and of others it is due",
     r"^swapped constraints": "an order without meaning",
     r"^(negated|swapped) problem\.task\.axes": "the same ellipsoid",
     r" problem\.(name|max_force|constraints)": "another problem that the grasp solves",
