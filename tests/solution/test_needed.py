@@ -150,3 +150,10 @@ def test_more_than_the_least_forces_are_a_lie(solution):
 def test_bad_limits(value):
     with pytest.raises(ng.InputError, match=r"GraspProblem\.max_force"):
         ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 3, TASK, max_force=value)
+
+
+def test_forces_of_another_number_of_fingers_are_refused(solution):
+    data = solution.to_dict()
+    del data["quality"]["forces_needed"]["fingers"][-1]
+    with pytest.raises(ng.InputError, match=r"quality.forces_needed.fingers.*one force a contact"):
+        ng.GraspSolution.from_dict(data, "grasp.json")

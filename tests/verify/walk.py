@@ -31,7 +31,9 @@ NO_LIE = {
     r"^(negated|swapped) problem\.task\.axes": "the same ellipsoid",
     r" problem\.(name|max_force|constraints)": "another problem that the grasp solves",
     r" problem\.hand\.(torque_limits|spheres|missing)": "another problem that the grasp solves",
-    r" problem\.hand\.(spread|opening|tilt|safety_factor)": "another problem that the grasp solves",
+    r" problem\.hand\.(spread|opening|tilt|safety_factor|approach|self_collision)": "another problem that it solves",
+    r"^less problem\.hand\.watched_pairs": "a weaker claim",
+    r"^(twice|swapped) problem\.hand\.(overlaps|tips_apart)": "pairs without an order",
     r" problem\.hand\.(finger_length|finger_thickness)": "another problem that the grasp solves",
     r" quality\.mu\.worst_direction": "evidence: any direction with this support ratio",
     r" kkt\.(directions|weights|stationarity|feasibility|complementarity)": "evidence, to its tolerance",
@@ -47,6 +49,8 @@ NO_LIE = {
     r" hand\.(link_depth|way_in)\.samples": "effort",
     r"^removed problem\.task\.torque_origin": "the problem's torque origin, which is checked",
     r"^removed hand\.phases\.#$": "a keyframe less; those that others rest on are due",
+    r"^(more|less|negated) hand\.pregrasp\.joint_positions": "another open posture, whose clearance is recomputed",
+    r"^negated hand\.phases\.#\.clearance": "a weaker claim",
     r"^less hand\.(phases\.#\.clearance|squeeze\.normal_force)|^more hand\.squeeze\.share": "a weaker claim",
     r"tangents": "a turn about the normal, under which the friction cone stays",
 }
@@ -98,7 +102,7 @@ def _entries(data, path=()):
 def _are_equal(a, b):
     """Whether two entries are the same, numbers to rounding."""
     is_number = isinstance(a, int | float) and isinstance(b, int | float)
-    return abs(a - b) <= 1e-9 if is_number else a == b
+    return abs(a - b) <= 1e-6 if is_number else a == b
 
 
 def _remove(container, key):
