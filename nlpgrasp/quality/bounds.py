@@ -34,6 +34,8 @@ class Bounds:
         For mu of a centred task ellipsoid: the paper's scale of the given task (3.3-3).
     limit : str
         Reason why the interval is wider than the tolerance; empty otherwise.
+    trust : str
+        What the interval rests on besides real arithmetic, for example a user's own support function; else empty.
     """
 
     lower: float
@@ -43,6 +45,7 @@ class Bounds:
     kind: str = field(default="", compare=False, kw_only=True)
     task_beta: float | None = field(default=None, compare=False, kw_only=True)
     limit: str = field(default="", compare=False, kw_only=True)
+    trust: str = field(default="", compare=False, kw_only=True)
 
     @property
     def beta(self) -> Bounds | None:

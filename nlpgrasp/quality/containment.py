@@ -28,6 +28,8 @@ class Containment:
         In the new coordinates, full row rank.
     task : Task
         In the new coordinates.
+    given : tuple of WrenchSet and Task
+        Both in the old coordinates.
     matrix : (r, d) array
         M; a direction u of the new coordinates is ``M^T u`` in the old ones.
     rounding : float
@@ -36,6 +38,7 @@ class Containment:
 
     wrenches: WrenchSet
     task: Task
+    given: tuple[WrenchSet, Task]
     matrix: FloatArray
     rounding: float = ROUNDING
 
@@ -107,4 +110,4 @@ def make_containment(wrenches: WrenchSet, task: Task) -> tuple[Containment | Non
         shape = shape + 0.1 * np.trace(shape) / np.trace(gram) * gram
     matrix = np.linalg.solve(np.linalg.cholesky(shape), reduction)
     rounding = ROUNDING + 1e-14 * float(np.linalg.cond(shape)) ** 0.5
-    return Containment(wrenches.transformed(matrix), task.transformed(matrix), matrix, rounding), None
+    return Containment(wrenches.transformed(matrix), task.transformed(matrix), (wrenches, task), matrix, rounding), None

@@ -78,15 +78,9 @@ class IncrementalHull:
         """Return the number of vertices."""
         return self._count
 
-    def corners(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the cells' vertices relative to the centre (f, d, d), their planes (f, d) and heights (f,).
-
-        A height is the least ``<a, v - centre>`` over a cell's own vertices: 1 up to rounding.
-        """
-        live = np.any(self.planes[: self._size] != 0.0, axis=1)
-        corners = self._points[self._cells[: self._size][live]]
-        planes = self.planes[: self._size][live]
-        return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
+    def cell_planes(self) -> FloatArray:
+        """Return the planes (f, d) of the cells."""
+        return self.planes[: self._size][np.any(self.planes[: self._size] != 0.0, axis=1)]
 
     def exceeded(self, scale: float, limit: int) -> tuple[IntArray, FloatArray]:
         """Return at most ``limit`` cells above whose planes ``scale A`` reaches, worst first, and their shares.

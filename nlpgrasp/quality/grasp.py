@@ -257,6 +257,14 @@ class Grasp(ContactArrays):
         """Grasp map (2.2-3), (d, n), from contact force components to body wrenches."""
         return read_only(self.T_f @ self.B)
 
+    @cached_property
+    def G_sizes(self) -> FloatArray:
+        """Sums of the absolute products in the entries of G, (d, n), or more: they bound its rounding errors."""
+        arms = np.full_like(self.points, 4.0 * coordinate_size(self.points, self.torque_origin))
+        terms = np.abs(wrench_transform(np.zeros_like(arms), self.frames))
+        terms[:, self.space :, : self.space] = arms[:, :1, None]
+        return read_only(np.concatenate(list(terms), axis=1) @ np.abs(self.B))
+
     def contact_wrenches(self, x: FloatArray) -> FloatArray:
         """Return force and moment of each finger in the body frame, moments about the contact point.
 

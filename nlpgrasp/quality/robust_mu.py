@@ -32,7 +32,8 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
-from nlpgrasp.quality.sandwich import held_multiple, tighten
+from nlpgrasp.quality.provable_ends import held_multiple
+from nlpgrasp.quality.sandwich import tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 

@@ -22,12 +22,19 @@ from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separate_wrench, separating_direction
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
+from nlpgrasp.tasks.base import parts_of
 
 SHRINK = 1e-4  # largest relative shrinking of support points, which avoids degeneracy and keeps them inside W
-ROUNDING = 1e-9  # relative guard against rounding of planes and supports
+# what an interval rests on besides real arithmetic
+NO_WORK = "that no force of the contacts works along the worst direction, to rounding"
+FLAT_WRENCHES = "wrenches that are flat, to rounding"
+OWN_SUPPORT = "a task's own support function"
+SUPPORT = "the support of the wrench set as computed"
+CORNERS = "forces at the corners of pads, to rounding"
 SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
 BATCH = 12  # most new points per round
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
@@ -86,15 +93,42 @@ def sandwich(
     state = tighten(problem, rtol, seed, deadline, warm_start)
     direction = problem.to_wrench_direction(state.worst)
     if state.upper == 0.0:
-        return Bounds(0.0, 0.0, direction)
+        return Bounds(0.0, 0.0, direction, trust=NO_WORK)
     if problem.rank == 1:
-        return Bounds(state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding), direction)
-    lower = 0.0 if state.hull is None else _certified_lower_bound(problem, state.hull) * (1.0 - problem.rounding)
+        ends = state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding)
+        return Bounds(*ends, direction, trust=FLAT_WRENCHES)
+    lower, upper, trust = _ends(problem, state, direction)
     if lower <= 0.0 and (proof := _separate_task(problem, state.worst)) is not None:
-        return Bounds(0.0, 0.0, problem.to_wrench_direction(proof))
-    upper = state.upper * (1.0 + problem.rounding)
+        return Bounds(0.0, 0.0, problem.to_wrench_direction(proof), trust=NO_WORK)
     is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
-    return Bounds(min(lower, state.upper), upper, direction, limit="" if is_narrow else state.limit)
+    return Bounds(lower, upper, direction, limit="" if is_narrow else state.limit, trust=trust)
+
+
+def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str]:
+    """Return both ends as they hold in real arithmetic, and what they rest on besides."""
+    trust = []
+    wrenches, task = problem.given
+    matrix = problem.matrix
+    if any(part.support_rows() is None for part in parts_of(task)):
+        trust.append(OWN_SUPPORT)
+    domain = ForceCones.of(wrenches)
+    upper, _ = provable_upper(wrenches, domain, y, task, state.upper * (1.0 + 1e-7))
+    if not upper < np.inf:
+        upper = state.upper * (1.0 + problem.rounding)
+        trust.append(SUPPORT)
+    if state.hull is None:
+        return 0.0, upper, "; ".join(trust)
+    if problem.rank < len(wrenches.G):
+        trust.append(FLAT_WRENCHES)
+        wrenches, task, matrix = problem.wrenches, problem.task, np.eye(problem.rank)
+    forces, cells = state.hull.vertices()
+    if domain.is_lifted:
+        trust.append(CORNERS)
+    else:
+        forces = domain.into(forces)
+    centre = np.asarray(np.linalg.solve(matrix, state.hull.centre), dtype=np.float64)
+    lower = provable_lower(wrenches, forces, centre, cells, state.hull.cell_planes() @ matrix, task)
+    return min(lower, upper), upper, "; ".join(trust)
 
 
 def _separate_task(problem: Containment, u: FloatArray) -> FloatArray | None:
@@ -193,43 +227,6 @@ def _initial_hull(
             axes = np.linalg.svd(points - points.mean(axis=0))[2]
             start = np.concatenate([start, axes, -axes])
     return None
-
-
-def allowed_scales(task: Task, planes: FloatArray, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest alpha, (f,) each, for which half-spaces contain ``alpha A``.
-
-    They are ``<a, x> <= offset`` with planes a (f, d). One without the origin excludes small multiples of a task on its
-    side; the largest is 0 where it contains none.
-    """
-    offsets = np.where(np.abs(offsets) < ROUNDING, 0.0, offsets)
-    reach = task.support(planes)[0]
-    is_beyond, is_before = reach > 0.0, (reach < 0.0) & (offsets < 0.0)
-    largest = np.where(offsets < 0.0, 0.0, np.where(is_beyond, offsets / np.where(is_beyond, reach, 1.0), np.inf))
-    least = np.where(is_before, offsets / np.where(is_before, reach, 1.0), 0.0)
-    return least, np.where(is_before, np.inf, largest)
-
-
-def held_multiple(offsets: FloatArray, reach: FloatArray, loss: float) -> float:
-    """Return the largest multiple of a set that all half-spaces hold, less a share ``loss``; 0 if there is none.
-
-    Each requires ``alpha * reach <= offset``: one without the origin holds a set beside it from some multiple on.
-    """
-    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - loss)
-    is_beside = (reach <= 0.0) & (offsets < 0.0)
-    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
-        return 0.0
-    return largest
-
-
-def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float:
-    """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex.
-
-    W contains the origin, hence with ``alpha A`` every smaller multiple: the polytope need not contain these.
-    """
-    _, planes, heights = hull.corners()
-    least, largest = allowed_scales(problem.task, planes, np.minimum(heights, 1.0) + planes @ hull.centre)
-    alpha = float(np.min(largest))
-    return alpha if alpha >= float(np.max(least)) else 0.0
 
 
 @dataclass(frozen=True)

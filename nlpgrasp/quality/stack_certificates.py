@@ -25,7 +25,7 @@ from nlpgrasp.quality.convex_hull import BEYOND
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
-from nlpgrasp.quality.sandwich import ROUNDING, SHRINK, allowed_scales
+from nlpgrasp.quality.sandwich import SHRINK
 from nlpgrasp.quality.screening import GraspBatch, second_moment
 from nlpgrasp.tasks import Task
 
@@ -39,6 +39,9 @@ LEAST_PIVOT = 1e-9  # coordinate of a new vertex below which a cell would be deg
 FLAT = 1e-12  # volume of a cell over that of a rectangular one below which it is flat
 LEAST_HEIGHT = 0.5  # least height of a cell over its plane's nominal height 1
 COMPACT = 0.75  # share of unfinished grasps below which finished ones are removed
+
+ROUNDING = 1e-9  # relative guard against rounding
+SIDE_BY_SIDE = "a guard of 1e-9 against rounding, as grasps of a stack are certified side by side"
 
 Mask = BoolArray
 
@@ -68,7 +71,8 @@ def certify_side_by_side(
     for start in range(0, len(G), CHUNK):
         chunk = _Chunk(GraspBatch(G[start : start + CHUNK], force_set), local_task, rtol, rounding, seed)
         result += [
-            None if b is None else Bounds(b.lower, b.upper, _original_direction(b, matrix)) for b in chunk.certify()
+            None if b is None else Bounds(b.lower, b.upper, _original_direction(b, matrix), trust=SIDE_BY_SIDE)
+            for b in chunk.certify()
         ]
     return result
 
@@ -339,8 +343,10 @@ class StackedHulls:
 
 def _values(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
     """Return the largest multiples of a task, (f,), that half-spaces contain with all smaller ones."""
-    least, largest = allowed_scales(task, planes, offsets)
-    return np.where(least > 0.0, 0.0, largest)
+    reach = task.support(planes)[0]
+    is_beyond = reach > 0.0
+    beside = np.where(offsets < -ROUNDING, 0.0, np.inf)
+    return np.where(is_beyond, np.maximum(offsets, 0.0) / np.where(is_beyond, reach, 1.0), beside)
 
 
 def _random_keys(random: np.random.Generator, count: int) -> NDArray[np.uint64]:

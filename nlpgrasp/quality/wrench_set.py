@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,10 +32,17 @@ class WrenchSet:
         Grasp map, possibly after a linear change of wrench coordinates.
     force_set : ForceSet
         ``B ∩ K``.
+    sizes : (d, n) array, optional
+        Sums of the absolute products in G's entries, which bound their rounding errors; ``|G|`` by default.
     """
 
     G: FloatArray
     force_set: ForceSet
+    sizes: FloatArray = field(default=None, repr=False)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.sizes is None:
+            object.__setattr__(self, "sizes", np.abs(self.G))
 
     @classmethod
     def of(cls, grasp: Grasp, budget: str | ForceBudget = "l2") -> WrenchSet:
@@ -48,7 +55,7 @@ class WrenchSet:
         """
         force_bound = force_budget(budget)
         force_bound.check(grasp.contacts, grasp.space)
-        return cls(grasp.G, force_bound.at(grasp.frames, grasp.contacts))
+        return cls(grasp.G, force_bound.at(grasp.frames, grasp.contacts), grasp.G_sizes)
 
     @property
     def contacts(self) -> tuple[ContactModel, ...]:
@@ -107,7 +114,7 @@ class WrenchSet:
 
     def transformed(self, matrix: FloatArray) -> WrenchSet:
         """Return the linear image of the set under ``matrix`` (d', d)."""
-        return WrenchSet(matrix @ self.G, self.force_set)
+        return WrenchSet(matrix @ self.G, self.force_set, np.abs(matrix) @ self.sizes)
 
 
 def central_differences(support: Callable[[FloatArray], tuple[FloatArray, FloatArray]], y: FloatArray) -> FloatArray:

@@ -1,0 +1,243 @@
+"""Ends of an interval of mu that hold in real arithmetic for contacts, task and budget as given, in binary numbers.
+
+A computed sum of m products is off by at most ``m eps`` times the sum of their sizes (Higham 2002, Section 3.1,
+doi:10.1137/1.9780898718027): every error below is so bounded, eightfold, which also covers the grasp map's own.
+The force domain is stated once, as second-order cones of variables u: ``x = A u`` with every ``M (u, 1)`` in a
+second-order cone, which is how contacts and budgets state themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.contacts.product import conic_lift
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task
+from nlpgrasp.tasks.base import parts_of
+
+EPS = float(np.finfo(float).eps)
+LOSS = 8.0 * EPS  # relative rounding error that is counted for each operation
+
+
+@dataclass(frozen=True)
+class ForceCones:
+    """Force domain ``B ∩ K`` as second-order cones of variables: ``x = A u``, every ``M (u, 1)`` in such a cone.
+
+    Parameters
+    ----------
+    lift : (n, l) array
+        A.
+    cones : tuple of (r, l + 1) arrays
+        M.
+    """
+
+    lift: FloatArray
+    cones: tuple[FloatArray, ...]
+
+    @classmethod
+    def of(cls, wrenches: WrenchSet) -> ForceCones:
+        """Return the cones of a wrench set's contacts and budget."""
+        lift, own = conic_lift(wrenches.contacts, wrenches.space)
+        budget = [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrenches.force_set.cones()]
+        return cls(lift, (*[np.pad(M, [(0, 0), (0, 1)]) for M in own], *budget))
+
+    @property
+    def is_lifted(self) -> bool:
+        """Whether the variables are not the force components themselves, but forces at the corners of pads."""
+        n, count = self.lift.shape
+        return n != count or not np.array_equal(self.lift, np.eye(n))
+
+    def variables(self, forces: FloatArray) -> FloatArray:
+        """Return variables (v, l) of finger forces (v, n): the forces themselves, or those at the corners of pads.
+
+        Corner forces are the solution of a small conic program a vertex. The forces they add up to may differ from the
+        given ones by the solver's tolerance: what is proved is of theirs.
+        """
+        if not self.is_lifted:
+            return forces
+        own = [M[:, :-1] for M in self.cones if M[0, -1] == 0.0]
+        square = sparse.csc_matrix(np.triu(self.lift.T @ self.lift))
+        rows, cones = sparse.csc_matrix(-np.concatenate(own)), [cone_of(M) for M in own]
+        settings = quiet_settings(1e-11, 0.99)
+        programs = (
+            clarabel.DefaultSolver(square, -self.lift.T @ x, rows, np.zeros(rows.shape[0]), cones, settings)
+            for x in forces
+        )
+        return np.array([program.solve().x for program in programs])
+
+    def missing(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return by how much variables (v, l) may be outside their contacts' cones, and the budget's, (v,) each.
+
+        Rounding errors of intervals in a row of m terms, at most ``4 (m + 1) eps sum |M_ij u_j|``, count as outside.
+        """
+        full = np.concatenate([u, np.ones((len(u), 1))], axis=1)
+        outside = np.zeros((2, len(u)))
+        for M in self.cones:
+            value, error = full @ M.T, 4.0 * (M.shape[1] + 1) * EPS * (np.abs(full) @ np.abs(M).T)
+            tail = np.linalg.norm(np.abs(value[:, 1:]) + error[:, 1:], axis=1) * (1.0 + 16.0 * len(M) * EPS)
+            of_budget = int(np.any(M[:, -1] != 0.0))
+            outside[of_budget] = np.maximum(outside[of_budget], tail - (value[:, 0] - error[:, 0]))
+        return outside[0], outside[1]
+
+    def into(self, u: FloatArray) -> FloatArray:
+        """Return variables (v, l) next to ``u`` that are inside all cones in spite of rounding."""
+        # along the sum of the cones' axes every cone of a pressing contact is wide
+        axes = [M[0, :-1] / np.linalg.norm(M[0, :-1]) for M in self.cones if M[0, -1] == 0.0 and np.any(M[0, :-1])]
+        inward = np.sum(axes, axis=0) if axes else np.zeros(u.shape[1])
+        for _ in range(4):
+            cones, budget = self.missing(u)
+            if np.all(cones <= 0.0) and np.all(budget <= 0.0):
+                break
+            u = u + 2.0 * np.maximum(cones, 0.0)[:, None] * inward
+            u = u * (1.0 - 2.0 * np.maximum(self.missing(u)[1], 0.0))[:, None]
+        return u
+
+
+@dataclass(frozen=True)
+class UpperProof:
+    """Proof of an upper bound: multipliers of the force domain's cones along one direction.
+
+    Parameters
+    ----------
+    direction : (d,) array
+        Direction y of wrench space.
+    multipliers : (r,) array
+        s, one a row of the stacked cones; those of pivot rows are recomputed by the checker.
+    pivots : tuple of (int, int)
+        Row and variable, in the order in which ``b + M^T s = 0`` gives the rows' multipliers.
+    """
+
+    direction: FloatArray
+    multipliers: FloatArray
+    pivots: tuple[tuple[int, int], ...]
+
+
+def provable_upper(
+    wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: Task, target: float
+) -> tuple[float, UpperProof]:
+    """Return an upper bound on mu along a direction (d,), and its proof by weak duality; infinite if none is found.
+
+    With s in the dual of the cones and ``b + M^T s = 0``, ``b = A^T G^T y``: ``phi_W(y) <= <s, constants>``. The conic
+    program has its cones narrowed by a margin, so that multipliers of pivot rows may be recomputed with rounding; of
+    several margins the first counts with a bound below ``target``, else the one with the least.
+    """
+    M = np.concatenate(domain.cones)
+    rows, constants, terms = M[:, :-1], M[:, -1], LOSS * (M.shape[1] + len(M))
+    b = domain.lift.T @ (wrenches.G.T @ y)
+    error_of_b = LOSS * (sum(wrenches.G.shape) + len(b)) * (np.abs(domain.lift).T @ (wrenches.sizes.T @ np.abs(y)))
+    starts = np.cumsum([0] + [len(cone) for cone in domain.cones[:-1]])
+    pivots, size = _pivots(domain), max(float(np.max(np.abs(b))), 1e-300)
+    reach = float(task.support(y[None])[0][0])
+    reach -= LOSS * 4 * len(y) * float(_reach_of_sizes(task, np.abs(y[None]))[0])
+    least, proof = np.inf, None
+    for margin in (1e-9, 1e-11, 1e-13, 1e-8, 1e-7, 1e-6, 1e-5):
+        axes = np.zeros(len(M))
+        axes[starts] = margin
+        program = clarabel.DefaultSolver(
+            sparse.csc_matrix((rows.shape[1],) * 2), -(b / size + rows.T @ axes), sparse.csc_matrix(-rows),
+            constants, [cone_of(cone) for cone in domain.cones], quiet_settings(1e-11, 0.99),
+        )  # fmt: skip
+        s, error = (np.array(program.solve().z) + axes) * size, np.zeros(len(M))
+        for r, v in pivots:
+            pivot, column = rows[r, v], rows[:, v].copy()
+            column[r] = 0.0
+            s[r] = -(b[v] + column @ s) / pivot
+            error[r] = (error_of_b[v] + np.abs(column) @ (error + terms * np.abs(s))) / abs(pivot) + terms * abs(s[r])
+        slack = [
+            s[a] - error[a] - np.linalg.norm(np.abs(s[a + 1 : e]) + error[a + 1 : e]) * (1.0 + terms)
+            for a, e in zip(starts, np.append(starts[1:], len(M)), strict=True)
+        ]
+        if not (min(slack) > 0.01 * margin * size and reach > 0.0):
+            continue
+        upper = float(constants @ s + np.abs(constants) @ (error + terms * np.abs(s))) / reach * (1.0 + LOSS)
+        if upper < least:
+            least, proof = upper, UpperProof(y, s, pivots)
+        if least <= target:
+            break
+    return least, proof or UpperProof(y, s, pivots)
+
+
+def provable_lower(
+    wrenches: WrenchSet, forces: FloatArray, centre: FloatArray, cells: IntArray, planes: FloatArray, task: Task
+) -> float:
+    """Return the largest multiple of a task that provably fits the half-spaces of cells around a centre.
+
+    Parameters
+    ----------
+    wrenches : WrenchSet
+    forces : (v, n) array
+        Admissible finger forces, which exert the vertices.
+    centre : (d,) array
+    cells : (f, d) array
+        Vertices of each cell.
+    planes : (f, d) array
+        Rows a, any: of a cell the half-space is ``{x : <a, x - centre> <= least <a, v - centre> of its vertices}``.
+    task : Task
+    """
+    d, n = wrenches.G.shape
+    vertices = forces @ wrenches.G.T - centre
+    error = LOSS * (d + n) * (np.abs(forces) @ wrenches.sizes.T + np.abs(centre)) + LOSS * d * np.abs(vertices)
+    size = np.abs(planes)
+    heights = np.min(np.einsum("fvd,fd->fv", vertices[cells], planes), axis=1) - size @ np.max(error, axis=0)
+    offsets = heights + planes @ centre - LOSS * (2 + d) * (size @ np.abs(centre) + 1.0)
+    if not np.min(heights) > 0.0:
+        return 0.0
+    reach = task.support(planes)[0] + LOSS * 4 * d * _reach_of_sizes(task, size)
+    return held_multiple(offsets, reach, LOSS)
+
+
+def held_multiple(offsets: FloatArray, reach: FloatArray, loss: float) -> float:
+    """Return the largest multiple of a set that all half-spaces hold, less a share ``loss``; 0 if there is none.
+
+    Each requires ``alpha * reach <= offset``: one without the origin holds a set beside it from some multiple on.
+    """
+    largest = float(np.min(offsets[reach > 0.0] / reach[reach > 0.0], initial=np.inf)) * (1.0 - loss)
+    is_beside = (reach <= 0.0) & (offsets < 0.0)
+    if not largest > 0.0 or np.any(largest * reach[is_beside] > offsets[is_beside]):
+        return 0.0
+    return largest
+
+
+def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:
+    """Return the sums of absolute products in a task's support along directions of absolute components ``size``.
+
+    Parts given by a function count with nothing.
+    """
+    total = np.zeros(len(size))
+    for is_polytope, rows in filter(None, (part.support_rows() for part in parts_of(task))):
+        work = size @ np.abs(rows).T
+        total += np.max(work, axis=1) if is_polytope else np.sum(work, axis=1)
+    return total
+
+
+def _pivots(domain: ForceCones) -> tuple[tuple[int, int], ...]:
+    """Return a row of the stacked cones for each variable, in an order in which they determine each other.
+
+    A row of one variable determines its multiplier last; before, variables without one take a row in which all others
+    have one. Rows of the budget's cones are freest, then half-spaces, then other rows, the cones' axes last.
+    """
+    rows = np.concatenate(domain.cones)[:, :-1] != 0.0
+    rank = np.concatenate(
+        [
+            np.r_[4.0 if M[0, -1] else 3.0 - 2.0 * (len(M) == 1), np.full(len(M) - 1, 0.0 if M[0, -1] else 2.0)]
+            for M in domain.cones
+        ]
+    )
+    of_one = np.sum(rows, axis=1) == 1
+    is_later = np.any(rows[of_one], axis=0)
+    pivots = []
+    for variable in [*np.flatnonzero(~is_later), *np.flatnonzero(is_later)]:
+        others = np.delete(rows, variable, axis=1)
+        is_free = of_one if is_later[variable] else ~np.any(others[:, ~np.delete(is_later, variable)], axis=1)
+        options = np.flatnonzero(rows[:, variable] & is_free)
+        if not len(options):
+            raise InputError("force_budget", "cones without pivots", "cones in which each variable has a row")
+        pivots.append((int(options[np.argmin(rank[options])]), int(variable)))
+    return tuple(pivots)
