@@ -120,11 +120,13 @@ def mjcf_with_hand(
     _require_joints(robot, hand["joint_positions"], urdf)
     drawing = solution.require_drawing()
     require_pressing(grasp)
-    mass = solid_mass(drawing.body, DENSITY).scaled(object_mass(solution, settings.mass).kilograms)
+    weighed = object_mass(solution, settings.mass)
+    mass = solid_mass(drawing.body, DENSITY).scaled(weighed.kilograms)
+    if weighed.center is not None:
+        mass = replace(mass, center=np.array(weighed.center))
     surfaces = [_contact_attributes(model, settings.friction) for model in grasp.contacts]
     root, asset, world = _empty_scene(solution.name)
-    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
-    object_surface = {"friction": slipperiest["friction"], "condim": "3"}
+    object_surface = _slipperiest(surfaces)
     add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, object_surface, progress)
     scale = _squeeze_scale(squeeze, settings.normal_force)
     _require_effort(squeeze, scale)
@@ -306,6 +308,11 @@ def _contact_attributes(model: ContactModel, factor: float) -> dict[str, str]:
     return {"condim": str(dimension), "priority": "1", "friction": format_numbers([friction, torsion, 0.0])}
 
 
+def _slipperiest(surfaces: list[dict[str, str]]) -> dict[str, str]:
+    """Return the attributes of geoms that are no fingertip's: the least friction of the fingertips."""
+    return {"friction": min((s["friction"] for s in surfaces), key=lambda text: float(text.split()[0])), "condim": "3"}
+
+
 def _effort_limits(solution: GraspSolution) -> dict[str, float]:
     """Return the problem's torque limits by joint, newton-metres (newtons for sliding joints)."""
     limits = solution.problem["hand"].get("torque_limits") or {}
@@ -386,7 +393,7 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
     robot, palm = posed.robot, _add_palm(world, posed)
     bodies: dict[str, Element] = {}
     joints = {joint.child: joint for joint in robot.joints}
-    link_surfaces = _surfaces_by_link(posed, surfaces)
+    link_surfaces, slipperiest = _surfaces_by_link(posed, surfaces), _slipperiest(surfaces)
     for link in robot.links:
         joint = joints.get(link)
         parent = palm if joint is None else bodies[joint.parent]
@@ -398,7 +405,7 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
             _add_joint(body, joint, options, gain, robot.springs.get(joint.name))
         _add_inertial(body, posed.inertials.get(link))
         for i, shape in enumerate(robot.shapes.get(link, ())):
-            surface = link_surfaces.get(link, {})
+            surface = link_surfaces.get(link, slipperiest)
             _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, surface, posed.pieces.get((link, i)))
     for i, (tip, surface) in enumerate(zip(posed.tips, surfaces, strict=True)):
         geom = tip_geom(tip)

@@ -132,6 +132,8 @@ def with_task(solution, task):
     return replace(solution, problem={**solution.problem, "task": task.at(solution.grasp.torque_origin).to_dict()})
 
 
+TURNS = 2.0 * np.pi * np.arange(16)[:, None] / 16
+RING = np.hstack([np.cos(TURNS), np.sin(TURNS), np.zeros((16, 4))])
 CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
 
 
@@ -145,12 +147,14 @@ CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
         (ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3, [0.0, 0.0, 1.962, 0.0, 0.0, 0.0]), 0.2, UPRIGHT),
         (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5), 0.4, UPRIGHT),
         (ng.pour([0.01, 0.0, 0.02], 0.4, [0.0, 1.0, 0.0], 0.5) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, UPRIGHT),
-        (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5, up=[0.0, 1.0, 0.0]), None, OF_WATER),
+        (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5, up=[0.0, 1.0, 0.0]), 0.4, UPRIGHT),
+        (ng.TaskPolytope(RING), None, OF_WATER),  # pushes all around turn no weight
         (ng.TaskPolytope(np.concatenate([np.eye(6), -np.eye(6)])), None, OF_WATER),
         (ng.gravity([0.005, 0.0, -0.002], 0.4), 0.4, ANY_WAY),
         (ng.gravity(CENTRE, 0.4) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, ANY_WAY),
         (ng.press(HEAD, UP, 15.0), None, OF_WATER),  # a push from nothing
-        (ng.lift(CENTRE, 0.4, up=[0.0, 1.0, 0.0]), None, OF_WATER),  # scenes are lifted along z
+        (ng.lift(CENTRE, 0.4, up=[0.0, 1.0, 0.0]), 0.4, UPRIGHT),
+        (ng.TaskEllipsoid([1.0, 2.0, 1.0, 0.02, 0.02, 0.02], [0.0, 9.0, 0.0, 0.0, 0.0, 0.0]), None, OF_WATER),
         (ng.disturbance(3.0, 0.0, HEAD), None, OF_WATER),  # forces far from the centre of mass
         (ng.disturbance(3.0, 0.01, CENTRE), None, OF_WATER),
         (ng.turn(UP, 0.4), None, OF_WATER),
@@ -173,6 +177,37 @@ def test_the_object_weighs_what_the_task_carries(held, task, kilograms, source):
 def test_the_scene_has_the_mass_that_the_task_carries(held):
     model, _ = load_model(mjcf_with_hand(with_task(held, ng.lift(CENTRE, 0.25)), HAND), "grasp")
     assert model.body("object").mass[0] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("task", "center", "up"),
+    [
+        (ng.lift([0.03, 0.01, 0.0], 0.25), [0.03, 0.01, 0.0], UP),
+        (ng.lift([0.03, 0.01, 0.0], 0.25) + ng.disturbance(2.0, 0.1, CENTRE), [0.03, 0.01, 0.0], UP),
+        (ng.lift([0.01, 0.0, 0.005], 0.25, up=[0.0, -1.0, 0.0]), [0.01, 0.0, 0.005], [0.0, -1.0, 0.0]),
+        (ng.pour([0.03, 0.0, 0.01], 0.25, [1.0, 0.0, 0.0], 1.5), [0.03, 0.0, 0.01], UP),
+        (ng.pour([0.03, 0.0, 0.01], 0.25, UP, 1.5, up=[1.0, 0.0, 0.0]), [0.03, 0.0, 0.01], [1.0, 0.0, 0.0]),
+        (ng.gravity([0.01, 0.0, -0.01], 0.25), [0.01, 0.0, -0.01], UP),
+    ],
+)
+@pytest.mark.parametrize("origin", [CENTRE, [0.2, -0.1, 0.05]])
+def test_the_weight_acts_where_the_task_has_it(held, task, center, up, origin):
+    """Whatever point moments are about; the file's torque origin is given, as that of its grasp."""
+    about = replace(held, problem={**held.problem, "task": task.at(origin).to_dict()})
+    about = replace(about, grasp=ng.Grasp(held.grasp.points, held.grasp.normals, held.grasp.contacts, origin))
+    weighed = object_mass(about, 0.7)
+    np.testing.assert_allclose(weighed.center, center, atol=1e-5)
+    np.testing.assert_allclose(weighed.ups[0], up, atol=1e-9)
+    model, _ = load_model(mjcf_with_hand(about, HAND), "grasp")
+    np.testing.assert_allclose(model.body("object").ipos, center, atol=1e-5)
+    assert model.body("object").mass[0] == pytest.approx(0.25)
+
+
+def test_links_beside_the_fingertips_have_no_more_friction(held):
+    """MuJoCo takes the larger friction of two geoms: one that nobody states would be 1."""
+    for factor in (1.0, 0.5):
+        model, _ = load_model(mjcf_with_hand(held, HAND, ng.HandSceneOptions(friction=factor)), "grasp")
+        assert np.max(model.geom_friction[:, 0]) == pytest.approx(0.7 * factor)
 
 
 def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, tmp_path):
