@@ -55,7 +55,8 @@ OBJECT_CONTACT = {"contype": "1", "conaffinity": "0"}
 LIFT = 0.2  # m, along z, if the file has no phases
 SQUEEZING_PHASES = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
 STEP = 1e-3  # s, time step
-WAY_STEPS, HULL_DEPTH = 10, 5e-4  # looks between keyframes; metres inside the object from which on a hull is decomposed
+WAY_STEPS, HULL_DEPTH = 10, 5e-4  # looks between keyframes; metres inside the object, or off its link, of a wrong hull
+HULL_REACH = 0.01  # metres from the object, which moves by that in the hand, within which hulls are looked at
 EFFORT_TOLERANCE = 1e-9  # relative tolerance of joint efforts
 CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of all geoms and mimic-joint equalities
 SOLVER = {
@@ -162,9 +163,11 @@ def _scene_text(
 
 
 def _hulls_in_object(model: MjModel, robot: Robot) -> list[tuple[str, int]]:
-    """Return the concave meshes, by link and index, whose hulls are inside the object in the grasp or on the way to it.
+    """Return the concave meshes, by link and index, whose hulls stand in the object's way where the links do not.
 
-    The links themselves are outside there, or by no more than the solution says: the hull would push the object away.
+    Either a hull is inside the object in the grasp or on the way to it, where the link is outside or inside by no more
+    than the solution says: the hull would push the object away. Or it is near the object in the grasp, and the link is
+    not: the hull would hold the object where nothing is.
     """
     mujoco = import_mujoco("a scene with the hand")
     data, found = mujoco.MjData(model), set[str]()
@@ -177,12 +180,22 @@ def _hulls_in_object(model: MjModel, robot: Robot) -> list[tuple[str, int]]:
         mujoco.mj_fwdPosition(model, data)
         deep = data.contact.geom[data.contact.dist < -HULL_DEPTH]
         found |= {model.geom(int(geom)).name for geom in np.ravel(deep)}
-    return [
-        (link, i)
+    solids = [i for i in range(model.ngeom) if model.geom_bodyid[i] == model.body("object").id]
+    meshes = {
+        f"{PREFIX}{link}_{i}": (link, i)
         for link, shapes in robot.shapes.items()
         for i, shape in enumerate(shapes)
-        if f"{PREFIX}{link}_{i}" in found and shape.kind == "mesh"
-    ]
+        if shape.kind == "mesh"
+    }
+    for name in meshes.keys() - found:
+        link, i = meshes[name]
+        frame, geom, ends = data.body(PREFIX + link), model.geom(name).id, np.zeros(6)
+        for solid in solids:
+            distance = mujoco.mj_geomDistance(model, data, geom, solid, HULL_REACH, ends)
+            point = (ends[:3] - frame.xpos) @ frame.xmat.reshape(3, 3)  # of the hull, link frame
+            if 0.0 <= distance < HULL_REACH and -robot.shapes[link][i].depth(point[None])[0] > HULL_DEPTH:
+                found.add(name)
+    return [meshes[name] for name in meshes if name in found]
 
 
 def _link_pieces(robot: Robot, shape: tuple[str, int], progress: Progress | None) -> list[FloatArray]:

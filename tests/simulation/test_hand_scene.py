@@ -13,6 +13,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.urdf_reader import urdf_inertials
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand, tip_geom
 from nlpgrasp.simulation.scene_object import (
@@ -355,12 +356,11 @@ def test_the_command_line_says_that_a_body_is_decomposed(held, tmp_path):
     assert result.stdout.startswith("written to ")
 
 
-@pytest.fixture(scope="module")
-def in_a_channel(tmp_path_factory):
-    """A cylinder between two fingers and between the walls of a palm whose hull contains it."""
-    folder = tmp_path_factory.mktemp("channel")
+def channel(folder, height):
+    """Return a cylinder held by two fingers over a palm with two walls, and the hand's file."""
     base = trimesh.creation.box([0.08, 0.16, 0.02])
-    walls = [trimesh.creation.box([0.004, 0.16, 0.06]).apply_translation([x, 0.0, 0.03]) for x in (-0.038, 0.038)]
+    wall = trimesh.creation.box([0.004, 0.16, height])
+    walls = [wall.copy().apply_translation([x, 0.0, 0.5 * height]) for x in (-0.038, 0.038)]
     trimesh.boolean.union([base, *walls]).export(folder / "palm.stl")
     path = two_fingers(folder, tip_frames=False)
     text = path.read_text()
@@ -370,6 +370,29 @@ def in_a_channel(tmp_path_factory):
     task = ng.lift([0.0, 0.0, 0.0], 0.2)
     problem = ng.GraspProblem(ng.Cylinder(0.02, 0.05), ng.SoftContact(0.7, 0.01), task, hand=hand, name="channel")
     return ng.solve(problem, starts=4, options=GRASP), path
+
+
+@pytest.fixture(scope="module")
+def in_a_channel(tmp_path_factory):
+    """The cylinder between walls of a palm whose hull contains it."""
+    return channel(tmp_path_factory.mktemp("channel"), 0.06)
+
+
+@pytest.mark.slow
+def test_a_hull_near_the_object_does_not_hold_it_where_no_link_is(tmp_path):
+    """The hull over the walls is 0.2 mm from the cylinder, the palm itself 14 mm: pushed on, it goes that far."""
+    solution, path = channel(tmp_path, 0.04)
+    model, data = load_model(mjcf_with_hand(solution, path), "grasp")
+    palm = [i for i in range(model.ngeom) if model.geom(i).name.startswith("hand_palm_0")]
+    assert len(palm) == 3  # base and walls
+    ends = np.zeros(6)
+    gap = min(mujoco.mj_geomDistance(model, data, i, model.geom("object").id, 0.1, ends) for i in palm)
+    frame = data.body("hand_palm")
+    cylinder = trimesh.Trimesh(solution.drawing.body.vertices, solution.drawing.body.faces)
+    points = (trimesh.sample.sample_surface(cylinder, 20000, seed=0)[0] - frame.xpos) @ frame.xmat.reshape(3, 3)
+    own = -np.max(read_robot(path, "palm").shapes["palm"][0].depth(points))  # of the mesh, by its signed distance
+    assert own > 0.012
+    assert gap == pytest.approx(own, abs=1e-3)
 
 
 @pytest.mark.slow
