@@ -12,7 +12,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.simulation.hand_world import LOOSE, STRICT, HandSnapshot, Motion
 
 AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted"
-PRESSES = 0.9  # share of the squeeze's normal force from which on a finger presses as stated
+PRESSING_TOLERANCE = 0.1  # relative difference from the squeeze's normal forces up to which fingers press as stated
 
 
 @dataclass(frozen=True)
@@ -172,8 +172,8 @@ class HandSimulation:
         Links that penetrate something and contacts off their links, as text; empty without any.
     asked : float
         The share of the task that was asked for: more than ``share`` where the squeeze presses with less than it needs.
-    pressed : float
-        Least ratio, of all fingers, of the normal force in the simulation to that of the squeeze.
+    pressed : (2,) tuple
+        Least and largest ratio, of all fingers, of the normal force in the simulation to that of the squeeze.
     """
 
     name: str
@@ -186,7 +186,7 @@ class HandSimulation:
     normal_forces: tuple[float, ...] = ()
     touching: str = ""
     asked: float = 0.0
-    pressed: float = 1.0
+    pressed: tuple[float, float] = (1.0, 1.0)
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -260,7 +260,7 @@ class HandSimulation:
             "asked": self.asked,
             "normal_force": self.normal_force,
             "normal_forces": list(self.normal_forces),
-            "pressed": self.pressed,
+            "pressed": list(self.pressed),
             "touching": self.touching,
             "trials": trials,
         }
@@ -268,8 +268,9 @@ class HandSimulation:
     def __str__(self) -> str:
         source = f", {self.mass_source}" if self.mass_source else ""
         forces = format_normal_forces(self.normal_force, self.normal_forces)
-        if self.pressed < PRESSES:
-            forces += f", in the simulation with {self.pressed:.2g} of it at a finger"
+        least, largest = self.pressed
+        if least < 1.0 - PRESSING_TOLERANCE or largest > 1.0 + PRESSING_TOLERANCE:
+            forces += f", in the simulation with {least:.2g} to {largest:.2g} of it"
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
         lines += [f"{self.name}: {self.mass:.3g} kg{source}; {forces}", *trial_legend(self.trials, self.share)]
         return "\n".join([*lines, *(format_row(self.of(condition)) for condition in self.conditions)])

@@ -114,7 +114,7 @@ def simulate_hand(
         normal_force=normal_force,
         trials=tuple(trials),
         grasp=_initial_snapshot(scene),
-        pressed=_pressed_share(scene, solution, forces),
+        pressed=_pressed_shares(scene, solution, forces),
         mass_source=mass.source,
         normal_forces=forces,
         touching=touching,
@@ -376,12 +376,13 @@ def _initial_snapshot(scene: str) -> HandSnapshot:
     return world.snapshot()
 
 
-def _pressed_share(scene: str, solution: GraspSolution, forces: Sequence[float]) -> float:
-    """Return the least ratio, of all fingers, of the normal force in the squeezed scene to that of the squeeze."""
+def _pressed_shares(scene: str, solution: GraspSolution, forces: Sequence[float]) -> tuple[float, float]:
+    """Return least and largest ratio, of all fingers, of the normal force in the squeezed scene to the squeeze's."""
     world = HandWorld(scene)
     close_hand(world, True, None)
     links = [str(tip["link"]) for tip in solution.problem["hand"]["fingertips"]]
-    return min(world.normal_force(link) / force for link, force in zip(links, forces, strict=True))
+    shares = [world.normal_force(link) / force for link, force in zip(links, forces, strict=True)]
+    return min(shares), max(shares)
 
 
 def _random_displacement(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

@@ -330,9 +330,9 @@ def test_the_verdict_says_how_much_of_the_task_the_squeeze_is_hard_enough_for(he
 def test_what_fingers_press_with_in_the_simulation(simulated, held):
     """By the balance of forces on the object at rest: as stated here; else the output says so."""
     simulation, _ = simulated
-    assert simulation.pressed == pytest.approx(1.0, abs=0.1)
+    assert simulation.pressed == pytest.approx((1.0, 1.0), abs=0.1)
     assert "in the simulation" not in str(simulation)
-    assert "N), in the simulation with 0.77 of it at a finger\n" in str(replace(simulation, pressed=0.77))
+    assert "N), in the simulation with 0.77 to 1.5 of it\n" in str(replace(simulation, pressed=(0.77, 1.5)))
     world = HandWorld(mjcf_with_hand(held, HAND))
     hand_protocol.close_hand(world, True, None)
     measured = [world.normal_force(tip["link"]) for tip in held.problem["hand"]["fingertips"]]
