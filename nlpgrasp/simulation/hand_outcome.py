@@ -11,7 +11,8 @@ from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.types import Json
 from nlpgrasp.simulation.hand_world import LOOSE, STRICT, HandSnapshot, Motion
 
-AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted 20 cm"
+AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted"
+PRESSING_TOLERANCE = 0.1  # relative difference from the squeeze's normal forces up to which fingers press as stated
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,10 @@ class HandSimulation:
         Normal force of each finger in the squeeze, newtons.
     touching : str
         Links that penetrate something and contacts off their links, as text; empty without any.
+    asked : float
+        The share of the task that was asked for: more than ``share`` where the squeeze presses with less than it needs.
+    pressed : (2,) tuple
+        Least and largest ratio, of all fingers, of the normal force in the simulation to that of the squeeze.
     """
 
     name: str
@@ -180,6 +185,8 @@ class HandSimulation:
     mass_source: str = ""
     normal_forces: tuple[float, ...] = ()
     touching: str = ""
+    asked: float = 0.0
+    pressed: tuple[float, float] = (1.0, 1.0)
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -224,7 +231,10 @@ class HandSimulation:
             return f"NOT confirmed: lost {'when' if lost.is_lift else 'at'} {lost.label}{motion}"
         if not self.control_lost:
             return "NOT confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
-        return "confirmed: held as solved, lost without the squeeze"
+        reach = (
+            "" if self.share >= self.asked else f" to {format_number(self.share, 3)} of the task, not {self.asked:g}"
+        )
+        return f"confirmed{reach}: held as solved, lost without the squeeze"
 
     def to_dict(self) -> Json:
         """Return the simulation as JSON data: metres and radians."""
@@ -247,8 +257,10 @@ class HandSimulation:
             "mass": self.mass,
             "mass_source": self.mass_source,
             "share": self.share,
+            "asked": self.asked,
             "normal_force": self.normal_force,
             "normal_forces": list(self.normal_forces),
+            "pressed": list(self.pressed),
             "touching": self.touching,
             "trials": trials,
         }
@@ -256,6 +268,9 @@ class HandSimulation:
     def __str__(self) -> str:
         source = f", {self.mass_source}" if self.mass_source else ""
         forces = format_normal_forces(self.normal_force, self.normal_forces)
+        least, largest = self.pressed
+        if least < 1.0 - PRESSING_TOLERANCE or largest > 1.0 + PRESSING_TOLERANCE:
+            forces += f", in the simulation with {least:.2g} to {largest:.2g} of it"
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
         lines += [f"{self.name}: {self.mass:.3g} kg{source}; {forces}", *trial_legend(self.trials, self.share)]
         return "\n".join([*lines, *(format_row(self.of(condition)) for condition in self.conditions)])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.common.formatting import format_wrench
+from nlpgrasp.common.formatting import format_number, format_wrench
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
@@ -22,9 +22,9 @@ from nlpgrasp.simulation.hand_outcome import (
     condition_name,
     format_outcome,
 )
-from nlpgrasp.simulation.hand_world import SETTLE, STRICT, TRAVEL, HandSnapshot, HandWorld, Motion
-from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_hand
-from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
+from nlpgrasp.simulation.hand_world import SETTLE, STRICT, TRAVEL, Directions, HandSnapshot, HandWorld, Motion
+from nlpgrasp.simulation.robot_hand_scene import ARM, HandSceneOptions, mjcf_with_hand
+from nlpgrasp.simulation.scene_object import STATED, ObjectMass, object_mass
 from nlpgrasp.simulation.simulation_input import EARTH, boundary_wrenches
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution, require_solution
@@ -88,7 +88,7 @@ def simulate_hand(
     solution = require_solution(solution)
     import_mujoco("a simulation")
     touching = warn_of_touching(solution.name, solution.hand)
-    size = number("share", share, above=0.0)
+    asked = number("share", share, above=0.0)
     count = integer("wrenches", wrenches, at_least=1)
     settings = HandSceneOptions() if options is None else options
     mass = object_mass(solution, settings.mass, DEFAULT_MASS)
@@ -98,9 +98,8 @@ def simulate_hand(
     if squeeze is None:
         raise InputError("solution", "a hand without a squeeze", "one whose contacts can press")
     normal_force = settings.normal_force or squeeze.normal_force
-    size *= _attained_share(solution, normal_force)
-    loads = _task_loads(solution, size, count)
-    lift = None if mass.is_default else mass
+    size = asked * _attained_share(solution, normal_force)
+    loads, lift = _task_loads(solution, size, count), _task_lift(solution, mass, share)
     trials: list[HandTrial] = []
     less_friction = replace(settings, friction=FRICTION_SHARE * settings.friction)
     for outcomes in _run_conditions(scene, lambda: mjcf_with_hand(solution, urdf, less_friction), loads, lift):
@@ -115,9 +114,11 @@ def simulate_hand(
         normal_force=normal_force,
         trials=tuple(trials),
         grasp=_initial_snapshot(scene),
+        pressed=_pressed_shares(scene, solution, forces),
         mass_source=mass.source,
         normal_forces=forces,
         touching=touching,
+        asked=asked,
     )
 
 
@@ -179,7 +180,7 @@ def try_hold(
     mass = object_mass(solution, settings.mass, DEFAULT_MASS)
     world = HandWorld(mjcf_with_hand(solution, urdf, replace(settings, mass=mass.kilograms), robot=robot))
     size = share * _attained_share(solution, settings.normal_force or solution.require_squeeze().normal_force)
-    loads, lift = _task_loads(solution, size, wrenches), None if mass.is_default else mass
+    loads, lift = _task_loads(solution, size, wrenches), _task_lift(solution, mass, share)
     motions = list[Motion]()
     for motion in _hold_motions(world, True, loads, lift):
         motions.append(motion)
@@ -215,12 +216,56 @@ def _task_loads(solution: GraspSolution, share: float, count: int) -> list[_Load
     return [_Load(f"the wrench {format_wrench(wrench)}", -wrench, point) for wrench in wrenches]
 
 
+@dataclass(frozen=True)
+class _Lift:
+    """Lift of the object, and the tilt after it.
+
+    Parameters
+    ----------
+    mass : ObjectMass
+        With the upward directions.
+    share : float
+        Of the object's weight.
+    """
+
+    mass: ObjectMass
+    share: float
+
+    @property
+    def ups(self) -> Directions:
+        """Upward directions in turn, body frame."""
+        return self.mass.ups
+
+    @property
+    def gravity(self) -> float:
+        """Acceleration of gravity, m / s^2."""
+        return EARTH * self.share
+
+    def label(self, height: float) -> str:
+        """Return the lift by a height, metres, as text."""
+        text = f"{LIFTED} {format_number(100.0 * height, 3)} cm"
+        if self.mass.tilt:
+            text += f" and tilted by {np.degrees(self.mass.tilt):.0f} degrees"
+        return text if self.share == 1.0 else f"{text} at {format_number(self.share, 3)} of its weight"
+
+
+def _task_lift(solution: GraspSolution, mass: ObjectMass, share: float) -> _Lift | None:
+    """Return the lift of a stated weight, or of at most the share of what the task asks for upwards; None without."""
+    if mass.is_default:
+        return None
+    if mass.source == STATED:
+        return _Lift(mass, 1.0)
+    upwards = np.concatenate([mass.ups[0], np.zeros(3)])
+    asked = float(solution.task.support(upwards[None])[0][0])
+    return _Lift(mass, min(1.0, share * asked / (mass.kilograms * EARTH)))
+
+
 def _attained_share(solution: GraspSolution, normal_force: float) -> float:
     """Return the share of the task for which fingers that press with a least normal force press hard enough."""
     return 1.0 if solution.needed is None else min(1.0, normal_force / float(np.max(solution.needed.normal)))
 
 
-def _hold_motions(world: HandWorld, squeeze: bool, loads: Sequence[_Load], lift: ObjectMass | None) -> Iterator[Motion]:
+def _hold_motions(world: HandWorld, squeeze: bool, loads: Sequence[_Load], lift: _Lift | None) -> Iterator[Motion]:
     """Yield the largest motion of the object since the grasp, under each load and in a lift.
 
     Each ends early where its outcome is known.
@@ -232,12 +277,12 @@ def _hold_motions(world: HandWorld, squeeze: bool, loads: Sequence[_Load], lift:
         yield squeezed + world.largest_motion(SECONDS, load=(load.wrench, load.point))
     if lift is not None:
         world.restore(closed)
-        target = _lift_controls(world, squeeze)
-        yield squeezed + world.largest_motion(2.0 * TRAVEL, target, gravity=EARTH, ups=lift.ups)
+        target = _lift_controls(world, squeeze, lift)
+        yield squeezed + world.largest_motion(2.0 * TRAVEL, target, gravity=lift.gravity, ups=lift.ups)
 
 
 def _run_conditions(
-    scene: str, slippery_scene: Callable[[], str], loads: Sequence[_Load], lift: ObjectMass | None
+    scene: str, slippery_scene: Callable[[], str], loads: Sequence[_Load], lift: _Lift | None
 ) -> Iterator[list[HandTrial]]:
     """Yield the trials of each condition.
 
@@ -250,7 +295,7 @@ def _run_conditions(
     slippery_scene : callable
         To MJCF text of the scene with less friction.
     loads : sequence of _Load
-    lift : ObjectMass or None
+    lift : _Lift or None
         The weight that is lifted, and tilted; None where there is none.
     """
     yield _solved_trials(AS_SOLVED, scene, loads, lift)
@@ -263,7 +308,7 @@ def _run_conditions(
 
 
 def _solved_trials(
-    condition: str, scene: str, loads: Sequence[_Load], lift: ObjectMass | None, squeeze: bool = True
+    condition: str, scene: str, loads: Sequence[_Load], lift: _Lift | None, squeeze: bool = True
 ) -> list[HandTrial]:
     """Return the trials of the loads and, where there is a weight, of the lift."""
     trials = _load_trials(condition, HandWorld(scene), loads, squeeze=squeeze)
@@ -291,18 +336,24 @@ def _load_trials(
     return trials
 
 
-def _lift_trial(condition: str, world: HandWorld, lift: ObjectMass, squeeze: bool = True) -> HandTrial:
+def _lift_trial(condition: str, world: HandWorld, lift: _Lift, squeeze: bool = True) -> HandTrial:
     """Close the hand, lift the object under gravity, tilt it, and return the trial."""
-    squeezed = close_hand(world, squeeze, None)
-    motion, snapshots = world.run_recorded(2.0 * TRAVEL, _lift_controls(world, squeeze), EARTH, lift.ups)
-    tilted = f" and tilted by {np.degrees(lift.tilt):.0f} degrees" if lift.tilt else ""
-    return HandTrial(condition, LIFTED + tilted, squeezed, motion, snapshots)
+    squeezed, height = close_hand(world, squeeze, None), float(np.linalg.norm(_lift_path(world)))
+    target = _lift_controls(world, squeeze, lift)
+    motion, snapshots = world.run_recorded(2.0 * TRAVEL, target, lift.gravity, lift.ups)
+    return HandTrial(condition, lift.label(height), squeezed, motion, snapshots)
 
 
-def _lift_controls(world: HandWorld, squeeze: bool) -> FloatArray:
-    """Return the servo commands at the end of a lift, with the squeeze or without."""
-    target = world.controls("lift")
-    return target if squeeze else target - world.controls("squeeze") + world.controls("grasp")
+def _lift_path(world: HandWorld) -> FloatArray:
+    """Return the displacement of the palm in the scene's lift, (3,), metres."""
+    return (world.controls("lift") - world.controls("squeeze"))[: len(ARM)]
+
+
+def _lift_controls(world: HandWorld, squeeze: bool, lift: _Lift) -> FloatArray:
+    """Return the servo commands at the end of a lift upwards as the task says, with the squeeze or without."""
+    target = world.controls("squeeze" if squeeze else "grasp")
+    target[: len(ARM)] += np.linalg.norm(_lift_path(world)) * np.array(lift.ups[0])
+    return target
 
 
 def close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:
@@ -323,6 +374,15 @@ def _initial_snapshot(scene: str) -> HandSnapshot:
     world = HandWorld(scene)
     world.begin("grasp")
     return world.snapshot()
+
+
+def _pressed_shares(scene: str, solution: GraspSolution, forces: Sequence[float]) -> tuple[float, float]:
+    """Return least and largest ratio, of all fingers, of the normal force in the squeezed scene to the squeeze's."""
+    world = HandWorld(scene)
+    close_hand(world, True, None)
+    links = [str(tip["link"]) for tip in solution.problem["hand"]["fingertips"]]
+    shares = [world.normal_force(link) / force for link, force in zip(links, forces, strict=True)]
+    return min(shares), max(shares)
 
 
 def _random_displacement(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

@@ -91,6 +91,11 @@ class Pose:
         )
 
 
+def _smooth(fraction: float) -> float:
+    """Return how far a motion is after a fraction of its time: steps in speed would be accelerations of no task."""
+    return fraction**2 * (3.0 - 2.0 * fraction)
+
+
 Directions = Sequence[tuple[float, float, float]]  # upward directions, unit
 END = object()  # returned by the callback of a run to end it
 PREFIX = "hand_"  # prefix of the names of the hand's bodies
@@ -157,7 +162,7 @@ class HandWorld:
     def run(
         self, seconds: float, target: FloatArray | None = None, callback: Callable[[float], object] | None = None
     ) -> None:
-        """Run while the controls move linearly to a target.
+        """Run while the controls move smoothly to a target, at rest at both ends.
 
         ``callback`` gets the elapsed fraction of the time; the run ends where it returns ``END``.
         """
@@ -166,7 +171,7 @@ class HandWorld:
         interval = max(round(1.0 / (SNAPSHOT_RATE * self.model.opt.timestep)), 1)
         for step in range(1, steps + 1):
             if target is not None:
-                self.data.ctrl[:] = start + (target - start) * (step / steps)
+                self.data.ctrl[:] = start + (target - start) * _smooth(step / steps)
             self._mujoco.mj_step(self.model, self.data)
             if callback is not None and step % interval == 0 and callback(step / steps) is END:
                 break
@@ -249,7 +254,7 @@ class HandWorld:
             self._load_slowly(*load, is_over)
             rise_over = True
         if gravity:
-            self.raise_gravity(gravity, is_over)
+            self.raise_gravity(gravity, is_over, ups[:1])
         if motion.within(STRICT):
             self.run(seconds, target, is_over)
         if len(ups) > 1 and motion.within(STRICT):
@@ -265,9 +270,10 @@ class HandWorld:
     def run_recorded(
         self, seconds: float, target: FloatArray | None, gravity: float = 0.0, ups: Directions = ()
     ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Raise gravity (m / s^2, along -z), then run as ``run``; return the largest motion and the snapshots.
+        """Raise gravity, then run as ``run``; return the largest motion and the snapshots.
 
-        At the end gravity turns so that upwards is each of ``ups`` in turn, as where hand and object are tilted.
+        Gravity, m / s^2, acts against the first of ``ups``, along -z without one. At the end it turns so that upwards
+        is each of ``ups`` in turn, as where hand and object are tilted.
         """
         before, motions, snapshots = self.pose(), [STILL], [self.snapshot()]
 
@@ -276,18 +282,24 @@ class HandWorld:
             snapshots.append(self.snapshot(motions[-1]))
 
         if gravity:
-            self.raise_gravity(gravity, record)
+            self.raise_gravity(gravity, record, ups[:1])
         self.run(seconds, target, record)
         if len(ups) > 1:
             self.turn_gravity(gravity, ups, record)
         self.model.opt.gravity[:] = 0.0
         return Motion.largest(motions), tuple(snapshots)
 
-    def raise_gravity(self, gravity: float, callback: Callable[[float], object] | None = None) -> None:
-        """Raise gravity linearly to a value, m / s^2, along -z, and keep it; ``callback`` as in ``run``."""
+    def raise_gravity(
+        self, gravity: float, callback: Callable[[float], object] | None = None, ups: Directions = ()
+    ) -> None:
+        """Raise gravity linearly to a value, m / s^2, and keep it; ``callback`` as in ``run``.
+
+        It acts against the first of ``ups``, along -z without one.
+        """
+        up = np.asarray(ups[0] if ups else (0.0, 0.0, 1.0))
 
         def raise_to(fraction: float) -> object:
-            self.model.opt.gravity[2] = -fraction * gravity
+            self.model.opt.gravity[:] = -fraction * gravity * up
             return None if callback is None else callback(fraction)
 
         self.run(TRAVEL, None, raise_to)
@@ -310,6 +322,16 @@ class HandWorld:
         body = self.model.body(PREFIX + link).id
         geoms = np.flatnonzero(self.model.geom_bodyid == body)
         self.model.geom_friction[geoms] = np.maximum(share * self._friction[geoms], LEAST_FRICTION)
+
+    def normal_force(self, link: str) -> float:
+        """Return what a link, with the links fixed to it, presses on the object with along the normals, newtons."""
+        welds, result, force = self.model.body_weldid[self.model.geom_bodyid], 0.0, np.zeros(6)
+        pair = {int(self.model.body_weldid[body]) for body in (self.model.body(PREFIX + link).id, self._object)}
+        for i, geoms in enumerate(self.data.contact.geom):
+            if set(welds[geoms].tolist()) == pair:
+                self._mujoco.mj_contactForce(self.model, self.data, i, force)
+                result += float(force[0])
+        return result
 
     def state(self) -> tuple[FloatArray, FloatArray]:
         """Return MuJoCo's integration state and the controls."""

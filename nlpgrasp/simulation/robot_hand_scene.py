@@ -55,7 +55,8 @@ OBJECT_CONTACT = {"contype": "1", "conaffinity": "0"}
 LIFT = 0.2  # m, along z, if the file has no phases
 SQUEEZING_PHASES = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
 STEP = 1e-3  # s, time step
-WAY_STEPS, HULL_DEPTH = 10, 5e-4  # looks between keyframes; metres inside the object from which on a hull is decomposed
+WAY_STEPS, HULL_DEPTH = 10, 5e-4  # looks between keyframes; metres inside the object, or off its link, of a wrong hull
+HULL_REACH = 0.01  # metres from the object, which moves by that in the hand, within which hulls are looked at
 EFFORT_TOLERANCE = 1e-9  # relative tolerance of joint efforts
 CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of all geoms and mimic-joint equalities
 SOLVER = {
@@ -120,11 +121,13 @@ def mjcf_with_hand(
     _require_joints(robot, hand["joint_positions"], urdf)
     drawing = solution.require_drawing()
     require_pressing(grasp)
-    mass = solid_mass(drawing.body, DENSITY).scaled(object_mass(solution, settings.mass).kilograms)
+    weighed = object_mass(solution, settings.mass)
+    mass = solid_mass(drawing.body, DENSITY).scaled(weighed.kilograms)
+    if weighed.center is not None:
+        mass = replace(mass, center=np.array(weighed.center))
     surfaces = [_contact_attributes(model, settings.friction) for model in grasp.contacts]
     root, asset, world = _empty_scene(solution.name)
-    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
-    object_surface = {"friction": slipperiest["friction"], "condim": "3"}
+    object_surface = _slipperiest(surfaces)
     add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, object_surface, progress)
     scale = _squeeze_scale(squeeze, settings.normal_force)
     _require_effort(squeeze, scale)
@@ -160,9 +163,11 @@ def _scene_text(
 
 
 def _hulls_in_object(model: MjModel, robot: Robot) -> list[tuple[str, int]]:
-    """Return the concave meshes, by link and index, whose hulls are inside the object in the grasp or on the way to it.
+    """Return the concave meshes, by link and index, whose hulls stand in the object's way where the links do not.
 
-    The links themselves are outside there, or by no more than the solution says: the hull would push the object away.
+    Either a hull is inside the object in the grasp or on the way to it, where the link is outside or inside by no more
+    than the solution says: the hull would push the object away. Or it is near the object in the grasp, and the link is
+    not: the hull would hold the object where nothing is.
     """
     mujoco = import_mujoco("a scene with the hand")
     data, found = mujoco.MjData(model), set[str]()
@@ -175,12 +180,22 @@ def _hulls_in_object(model: MjModel, robot: Robot) -> list[tuple[str, int]]:
         mujoco.mj_fwdPosition(model, data)
         deep = data.contact.geom[data.contact.dist < -HULL_DEPTH]
         found |= {model.geom(int(geom)).name for geom in np.ravel(deep)}
-    return [
-        (link, i)
+    solids = [i for i in range(model.ngeom) if model.geom_bodyid[i] == model.body("object").id]
+    meshes = {
+        f"{PREFIX}{link}_{i}": (link, i)
         for link, shapes in robot.shapes.items()
         for i, shape in enumerate(shapes)
-        if f"{PREFIX}{link}_{i}" in found and shape.kind == "mesh"
-    ]
+        if shape.kind == "mesh"
+    }
+    for name in meshes.keys() - found:
+        link, i = meshes[name]
+        frame, geom, ends = data.body(PREFIX + link), model.geom(name).id, np.zeros(6)
+        for solid in solids:
+            distance = mujoco.mj_geomDistance(model, data, geom, solid, HULL_REACH, ends)
+            point = (ends[:3] - frame.xpos) @ frame.xmat.reshape(3, 3)  # of the hull, link frame
+            if 0.0 <= distance < HULL_REACH and -robot.shapes[link][i].depth(point[None])[0] > HULL_DEPTH:
+                found.add(name)
+    return [meshes[name] for name in meshes if name in found]
 
 
 def _link_pieces(robot: Robot, shape: tuple[str, int], progress: Progress | None) -> list[FloatArray]:
@@ -306,6 +321,11 @@ def _contact_attributes(model: ContactModel, factor: float) -> dict[str, str]:
     return {"condim": str(dimension), "priority": "1", "friction": format_numbers([friction, torsion, 0.0])}
 
 
+def _slipperiest(surfaces: list[dict[str, str]]) -> dict[str, str]:
+    """Return the attributes of geoms that are no fingertip's: the least friction of the fingertips."""
+    return {"friction": min((s["friction"] for s in surfaces), key=lambda text: float(text.split()[0])), "condim": "3"}
+
+
 def _effort_limits(solution: GraspSolution) -> dict[str, float]:
     """Return the problem's torque limits by joint, newton-metres (newtons for sliding joints)."""
     limits = solution.problem["hand"].get("torque_limits") or {}
@@ -386,7 +406,7 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
     robot, palm = posed.robot, _add_palm(world, posed)
     bodies: dict[str, Element] = {}
     joints = {joint.child: joint for joint in robot.joints}
-    link_surfaces = _surfaces_by_link(posed, surfaces)
+    link_surfaces, slipperiest = _surfaces_by_link(posed, surfaces), _slipperiest(surfaces)
     for link in robot.links:
         joint = joints.get(link)
         parent = palm if joint is None else bodies[joint.parent]
@@ -398,7 +418,7 @@ def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], o
             _add_joint(body, joint, options, gain, robot.springs.get(joint.name))
         _add_inertial(body, posed.inertials.get(link))
         for i, shape in enumerate(robot.shapes.get(link, ())):
-            surface = link_surfaces.get(link, {})
+            surface = link_surfaces.get(link, slipperiest)
             _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, surface, posed.pieces.get((link, i)))
     for i, (tip, surface) in enumerate(zip(posed.tips, surfaces, strict=True)):
         geom = tip_geom(tip)

@@ -28,6 +28,7 @@ DECOMPOSING = "decomposing a shape into convex pieces ..."
 MAX_LATERAL = 0.1  # largest lateral force of a weight, as a share of the upward force
 PUSH_START = 0.01  # share of the upward force below which the least force is that of a tool's push, no weight
 ISOTROPY = 1e-6  # relative tolerance of isotropic forces at one point
+SAME_POINT = 1e-6  # metres, of a lift's weight from its forces
 CENTRE_DISTANCE = 0.5  # largest distance of a weight from the centre of mass, as a share of half the body's diagonal
 UP = (0.0, 0.0, 1.0)  # first upward direction, body frame
 MIN_TILTS, MOST_CORNER = 4, 1.05  # corners of a tilt's part: at least; their largest force over the weight
@@ -40,6 +41,7 @@ _pieces: dict[bytes, list[FloatArray]] = {}  # of the last meshes: a simulation 
 MOST_CACHED = 64  # meshes
 
 Progress = Callable[[str], None]
+Vector = tuple[float, float, float]
 Size = Callable[[Json], Iterable[float]]
 PRIMITIVES: dict[str, tuple[str, Size]] = {
     "box": ("box", lambda body: np.asarray(body["extents"], float) / 2.0),
@@ -149,12 +151,15 @@ class ObjectMass:
         Upward directions in the body frame that the task goes through in turn, unit: one, or those of a tilt.
     is_default : bool
         Whether neither the task nor the user states a weight.
+    center : (3,) tuple, optional
+        Where the task's weight acts, metres, body frame; by default at the centre of the body's volume.
     """
 
     kilograms: float
     source: str
-    ups: tuple[tuple[float, float, float], ...] = (UP,)
+    ups: tuple[Vector, ...] = (UP,)
     is_default: bool = False
+    center: Vector | None = None
 
     @property
     def tilt(self) -> float:
@@ -165,10 +170,11 @@ class ObjectMass:
 def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
     """Return the mass of a solution's object: as given, else from the weight in the task, else a default.
 
-    A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, as in
-    ``ng.lift``, or if a part's corners are a weight at one point that turns away from that axis, as in ``ng.pour``. A
-    part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in ``ng.gravity``;
-    it counts if there is no other.
+    A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, or if a
+    part is that of ``ng.lift`` along another axis near the centre of mass, or if a part's corners are a weight at one
+    point that turns, as in ``ng.pour``. A part of isotropic forces at one point near the centre of mass is a weight in
+    any orientation, as in ``ng.gravity``; it counts if there is no other. The object's centre of mass is where the
+    task says that the weight acts; along an upright weight it is that of the body's volume.
 
     Parameters
     ----------
@@ -185,25 +191,79 @@ def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMa
         Without a grasp or a drawing, or if the density of water is used and the drawing has no volume.
     """
     parts = parts_of(solution.task) if solution.task.dimension == 6 else ()
-    turning = [found for part in parts if (found := _turning_weight(part)) is not None]
-    ups = tuple((float(x), float(y), float(z)) for x, y, z in turning[0][1]) if turning else (UP,)
-    if mass is not None:
-        return ObjectMass(mass, STATED, ups)
-    carried = sum(_carried_weight(part) for part in parts if _turning_weight(part) is None)
-    carried += sum(weight for weight, _ in turning)
+    weights = [found for part in parts if (found := _part_weight(part, solution)) is not None]
+    turning = [weight for weight in weights if len(weight.ups) > 1]
+    source = UPRIGHT
+    if not weights:
+        centred = [part for part in parts if part.is_centred]
+        forces = [force for part in centred if (force := _isotropic_force(part, solution)) is not None]
+        weights = [_Weight(size, np.array([UP]), point) for size, point in forces]
+        weights, source = sorted(weights, key=lambda weight: weight.newtons)[-1:], ANY_WAY
+    carried = sum(weight.newtons for weight in weights)
     if carried > 0.0:
-        return ObjectMass(carried / WEIGHT, UPRIGHT, ups)
-    isotropic = max((_isotropic_force(part, solution) for part in parts), default=0.0)
-    if isotropic > 0.0:
-        return ObjectMass(isotropic / WEIGHT, ANY_WAY)
+        middle = sum(weight.newtons * weight.point for weight in weights) / carried
+        center = _vector(middle + solution.require_grasp().torque_origin)
+        ups = tuple(map(_vector, (turning or weights)[0].ups))
+        return ObjectMass(*((mass, STATED) if mass is not None else (carried / WEIGHT, source)), ups, center=center)
+    if mass is not None:
+        return ObjectMass(mass, STATED)
     return otherwise or ObjectMass(solid_mass(solution.require_drawing().body, DENSITY).mass, OF_WATER, is_default=True)
 
 
-def _turning_weight(part: Task) -> tuple[float, FloatArray] | None:
-    """Return the weight, newtons, of a part that turns a body from upright, and the upward directions (m, 3) in turn.
+@dataclass(frozen=True)
+class _Weight:
+    """Weight of a part of a task: newtons, upward directions (m, 3) in turn, and its point from the torque origin."""
 
-    The part's corners are forces at one point, in small steps of direction, and the least of them is the weight: those
-    between contain the arc. None for other parts.
+    newtons: float
+    ups: FloatArray
+    point: FloatArray
+
+
+def _vector(values: FloatArray) -> Vector:
+    """Return three numbers as a tuple."""
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+def _part_weight(part: Task, solution: GraspSolution) -> _Weight | None:
+    """Return the weight that a part of a task carries upright, or turns; None if it carries none."""
+    turning = _turning_weight(part)
+    if turning is not None:
+        return turning
+    axes = np.eye(6)
+    largest, smallest = part.support(axes)[0], -part.support(-axes)[0]
+    wrench = 0.5 * (largest + smallest)
+    weight = float(np.linalg.norm(wrench[:3]))
+    if weight == 0.0 or not (_is_upright(wrench, smallest[2]) or _is_lift(part, wrench, solution)):
+        return None
+    up = wrench[:3] / weight if not _is_upright(wrench, smallest[2]) else np.array(UP)
+    middle = solid_mass(solution.require_drawing().body, DENSITY).center - solution.require_grasp().torque_origin
+    offset = np.cross(wrench[:3], wrench[3:] - np.cross(middle, wrench[:3])) / weight**2
+    return _Weight(float(wrench[:3] @ up), up[None], middle + offset)
+
+
+def _is_upright(wrench: FloatArray, least: float) -> bool:
+    """Return whether the middle of a part is a weight upright, given its least upward force.
+
+    A part that pushes from zero is a tool's push.
+    """
+    weight = float(wrench[2])
+    return weight > 0.0 and np.hypot(*wrench[:2]) <= MAX_LATERAL * weight and abs(least) > PUSH_START * weight
+
+
+def _is_lift(part: Task, wrench: FloatArray, solution: GraspSolution) -> bool:
+    """Return whether a part with a given middle is that of ``ng.lift``: isotropic forces and a weight at one point."""
+    found = _isotropic_force(part, solution)
+    return found is not None and bool(
+        np.linalg.norm(np.cross(found[1], wrench[:3]) - wrench[3:]) <= SAME_POINT * np.linalg.norm(wrench[:3])
+    )
+
+
+def _turning_weight(part: Task) -> _Weight | None:
+    """Return the weight of a part that turns a body from upright.
+
+    The part's corners are forces at one point, in small steps of direction away from the first, and the least of them
+    is the weight: those between contain the arc. None for other parts.
     """
     if not isinstance(part, TaskPolytope) or len(part.wrenches) < MIN_TILTS:
         return None
@@ -213,47 +273,34 @@ def _turning_weight(part: Task) -> tuple[float, FloatArray] | None:
     if weight <= 0.0 or np.max(sizes) > MOST_CORNER * weight:
         return None
     directions = forces / sizes[:, None]
-    directions = directions[np.argsort(-directions[:, 2], kind="stable")]
-    steps = np.sum(directions[1:] * directions[:-1], axis=1)
+    if np.max(directions[:, 2]) >= UPRIGHT_COSINE:
+        directions = directions[np.argsort(-directions[:, 2], kind="stable")]
+    steps, turned = np.sum(directions[1:] * directions[:-1], axis=1), directions @ directions[0]
     rows = -np.concatenate([np.cross(np.eye(3), force).T for force in forces])  # f x p
     point = np.linalg.lstsq(rows, -moments.ravel(), rcond=None)[0]
     errors = np.cross(point, forces) - moments
-    if directions[0, 2] < UPRIGHT_COSINE or np.min(steps) < STEP_COSINE or np.max(np.abs(errors)) > ISOTROPY * weight:
+    if np.max(np.diff(turned)) > ISOTROPY or np.min(steps) < STEP_COSINE or np.max(np.abs(errors)) > ISOTROPY * weight:
         return None
-    return weight, directions
+    return _Weight(weight, directions, point)
 
 
-def _carried_weight(part: Task) -> float:
-    """Return the weight, newtons, that a part of a task carries; 0 if it carries none.
+def _isotropic_force(part: Task, solution: GraspSolution) -> tuple[float, FloatArray] | None:
+    """Return the force, newtons, of a part of a task that is equal in all directions about its middle, and its point.
 
-    The weight is the upward force at the part's centre. A part that pushes from zero carries none.
+    The point is near the centre of mass, from the torque origin, metres. None for other parts.
     """
-    axes = np.eye(3, 6)
-    largest, smallest = part.support(axes)[0], -part.support(-axes)[0]
-    centre = 0.5 * (largest + smallest)
-    weight = float(centre[2])
-    if weight <= 0.0 or np.hypot(*centre[:2]) > MAX_LATERAL * weight or abs(smallest[2]) <= PUSH_START * weight:
-        return 0.0
-    return weight
-
-
-def _isotropic_force(part: Task, solution: GraspSolution) -> float:
-    """Return the force, newtons, of a part of a task that is equal in all directions near the centre of mass.
-
-    0 for other parts.
-    """
-    if not isinstance(part, TaskEllipsoid) or not part.is_centred:
-        return 0.0
+    if not isinstance(part, TaskEllipsoid):
+        return None
     forces, moments = part.axes[:, :3], part.axes[:, 3:]
     squares = forces.T @ forces
     square, drawing = float(np.trace(squares)) / 3.0, solution.require_drawing()
     if square == 0.0 or np.max(np.abs(squares - square * np.eye(3))) > ISOTROPY * square:
-        return 0.0
+        return None
     point, diagonal = _skew_vector(moments.T @ forces / square), drawing_size(drawing, None)
     if np.max(np.abs(moments - np.cross(point, forces))) > ISOTROPY * np.sqrt(square) * diagonal:
-        return 0.0
+        return None
     center = solid_mass(drawing.body, DENSITY).center - solution.require_grasp().torque_origin
-    return float(np.sqrt(square)) if np.linalg.norm(point - center) <= CENTRE_DISTANCE * diagonal else 0.0
+    return (float(np.sqrt(square)), point) if np.linalg.norm(point - center) <= CENTRE_DISTANCE * diagonal else None
 
 
 def _skew_vector(turning: FloatArray) -> FloatArray:

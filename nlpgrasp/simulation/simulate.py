@@ -27,7 +27,7 @@ AS_SOLVED, WEIGHTLESS, SLIPPERY = "as solved", "without gravity", f"friction {LE
 DISPLACED = f"contacts {1e3 * DISPLACEMENT:g} mm off"
 # finger forces
 MARGINS = np.arange(0.0, 0.41, 0.05)  # candidate friction margins, as shares
-FRICTION_EFFORT, GRIP_EFFORT = 0.90, 0.95  # usable shares of the effort; the rest holds the fingertips in place
+FRICTION_EFFORT, GRIP_EFFORT = 0.97, 0.99  # usable shares of the effort; the rest holds the fingertips in place
 # trials of task wrenches
 RISE, PAUSE, GROWTH, HOLD = 4.0, 4.0, 12.0, 10.0  # parts of a run, units of time
 SNAPSHOTS = 30  # snapshots of a run

@@ -17,6 +17,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.simulation.fingertip_model import FingertipModel
 from nlpgrasp.simulation.fingertip_scene import DENSITY, Mass, SceneOptions, dynamic_scales, mjcf, solid_mass
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import TaskPolytope
 
 EARTH = 9.81  # m / s^2, gravitational acceleration
 LEAST_MASS = 1e-6  # kilograms: least mass
@@ -93,12 +94,18 @@ def build_simulation_input(solution: GraspSolution, share: float, mass: float | 
 
 
 def boundary_wrenches(solution: GraspSolution, count: int) -> FloatArray:
-    """Return the task's hardest wrench and ``count`` ends, about the grasp's torque origin, (m, d)."""
+    """Return the task's hardest wrench and ``count`` ends, about the grasp's torque origin, (m, d).
+
+    Those of a polytope are spread over its corners: the last of a pour is its tilt.
+    """
     grasp, task, hardest = solution.require_grasp(), solution.task, solution.mu.worst_direction
     if hardest is None:
         hardest = mu(grasp, task, RTOL, force_budget=solution.budget).worst_direction
     ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
-    return np.array([*ends, *task.ends()[:count]])
+    others = task.ends()
+    if isinstance(task, TaskPolytope) and count < len(others):
+        others = others[np.linspace(len(others) - 1, 0, count).round().astype(int)[::-1]]
+    return np.array([*ends, *others[:count]])
 
 
 def _weight_wrench(grasp: Grasp, mass: Mass) -> FloatArray:

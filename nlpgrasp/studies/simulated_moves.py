@@ -21,7 +21,7 @@ from nlpgrasp.simulation.fingertip_scene import DENSITY, solid_mass
 from nlpgrasp.simulation.hand_protocol import DEFAULT_MASS, close_hand
 from nlpgrasp.simulation.hand_world import SETTLE, STRICT, TRAVEL, HandWorld, Motion
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_hand, position_gains
-from nlpgrasp.simulation.scene_object import object_mass
+from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
 from nlpgrasp.simulation.simulation_input import EARTH
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.fine_manipulation import FineManipulation
@@ -154,9 +154,8 @@ def simulate_moves(
     settings = replace(settings, mass=mass.kilograms)
     scene = mjcf_with_hand(plan.pick, urdf, settings)
     trials = list[MoveTrial]()
-    weight = mass.kilograms * EARTH
     for condition, friction in CONDITIONS.items():
-        for trial in _run_moves(plan, _PressingHand(plan.pick, hand, settings, weight), scene, condition, friction):
+        for trial in _run_moves(plan, _PressingHand(plan.pick, hand, settings, mass), scene, condition, friction):
             trials.append(trial)
             if not trial.held:
                 break
@@ -218,19 +217,19 @@ class _PressingHand:
         The first grasp.
     hand : URDFHand
     settings : HandSceneOptions
-    weight : float
-        Of the object, newtons.
+    mass : ObjectMass
     """
 
-    def __init__(self, picked: GraspSolution, hand: URDFHand, settings: HandSceneOptions, weight: float) -> None:
+    def __init__(self, picked: GraspSolution, hand: URDFHand, settings: HandSceneOptions, mass: ObjectMass) -> None:
         squeeze = picked.require_squeeze()
         self.hand, self._grasp = hand, picked.require_grasp()
         self._values: Values = {name: value.copy() for name, value in hand.values_of(picked.hand or {}).items()}
         self._joint_names = [joint.name for joint in hand.robot.free_joints]
         self._gains = position_gains(hand.robot, squeeze, settings.gain)
         self._normal_force = settings.normal_force or squeeze.normal_force
-        upwards = weight * np.eye(3)[-1]
-        arm = solid_mass(picked.require_drawing().body, DENSITY).center - self._grasp.torque_origin
+        upwards = mass.kilograms * EARTH * np.eye(3)[-1]
+        solid = solid_mass(picked.require_drawing().body, DENSITY)
+        arm = np.array(mass.center or solid.center.tolist()) - self._grasp.torque_origin
         self._wrench = np.concatenate([upwards, np.cross(arm, upwards)])
 
     def go_along(self, move: FingerMove) -> Iterator[Mapping[str, float]]:

@@ -13,6 +13,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.urdf_reader import urdf_inertials
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand, tip_geom
 from nlpgrasp.simulation.scene_object import (
@@ -132,6 +133,8 @@ def with_task(solution, task):
     return replace(solution, problem={**solution.problem, "task": task.at(solution.grasp.torque_origin).to_dict()})
 
 
+TURNS = 2.0 * np.pi * np.arange(16)[:, None] / 16
+RING = np.hstack([np.cos(TURNS), np.sin(TURNS), np.zeros((16, 4))])
 CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
 
 
@@ -145,12 +148,14 @@ CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
         (ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3, [0.0, 0.0, 1.962, 0.0, 0.0, 0.0]), 0.2, UPRIGHT),
         (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5), 0.4, UPRIGHT),
         (ng.pour([0.01, 0.0, 0.02], 0.4, [0.0, 1.0, 0.0], 0.5) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, UPRIGHT),
-        (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5, up=[0.0, 1.0, 0.0]), None, OF_WATER),
+        (ng.pour(CENTRE, 0.4, [1.0, 0.0, 0.0], 1.5, up=[0.0, 1.0, 0.0]), 0.4, UPRIGHT),
+        (ng.TaskPolytope(RING), None, OF_WATER),  # pushes all around turn no weight
         (ng.TaskPolytope(np.concatenate([np.eye(6), -np.eye(6)])), None, OF_WATER),
         (ng.gravity([0.005, 0.0, -0.002], 0.4), 0.4, ANY_WAY),
         (ng.gravity(CENTRE, 0.4) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, ANY_WAY),
         (ng.press(HEAD, UP, 15.0), None, OF_WATER),  # a push from nothing
-        (ng.lift(CENTRE, 0.4, up=[0.0, 1.0, 0.0]), None, OF_WATER),  # scenes are lifted along z
+        (ng.lift(CENTRE, 0.4, up=[0.0, 1.0, 0.0]), 0.4, UPRIGHT),
+        (ng.TaskEllipsoid([1.0, 2.0, 1.0, 0.02, 0.02, 0.02], [0.0, 9.0, 0.0, 0.0, 0.0, 0.0]), None, OF_WATER),
         (ng.disturbance(3.0, 0.0, HEAD), None, OF_WATER),  # forces far from the centre of mass
         (ng.disturbance(3.0, 0.01, CENTRE), None, OF_WATER),
         (ng.turn(UP, 0.4), None, OF_WATER),
@@ -173,6 +178,37 @@ def test_the_object_weighs_what_the_task_carries(held, task, kilograms, source):
 def test_the_scene_has_the_mass_that_the_task_carries(held):
     model, _ = load_model(mjcf_with_hand(with_task(held, ng.lift(CENTRE, 0.25)), HAND), "grasp")
     assert model.body("object").mass[0] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("task", "center", "up"),
+    [
+        (ng.lift([0.03, 0.01, 0.0], 0.25), [0.03, 0.01, 0.0], UP),
+        (ng.lift([0.03, 0.01, 0.0], 0.25) + ng.disturbance(2.0, 0.1, CENTRE), [0.03, 0.01, 0.0], UP),
+        (ng.lift([0.01, 0.0, 0.005], 0.25, up=[0.0, -1.0, 0.0]), [0.01, 0.0, 0.005], [0.0, -1.0, 0.0]),
+        (ng.pour([0.03, 0.0, 0.01], 0.25, [1.0, 0.0, 0.0], 1.5), [0.03, 0.0, 0.01], UP),
+        (ng.pour([0.03, 0.0, 0.01], 0.25, UP, 1.5, up=[1.0, 0.0, 0.0]), [0.03, 0.0, 0.01], [1.0, 0.0, 0.0]),
+        (ng.gravity([0.01, 0.0, -0.01], 0.25), [0.01, 0.0, -0.01], UP),
+    ],
+)
+@pytest.mark.parametrize("origin", [CENTRE, [0.2, -0.1, 0.05]])
+def test_the_weight_acts_where_the_task_has_it(held, task, center, up, origin):
+    """Whatever point moments are about; the file's torque origin is given, as that of its grasp."""
+    about = replace(held, problem={**held.problem, "task": task.at(origin).to_dict()})
+    about = replace(about, grasp=ng.Grasp(held.grasp.points, held.grasp.normals, held.grasp.contacts, origin))
+    weighed = object_mass(about, 0.7)
+    np.testing.assert_allclose(weighed.center, center, atol=1e-5)
+    np.testing.assert_allclose(weighed.ups[0], up, atol=1e-9)
+    model, _ = load_model(mjcf_with_hand(about, HAND), "grasp")
+    np.testing.assert_allclose(model.body("object").ipos, center, atol=1e-5)
+    assert model.body("object").mass[0] == pytest.approx(0.25)
+
+
+def test_links_beside_the_fingertips_have_no_more_friction(held):
+    """MuJoCo takes the larger friction of two geoms: one that nobody states would be 1."""
+    for factor in (1.0, 0.5):
+        model, _ = load_model(mjcf_with_hand(held, HAND, ng.HandSceneOptions(friction=factor)), "grasp")
+        assert np.max(model.geom_friction[:, 0]) == pytest.approx(0.7 * factor)
 
 
 def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, tmp_path):
@@ -320,12 +356,11 @@ def test_the_command_line_says_that_a_body_is_decomposed(held, tmp_path):
     assert result.stdout.startswith("written to ")
 
 
-@pytest.fixture(scope="module")
-def in_a_channel(tmp_path_factory):
-    """A cylinder between two fingers and between the walls of a palm whose hull contains it."""
-    folder = tmp_path_factory.mktemp("channel")
+def channel(folder, height):
+    """Return a cylinder held by two fingers over a palm with two walls, and the hand's file."""
     base = trimesh.creation.box([0.08, 0.16, 0.02])
-    walls = [trimesh.creation.box([0.004, 0.16, 0.06]).apply_translation([x, 0.0, 0.03]) for x in (-0.038, 0.038)]
+    wall = trimesh.creation.box([0.004, 0.16, height])
+    walls = [wall.copy().apply_translation([x, 0.0, 0.5 * height]) for x in (-0.038, 0.038)]
     trimesh.boolean.union([base, *walls]).export(folder / "palm.stl")
     path = two_fingers(folder, tip_frames=False)
     text = path.read_text()
@@ -335,6 +370,29 @@ def in_a_channel(tmp_path_factory):
     task = ng.lift([0.0, 0.0, 0.0], 0.2)
     problem = ng.GraspProblem(ng.Cylinder(0.02, 0.05), ng.SoftContact(0.7, 0.01), task, hand=hand, name="channel")
     return ng.solve(problem, starts=4, options=GRASP), path
+
+
+@pytest.fixture(scope="module")
+def in_a_channel(tmp_path_factory):
+    """The cylinder between walls of a palm whose hull contains it."""
+    return channel(tmp_path_factory.mktemp("channel"), 0.06)
+
+
+@pytest.mark.slow
+def test_a_hull_near_the_object_does_not_hold_it_where_no_link_is(tmp_path):
+    """The hull over the walls is 0.2 mm from the cylinder, the palm itself 14 mm: pushed on, it goes that far."""
+    solution, path = channel(tmp_path, 0.04)
+    model, data = load_model(mjcf_with_hand(solution, path), "grasp")
+    palm = [i for i in range(model.ngeom) if model.geom(i).name.startswith("hand_palm_0")]
+    assert len(palm) == 3  # base and walls
+    ends = np.zeros(6)
+    gap = min(mujoco.mj_geomDistance(model, data, i, model.geom("object").id, 0.1, ends) for i in palm)
+    frame = data.body("hand_palm")
+    cylinder = trimesh.Trimesh(solution.drawing.body.vertices, solution.drawing.body.faces)
+    points = (trimesh.sample.sample_surface(cylinder, 20000, seed=0)[0] - frame.xpos) @ frame.xmat.reshape(3, 3)
+    own = -np.max(read_robot(path, "palm").shapes["palm"][0].depth(points))  # of the mesh, by its signed distance
+    assert own > 0.012
+    assert gap == pytest.approx(own, abs=1e-3)
 
 
 @pytest.mark.slow

@@ -92,7 +92,7 @@ def simulated(box):
 @pytest.mark.slow
 def test_both_ends_of_the_certificate(simulated):
     assert simulated.confirmed, str(simulated)
-    assert 0.95 <= simulated.lost_at <= 1.05 * simulated.gap
+    assert 1.0 <= simulated.lost_at <= 1.05 * simulated.gap
     for condition in ("as solved", "without gravity"):
         assert len(simulated.of(condition)) == 3
         for trial in simulated.of(condition):
@@ -196,7 +196,7 @@ def test_the_answers_produce_the_wrenches_within_the_effort(box):
     wrenches = 0.8 * np.array([[5, 0, 0, 0, 0, 0], [0, 0, 0, 0, -0.2, 0], [0, 0, 10, 0, 0, 0]], float)
     loads = forces_for_wrenches(grasp, ("a", "b", "c"), wrenches, ng.budgets.L2Budget(), effort)
     np.testing.assert_allclose(loads.forces @ grasp.G.T, wrenches, atol=1e-6)
-    assert np.all(np.linalg.norm(loads.forces, axis=1) <= 0.95001 * effort)
+    assert np.all(np.linalg.norm(loads.forces, axis=1) <= 0.99001 * effort)
     assert np.all(loads.margins >= 0.0)
     grip = grip_forces(grasp, ng.budgets.L2Budget())
     np.testing.assert_allclose(grasp.G @ grip, 0.0, atol=1e-6)
@@ -302,9 +302,12 @@ def test_bad_input(box, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hexagon", "cube", "screwdriver", "filling_cup", "hammer", "power_grasp"])
 def test_the_problems_of_this_repository_are_confirmed(problems_folder, name):
-    """Every task wrench up to 0.8 of certified mu within 2 mm and 3 degrees; lost above the upper bound."""
+    """Every task wrench up to 0.8 of certified mu within 2 mm and 3 degrees; all that is certified is held.
+
+    A hand that keeps much of its effort back loses the hardest wrench before: at 0.981 for the hexagon.
+    """
     starts = VALUES[name][0]
     problem = load_problem(problems_folder / f"{name}.py")
     simulation = simulate(ng.solve(problem, starts, options=ng.SolveOptions()), wrenches=2)
     assert simulation.confirmed, str(simulation)
-    assert simulation.lost_at < 1.3
+    assert 1.0 <= simulation.lost_at < 1.3
