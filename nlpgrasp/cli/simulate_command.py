@@ -91,7 +91,7 @@ def _finish(simulation: ng.Simulation | ng.HandSimulation, picture: Path, as_jso
     """Print the path of the pictures, and exit with code 1 if the simulation contradicts the grasp."""
     if not as_json:
         typer.echo(f"pictures written to {picture}")
-    if not simulation.confirmed:
+    if simulation.verdict.startswith("NOT"):
         raise typer.Exit(1)
 
 

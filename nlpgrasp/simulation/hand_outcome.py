@@ -230,7 +230,7 @@ class HandSimulation:
             motion = "" if lost.whole.gone else f" ({lost.whole})"
             return f"NOT confirmed: lost {'when' if lost.is_lift else 'at'} {lost.label}{motion}"
         if not self.control_lost:
-            return "NOT confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
+            return "held, not confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
         reach = (
             "" if self.share >= self.asked else f" to {format_number(self.share, 3)} of the task, not {self.asked:g}"
         )
