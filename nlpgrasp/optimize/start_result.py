@@ -183,7 +183,7 @@ class StartGrasp(StartResult):
         budget = budget_at(problem, candidate)
         tight = mu(self.on_body.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
         upper = min(tight, previous, key=lambda bounds: bounds.upper)  # with the direction that it is of
-        bounds = replace(upper, lower=max(tight.lower, previous.lower), limit=tight.limit)
+        bounds = replace(upper, lower=max(tight.lower, previous.lower), limit=tight.limit, trust=tight.trust)
         return replace(self, record=replace(self.record, mu=bounds))
 
 

@@ -113,6 +113,8 @@ class StackBounds:
         As in ``Bounds``.
     limits : tuple of b str
         As ``limit`` in ``Bounds``, one entry per grasp; empty if no interval is wider than the tolerance.
+    trusts : tuple of b str
+        As ``trust`` in ``Bounds``, likewise.
     """
 
     lower: FloatArray
@@ -122,6 +124,7 @@ class StackBounds:
     kind: str = ""
     task_beta: float | None = None
     limits: tuple[str, ...] = ()
+    trusts: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, bounds: Sequence[Bounds]) -> StackBounds:
@@ -137,6 +140,7 @@ class StackBounds:
             bounds[0].kind if bounds else "",
             bounds[0].task_beta if bounds else None,
             tuple(b.limit for b in bounds) if any(b.limit for b in bounds) else (),
+            tuple(b.trust for b in bounds) if any(b.trust for b in bounds) else (),
         )
 
     def __len__(self) -> int:
@@ -145,9 +149,9 @@ class StackBounds:
     def __getitem__(self, index: int) -> Bounds:
         y = self.worst_directions[index]
         direction = None if not y.size or np.isnan(y).any() else y
-        limit = self.limits[index] if self.limits else ""
+        limit, trust = (texts[index] if texts else "" for texts in (self.limits, self.trusts))
         scale, lower, upper = self.torque_scale, float(self.lower[index]), float(self.upper[index])
-        bounds = Bounds(lower, upper, direction, torque_scale=scale, limit=limit)
+        bounds = Bounds(lower, upper, direction, torque_scale=scale, limit=limit, trust=trust)
         return bounds.of_measure(self.kind, self.task_beta)
 
     def __iter__(self) -> Iterator[Bounds]:

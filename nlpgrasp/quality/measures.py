@@ -22,7 +22,6 @@ from nlpgrasp.quality.stack_certificates import certify_side_by_side
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
 
-ROUNDING = 1e-9  # relative guard against rounding
 FINEST = 5e-3  # least relative width for certificates side by side: narrower ones need many vertices
 
 
@@ -137,7 +136,8 @@ def bound_in_closed_form(wrenches: WrenchSet, task: Task) -> Bounds | None:
     """Return bounds on mu where wrench set and task are centred ellipsoids, else None.
 
     mu is then the least ``|G^T y| / |L^T y|``. With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest
-    singular value of ``L^T U S^-1``; for a ball of wrenches the smallest singular value of G.
+    singular value of ``L^T U S^-1``; for a ball of wrenches the smallest singular value of G. Singular values are off
+    by at most a few ``d eps`` times the largest (Golub and Van Loan 2013, Section 8.6): the guard counts dozens.
     """
     if not (wrenches.is_ellipsoid and isinstance(task, TaskEllipsoid)):
         return None
@@ -149,7 +149,7 @@ def bound_in_closed_form(wrenches: WrenchSet, task: Task) -> Bounds | None:
         return None
     _, values, right = np.linalg.svd((task.axes / scales) @ U / S)
     direction = (U @ (right[0] / S)) / scales
-    guard = ROUNDING + 1e-14 * S[0] / S[-1]
+    guard = 1e-14 * len(U) * (S[0] + np.linalg.norm(task.axes / scales) / values[0]) / S[-1]
     ratio = float(1.0 / values[0])
     return Bounds(float(ratio * (1.0 - guard)), float(ratio * (1.0 + guard)), direction / np.linalg.norm(direction))
 

@@ -124,7 +124,9 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
     unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(corners), axis=(0, 1))))
     planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
     lower = provable_lower(wrenches, forces, centre, cells, planes, task)
-    upper, above = provable_upper(wrenches, domain, problem.to_wrench_direction(state.worst), task, state.upper)
+    upper, above = provable_upper(
+        wrenches, domain, problem.to_wrench_direction(state.worst), task, state.upper * (1.0 + 1e-3 * rtol)
+    )
     ordered = np.sort(cells, axis=1)
     ordered = ordered[np.lexsort(ordered.T[::-1])]
     return IntervalProof(claim, Bounds(lower, upper), above, variables, centre, ordered)

@@ -137,7 +137,9 @@ def provable_upper(
     reach = float(task.support(y[None])[0][0])
     reach -= LOSS * 4 * len(y) * float(_reach_of_sizes(task, np.abs(y[None]))[0])
     least, proof = np.inf, None
-    for margin in (1e-9, 1e-11, 1e-13, 1e-8, 1e-7, 1e-6, 1e-5):
+    for margin in (1e-9, 1e-10, 3e-11, 1e-11, 3e-12, 1e-8, 1e-7, 1e-6, 1e-5):
+        if least <= target or (least < np.inf and margin > 1e-9):
+            break
         axes = np.zeros(len(M))
         axes[starts] = margin
         program = clarabel.DefaultSolver(
@@ -159,8 +161,6 @@ def provable_upper(
         upper = float(constants @ s + np.abs(constants) @ (error + terms * np.abs(s))) / reach * (1.0 + LOSS)
         if upper < least:
             least, proof = upper, UpperProof(y, s, pivots)
-        if least <= target:
-            break
     return least, proof or UpperProof(y, s, pivots)
 
 

@@ -64,8 +64,7 @@ class Quality:
             "kind": self.kind,
             "worst_direction": to_json(self.mu.worst_direction),
         }
-        if self.mu.limit:
-            mu["limit"] = self.mu.limit
+        mu |= {name: text for name in ("limit", "trust") if (text := getattr(self.mu, name))}
         if self.mu.task_beta not in (None, 1.0):
             mu["beta"] = to_json(self.mu.beta)
         data = {
@@ -116,7 +115,7 @@ def _read_mu(data: Json, dimension: int | None, name: str) -> Bounds:
         if not np.any(direction):
             raise InputError(f"{name}.worst_direction", "zero", "a direction")
     bounds = Bounds.from_dict({"lower": data["lower"], "upper": data["upper"]}, name)
-    return replace(bounds, worst_direction=direction, limit=data.get("limit", ""))
+    return replace(bounds, worst_direction=direction, limit=data.get("limit", ""), trust=data.get("trust", ""))
 
 
 def format_quality(quality: Quality, task_beta: float | None, budget: ForceBudget) -> list[str]:
