@@ -16,7 +16,7 @@ from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp, GraspStack
-from nlpgrasp.quality.sandwich import sandwich
+from nlpgrasp.quality.sandwich import NO_WORK, sandwich
 from nlpgrasp.quality.screening import fixed_force_set
 from nlpgrasp.quality.stack_certificates import certify_side_by_side
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
@@ -128,7 +128,7 @@ def _certify(
         return exact
     problem, proof = make_containment(wrenches, task)
     if problem is None:
-        return Bounds(0.0, 0.0, proof)
+        return Bounds(0.0, 0.0, proof, trust=NO_WORK)
     return sandwich(problem, rtol, seed, deadline)
 
 
