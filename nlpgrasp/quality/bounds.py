@@ -62,6 +62,12 @@ class Bounds:
         """Relative width ``(upper - lower) / upper`` of the interval; 0 when both are 0."""
         return (self.upper - self.lower) / self.upper if self.upper > 0.0 else 0.0
 
+    def reciprocal(self, scale: float = 1.0) -> Bounds:
+        """Return the interval of ``scale`` over a value that is at least 0, rounded outwards."""
+        lower = float(np.nextafter(scale / self.upper, 0.0)) if self.upper > 0.0 else np.inf
+        upper = float(np.nextafter(scale / self.lower, np.inf)) if self.lower > 0.0 else np.inf
+        return Bounds(lower, upper, trust=self.trust)
+
     def of_measure(self, kind: str, task_beta: float | None = None) -> Self:
         """Return a copy labelled with a measure and, if any, the paper's task scale."""
         return replace(self, kind=kind, task_beta=task_beta)

@@ -50,4 +50,4 @@ def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: floa
     quality = mu(weaker, task, rtol, force_budget=BUDGET, seed=seed)
     if quality.lower <= 0.0 or not can_press(weaker):
         return NO_FORCE
-    return Bounds(0.5 / quality.upper, 0.5 / quality.lower)
+    return quality.reciprocal(0.5)

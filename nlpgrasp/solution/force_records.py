@@ -132,8 +132,7 @@ class ForcesNeeded:
         """
         size = np.linalg.norm(forces, axis=1)
         largest = np.max([size, *(np.linalg.norm(f, axis=1) for f in others)], axis=0)
-        budget = Bounds(float(np.nextafter(1.0 / mu.upper, 0.0)), float(np.nextafter(1.0 / mu.lower, np.inf)))
-        return cls(wrench, forces, moments, np.sum(forces * grasp.normals, axis=1), size, largest, budget)
+        return cls(wrench, forces, moments, np.sum(forces * grasp.normals, axis=1), size, largest, mu.reciprocal())
 
     @property
     def total(self) -> float:
