@@ -105,13 +105,15 @@ static void check_upper(double upper) {
     need(!pivot[r]++ && !done[v], "a pivot twice", p);
     for (const Entry *e = cone; e < cone + coned; e++) {
       need(e->row != r || e->col == U || !done[e->col], "pivots out of order", p);
-      if (e->row == r && e->col == v && own == 0) own = e->x; else if (e->col == v) b[v] = add(b[v], mul(pt(e->x), s[e->row]));
+      if (e->row == r && e->col == v) { need(own == 0, "a pivot of two entries", p); own = e->x; }
+      else if (e->col == v) b[v] = add(b[v], mul(pt(e->x), s[e->row]));
     }
     need(own != 0, "a pivot of zero", p); done[v] = 1; s[r] = mul(b[v], in(-1 / own, -1 / own));
   }
   need(are_in_cones(s), "a multiplier is outside its cone", 0);
   EACH(e, coned) if (cone[e].col == U) total = add(total, mul(pt(cone[e].x), s[cone[e].row]));
-  need(total.hi <= mul(pt(upper), pt(fmax(0, reach(y).lo))).lo, "the upper bound", 0);
+  double least = reach(y).lo;
+  need(least > 0 && total.hi <= mul(pt(upper), pt(least)).lo, "the upper bound", 0);
 }
 static void inverse(double M[6][12], double B[6][6]) { /* Gauss-Jordan; nothing depends on its being exact */
   EACH(c, d) {

@@ -34,16 +34,18 @@ def check(data: bytes) -> tuple[float, float]:
     NotProvedError
         With the first step that does not hold.
     """
-    proof = _Proof(data)
-    proof.check_upper()
-    if proof.lower > 0.0:
+    try:
+        proof = _Proof(data)
+        proof.check_upper()
         proof.check_lower()
+    except (OverflowError, ValueError):  # of directions in floating point
+        raise NotProvedError("numbers too large") from None
     return proof.lower, proof.upper
 
 
 class _Proof:
     def __init__(self, data: bytes) -> None:
-        end = data.find(b"\nlower ")
+        end = data.find(b"\nlower")
         end = data.find(b"\n", end + 1) if end >= 0 else -1
         if end < 0:
             raise NotProvedError("the file ends")
@@ -111,7 +113,8 @@ class _Proof:
             own = Fraction(0)
             for row, column, x in self.cone:
                 _require(row != r or column not in done, "pivots out of order")
-                if column == v and row == r and own == 0:
+                if column == v and row == r:
+                    _require(own == 0, "a pivot of two entries")
                     own = x
                 elif column == v:
                     need[v] += x * s[row]
@@ -126,6 +129,8 @@ class _Proof:
     def check_lower(self) -> None:
         """Check the lower bound: the scaled task is inside a polytope of wrenches that admissible forces exert."""
         self._expect("lower")
+        if self.lower == 0.0:
+            return
         centre = self._wrench()
         count, cells_count = self._count(self.d + 1, 2**20), self._count(self.d + 1, 2**24)
         size = 8 * self.count
@@ -179,7 +184,7 @@ class _Proof:
         for is_polytope, rows in self.task:
             work = [_dot(y, row) for row in rows]
             reach += max(work) if is_polytope else work[0] + _root(sum(w * w for w in work[1:]), up=False)
-        return total <= Fraction(upper) * max(reach, Fraction(0))
+        return reach > 0 and total <= Fraction(upper) * reach
 
     def _cells(self, data: bytes, count: int, cells_count: int) -> list[tuple[int, ...]]:
         position = 0
