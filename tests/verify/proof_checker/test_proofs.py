@@ -108,7 +108,7 @@ def test_edited_files_are_refused_with_the_step(tmp_path: Path) -> None:
             assert not ng.check_proof(path, checker), name
     rng = np.random.default_rng(0)
     start = data.find(b"\n", data.find(b"\nlower ") + 1) + 1
-    for _ in range(40):  # cells and forces: a changed bit may leave a true proof, of the same interval
+    for _ in range(40):  # forces: a changed bit may leave a true proof, of the same interval
         edited = bytearray(data)
         edited[rng.integers(start, len(data))] ^= 1 << int(rng.integers(0, 8))
         path.write_bytes(edited)
