@@ -1,4 +1,4 @@
-"""Proof of a lower bound on mu: the forces behind the vertices of the inner polytope, and its cells.
+"""Proof of bounds on mu: the forces behind the vertices of the inner polytope, and multipliers along one direction.
 
 The file (docs/proof_format.md) states contacts, force domain and task, and stands alone: a checker that shares no code
 with this package verifies it (``verify/proof_checker``). The force domain is stated once, as second-order cones of
@@ -16,7 +16,7 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.files import write_bytes
-from nlpgrasp.common.validation import FloatArray, IntArray, number
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
@@ -41,29 +41,24 @@ class IntervalProof:
         Of mu, as proved.
     above : UpperProof
     variables : (v, l) array
-        Of the forces that exert the vertices of the inner polytope.
-    centre : (d,) array
-        Wrench inside the polytope.
-    cells : (f, d) array
-        Vertices of its cells, ascending in each row, rows in lexicographic order.
+        Of the forces that exert the vertices of the inner polytope; those of the first d + 1 are a simplex around its
+        centre.
     """
 
     claim: str
     bounds: Bounds
     above: UpperProof
     variables: FloatArray
-    centre: FloatArray
-    cells: IntArray
 
     def to_bytes(self) -> bytes:
-        """Return the proof file: text, then little-endian doubles and prefix-coded cells."""
+        """Return the proof file: text, then little-endian doubles."""
         pivots = " ".join(f"{row} {variable}" for row, variable in self.above.pivots)
         text = (
             f"{self.claim}bounds {self.bounds.lower!r} {self.bounds.upper!r}\n"
             f"upper {_wrenches(self.above.direction)} {_numbers(self.above.multipliers)} {pivots}\n"
-            f"lower {_wrenches(self.centre)} {len(self.variables)} {len(self.cells)}\n"
+            f"lower {len(self.variables)}\n"
         )
-        return text.encode("ascii") + self.variables.astype("<f8").tobytes() + _pack(self.cells)
+        return text.encode("ascii") + self.variables.astype("<f8").tobytes()
 
 
 def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2") -> str:
@@ -118,18 +113,9 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
     domain = ForceCones.of(wrenches)
     forces, cells = state.hull.vertices()
     variables = domain.into(domain.variables(forces))
-    centre = np.asarray(np.linalg.solve(problem.matrix, state.hull.centre), dtype=np.float64)
-    forces = variables @ domain.lift.T
-    corners = (forces @ wrenches.G.T - centre)[cells]  # planes as a checker finds them
-    unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(corners), axis=(0, 1))))
-    planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
-    lower = provable_lower(wrenches, forces, centre, cells, planes, task)
-    upper, above = provable_upper(
-        wrenches, domain, problem.to_wrench_direction(state.worst), task, state.upper * (1.0 + 1e-3 * rtol)
-    )
-    ordered = np.sort(cells, axis=1)
-    ordered = ordered[np.lexsort(ordered.T[::-1])]
-    return IntervalProof(claim, Bounds(lower, upper), above, variables, centre, ordered)
+    lower = provable_lower(wrenches, variables @ domain.lift.T, cells, None, task)
+    upper, above = provable_upper(wrenches, domain, problem.to_wrench_direction(state.worst), task)
+    return IntervalProof(claim, Bounds(lower, upper), above, variables)
 
 
 def write_proof(
@@ -146,7 +132,7 @@ def write_proof(
     path : str or Path
         File to write, for example ``grasp.proof``.
     rtol : float
-        Relative width of the interval. The file is some 100 kB at 0.01 for four fingers, 20 kB at 0.05.
+        Relative width of the interval. The file is some 60 kB at 0.01 for four fingers, 30 kB at 0.05.
     force_budget : str or ForceBudget
         As for ``ng.mu``.
 
@@ -189,22 +175,3 @@ def _sparse(matrix: FloatArray) -> str:
     rows, columns = np.nonzero(matrix)
     entries = (f"{r} {c} {float(matrix[r, c])!r}" for r, c in zip(rows, columns, strict=True))
     return f"{len(rows)} {' '.join(entries)}"
-
-
-def _pack(cells: IntArray) -> bytes:
-    """Return cells as bytes: the number of indices shared with the row before, then steps as base-128 numbers."""
-    packed = bytearray()
-    previous: list[int] = []
-    for cell in cells.tolist():
-        same = next((i for i, (a, b) in enumerate(zip(cell, previous, strict=False)) if a != b), 0)
-        if previous:
-            packed.append(same)
-        last = cell[same - 1] if same else -1
-        for index in cell[same:]:
-            step, last = index - last - 1, index
-            while step >= 128:
-                packed.append(step & 127 | 128)
-                step >>= 7
-            packed.append(step)
-        previous = cell
-    return bytes(packed)

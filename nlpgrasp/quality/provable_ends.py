@@ -119,76 +119,89 @@ class UpperProof:
     pivots: tuple[tuple[int, int], ...]
 
 
-def provable_upper(
-    wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: Task, target: float
-) -> tuple[float, UpperProof]:
+def provable_upper(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: Task) -> tuple[float, UpperProof]:
     """Return an upper bound on mu along a direction (d,), and its proof by weak duality; infinite if none is found.
 
-    With s in the dual of the cones and ``b + M^T s = 0``, ``b = A^T G^T y``: ``phi_W(y) <= <s, constants>``. The conic
-    program has its cones narrowed by a margin, so that multipliers of pivot rows may be recomputed with rounding; of
-    several margins the first counts with a bound below ``target``, else the one with the least.
+    With s in the dual of the cones and ``b + M^T s = 0``, ``b = A^T G^T y``: ``phi_W(y) <= <s, constants>``. A conic
+    program finds s; the equations hold exactly when pivot rows are computed from the others. Where s is then outside a
+    cone by rounding, multipliers that are well inside all of them and fulfil the equations with b = 0 are added.
     """
     M = np.concatenate(domain.cones)
     rows, constants, terms = M[:, :-1], M[:, -1], LOSS * (M.shape[1] + len(M))
     b = domain.lift.T @ (wrenches.G.T @ y)
     error_of_b = LOSS * (sum(wrenches.G.shape) + len(b)) * (np.abs(domain.lift).T @ (wrenches.sizes.T @ np.abs(y)))
-    starts = np.cumsum([0] + [len(cone) for cone in domain.cones[:-1]])
-    pivots, size = _pivots(domain), max(float(np.max(np.abs(b))), 1e-300)
-    reach = float(task.support(y[None])[0][0])
-    reach -= LOSS * 4 * len(y) * float(_reach_of_sizes(task, np.abs(y[None]))[0])
-    least, proof = np.inf, None
-    for margin in (1e-9, 1e-10, 3e-11, 1e-11, 3e-12, 1e-8, 1e-7, 1e-6, 1e-5):
-        if least <= target or (least < np.inf and margin > 1e-9):
-            break
-        axes = np.zeros(len(M))
-        axes[starts] = margin
-        program = clarabel.DefaultSolver(
-            sparse.csc_matrix((rows.shape[1],) * 2), -(b / size + rows.T @ axes), sparse.csc_matrix(-rows),
-            constants, [cone_of(cone) for cone in domain.cones], quiet_settings(1e-11, 0.99),
-        )  # fmt: skip
-        s, error = (np.array(program.solve().z) + axes) * size, np.zeros(len(M))
+    size, pivots = max(float(np.max(np.abs(b))), 1e-300), _pivots(domain)
+    no_squares, left = sparse.csc_matrix((rows.shape[1],) * 2), sparse.csc_matrix(-rows)
+    cones, settings = [cone_of(cone) for cone in domain.cones], quiet_settings(1e-11, 0.99)
+
+    def dual(cost: FloatArray) -> FloatArray:
+        program = clarabel.DefaultSolver(no_squares, cost, left, constants, cones, settings)
+        return np.array(program.solve().z)
+
+    s, error, inward = dual(-b / size) * size, np.zeros(len(M)), None
+    ends = np.cumsum([len(cone) for cone in domain.cones])
+    starts = ends - [len(cone) for cone in domain.cones]
+    is_constant = ~np.any(rows[starts], axis=1)  # cones whose axes are in no equation
+    upper = np.inf
+    for attempt in range(8):
         for r, v in pivots:
-            pivot, column = rows[r, v], rows[:, v].copy()
+            column = rows[:, v].copy()
             column[r] = 0.0
-            s[r] = -(b[v] + column @ s) / pivot
-            error[r] = (error_of_b[v] + np.abs(column) @ (error + terms * np.abs(s))) / abs(pivot) + terms * abs(s[r])
-        slack = [
-            s[a] - error[a] - np.linalg.norm(np.abs(s[a + 1 : e]) + error[a + 1 : e]) * (1.0 + terms)
-            for a, e in zip(starts, np.append(starts[1:], len(M)), strict=True)
-        ]
-        if not (min(slack) > 0.01 * margin * size and reach > 0.0):
-            continue
-        upper = float(constants @ s + np.abs(constants) @ (error + terms * np.abs(s))) / reach * (1.0 + LOSS)
-        if upper < least:
-            least, proof = upper, UpperProof(y, s, pivots)
-    return least, proof or UpperProof(y, s, pivots)
+            s[r] = -(b[v] + column @ s) / rows[r, v]
+            error[r] = (error_of_b[v] + np.abs(column) @ (error + terms * np.abs(s))) / abs(rows[r, v])
+            error[r] += terms * abs(s[r])
+        tails = (np.abs(s[a + 1 : e]) + error[a + 1 : e] for a, e in zip(starts, ends, strict=True))
+        least = np.array([np.linalg.norm(tail) * (1.0 + terms) for tail in tails]) + error[starts]
+        s[starts[is_constant]] = least[is_constant] * (1.0 + terms)
+        missing = least - s[starts]
+        if np.all(missing <= 0.0):
+            reach = float(task.support(y[None])[0][0])
+            reach -= LOSS * 4 * len(y) * float(_reach_of_sizes(task, np.abs(y[None]))[0])
+            largest = float(constants @ s + np.abs(constants) @ (error + terms * np.abs(s)))
+            upper = largest / reach * (1.0 + LOSS) if reach > 0.0 else np.inf
+            break
+        if inward is None:
+            axes = np.zeros(len(M))
+            axes[starts] = 1.0
+            inward = dual(-rows.T @ axes) + axes
+        s += 4.0**attempt * float(np.max(missing)) * inward
+    return upper, UpperProof(y, s, pivots)
 
 
 def provable_lower(
-    wrenches: WrenchSet, forces: FloatArray, centre: FloatArray, cells: IntArray, planes: FloatArray, task: Task
+    wrenches: WrenchSet, forces: FloatArray, cells: IntArray, planes: FloatArray | None, task: Task
 ) -> float:
     """Return the largest multiple of a task that provably fits the half-spaces of cells around a centre.
+
+    The centre c is the mean of the first d + 1 vertices; a cell's half-space is ``<a, w - c> <= h``, where h is the
+    least ``<a, v - c>`` of its vertices.
 
     Parameters
     ----------
     wrenches : WrenchSet
     forces : (v, n) array
         Admissible finger forces, which exert the vertices.
-    centre : (d,) array
     cells : (f, d) array
         Vertices of each cell.
-    planes : (f, d) array
-        Rows a, any: of a cell the half-space is ``{x : <a, x - centre> <= least <a, v - centre> of its vertices}``.
+    planes : (f, d) array or None
+        Rows a, any; None for those of ``<a, v - c> = 1`` at the vertices.
     task : Task
     """
     d, n = wrenches.G.shape
-    vertices = forces @ wrenches.G.T - centre
+    vertices = forces @ wrenches.G.T
+    centre = np.mean(vertices[: d + 1], axis=0)
+    vertices -= centre
     error = LOSS * (d + n) * (np.abs(forces) @ wrenches.sizes.T + np.abs(centre)) + LOSS * d * np.abs(vertices)
+    corners = vertices[cells]
+    if planes is None:
+        unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(vertices), axis=0)))
+        planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
     size = np.abs(planes)
-    heights = np.min(np.einsum("fvd,fd->fv", vertices[cells], planes), axis=1) - size @ np.max(error, axis=0)
-    offsets = heights + planes @ centre - LOSS * (2 + d) * (size @ np.abs(centre) + 1.0)
+    # the largest error of all vertices is eightfold, and so counts for a vertex and for the centre
+    heights = np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1) - size @ np.max(error, axis=0)
     if not np.min(heights) > 0.0:
         return 0.0
+    offsets = heights + planes @ centre - LOSS * (2 + d) * (size @ np.abs(centre) + 1.0)
     reach = task.support(planes)[0] + LOSS * 4 * d * _reach_of_sizes(task, size)
     return held_multiple(offsets, reach, LOSS)
 

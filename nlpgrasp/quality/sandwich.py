@@ -97,14 +97,14 @@ def sandwich(
     if problem.rank == 1:
         ends = state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding)
         return Bounds(*ends, direction, trust=FLAT_WRENCHES)
-    lower, upper, trust = _ends(problem, state, direction, rtol)
+    lower, upper, trust = _ends(problem, state, direction)
     if lower <= 0.0 and (proof := _separate_task(problem, state.worst)) is not None:
         return Bounds(0.0, 0.0, problem.to_wrench_direction(proof), trust=NO_WORK)
     is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
     return Bounds(lower, upper, direction, limit="" if is_narrow else state.limit, trust=trust)
 
 
-def _ends(problem: Containment, state: Sandwich, y: FloatArray, rtol: float) -> tuple[float, float, str]:
+def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str]:
     """Return both ends as they hold in real arithmetic, and what they rest on besides."""
     trust = []
     wrenches, task = problem.given
@@ -112,7 +112,7 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray, rtol: float) -> 
     if any(part.support_rows() is None for part in parts_of(task)):
         trust.append(OWN_SUPPORT)
     domain = ForceCones.of(wrenches)
-    upper, _ = provable_upper(wrenches, domain, y, task, state.upper * (1.0 + 1e-3 * rtol))
+    upper, _ = provable_upper(wrenches, domain, y, task)
     if not upper < np.inf:
         upper = state.upper * (1.0 + problem.rounding)
         trust.append(SUPPORT)
@@ -126,8 +126,7 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray, rtol: float) -> 
         trust.append(CORNERS)
     else:
         forces = domain.into(forces)
-    centre = np.asarray(np.linalg.solve(matrix, state.hull.centre), dtype=np.float64)
-    lower = provable_lower(wrenches, forces, centre, cells, state.hull.cell_planes() @ matrix, task)
+    lower = provable_lower(wrenches, forces, cells, state.hull.cell_planes() @ matrix, task)
     return min(lower, upper), upper, "; ".join(trust)
 
 

@@ -73,7 +73,10 @@ def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None)
         raise InputError(f"proof ({path})", error.strerror, "a proof file that can be read") from None
     program = None if checker == "python" else _program()
     if program is not None:
-        done = subprocess.run([program], input=data, capture_output=True, timeout=TIME_LIMIT, check=False)  # noqa: S603
+        try:
+            done = subprocess.run([program], input=data, capture_output=True, timeout=TIME_LIMIT, check=False)  # noqa: S603
+        except subprocess.TimeoutExpired:
+            return CheckedProof(0.0, float("inf"), f"the checker took more than {TIME_LIMIT:g} s", "c")
         answer = PROVED.fullmatch(done.stdout.decode("ascii", "replace"))
         if done.returncode == 0 and answer is not None:
             return CheckedProof(float(answer[1]), float(answer[2]), "", "c")

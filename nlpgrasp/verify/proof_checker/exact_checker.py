@@ -1,4 +1,4 @@
-"""Checker of proofs in exact rational arithmetic: the same five steps as ``checker.c``, slowly, in plain Python.
+"""Checker of proofs in exact rational arithmetic: the same steps as ``checker.c``, slowly, in plain Python.
 
 It imports nothing of this package, so that it may be copied and read on its own: ``python exact_checker.py < F.proof``.
 Every double in a proof is a fraction with a power of two below; sums and products of them are exact.
@@ -10,8 +10,10 @@ import math
 import struct
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
+from itertools import combinations
+from operator import mul
 
 Vector = list[Fraction]
 Sparse = list[tuple[int, int, Fraction]]
@@ -34,16 +36,18 @@ def check(data: bytes) -> tuple[float, float]:
     NotProvedError
         With the first step that does not hold.
     """
-    proof = _Proof(data)
-    proof.check_upper()
-    if proof.lower > 0.0:
+    try:
+        proof = _Proof(data)
+        proof.check_upper()
         proof.check_lower()
+    except (OverflowError, ValueError):  # of directions in floating point
+        raise NotProvedError("numbers too large") from None
     return proof.lower, proof.upper
 
 
 class _Proof:
     def __init__(self, data: bytes) -> None:
-        end = data.find(b"\nlower ")
+        end = data.find(b"\nlower")
         end = data.find(b"\n", end + 1) if end >= 0 else -1
         if end < 0:
             raise NotProvedError("the file ends")
@@ -104,21 +108,19 @@ class _Proof:
         for row, column, x in self.lift:
             need[column] += x * _dot(self.G[row], y)
         done: set[int] = set()
-        pivots: set[int] = set()
         for _ in range(self.count):
             r, v = self._count(0, rows - 1), self._count(0, self.count - 1)
-            _require(r not in pivots and v not in done, "a pivot twice")
             own = Fraction(0)
             for row, column, x in self.cone:
                 _require(row != r or column not in done, "pivots out of order")
-                if column == v and row == r and own == 0:
+                if column == v and row == r:
+                    _require(own == 0, "a pivot of two entries")
                     own = x
                 elif column == v:
                     need[v] += x * s[row]
             _require(own != 0, "a pivot of zero")
             s[r] = -need[v] / own
             done.add(v)
-            pivots.add(r)
         _require(self._are_in_cones(s), "a multiplier is outside its cone")
         total = sum((x * s[row] for row, column, x in self.cone if column == self.count), Fraction(0))
         _require(self._is_reached(y, total, self.upper), "the upper bound")
@@ -126,37 +128,25 @@ class _Proof:
     def check_lower(self) -> None:
         """Check the lower bound: the scaled task is inside a polytope of wrenches that admissible forces exert."""
         self._expect("lower")
-        centre = self._wrench()
-        count, cells_count = self._count(self.d + 1, 2**20), self._count(self.d + 1, 2**24)
-        size = 8 * self.count
-        _require(len(self._binary) >= count * size, "the file ends")
-        vertices = []
+        if self.lower == 0.0:
+            return
+        count = self._count(self.d + 1, 2**20)
+        _require(len(self._binary) == 8 * count * self.count, "the file ends, or goes on")
+        points = []
         for p in range(count):
-            u = struct.unpack_from(f"<{self.count}d", self._binary, p * size)
+            u = struct.unpack_from(f"<{self.count}d", self._binary, 8 * p * self.count)
             _require(all(map(math.isfinite, u)), "no number")
-            vertices.append(self._vertex([*map(Fraction, u)], centre))
-        cells = self._cells(self._binary[count * size :], count, cells_count)
-        ridges = Counter(cell[:i] + cell[i + 1 :] for cell in cells for i in range(self.d))
-        _require(all(times % 2 == 0 for times in ridges.values()), "a ridge of an odd number of cells")
-        ray = [sum(column, Fraction(0)) for column in zip(*(vertices[i] for i in cells[0]), strict=True)]
-        for t, cell in enumerate(cells):
-            corners = [vertices[i] for i in cell]
-            inverse = _inverse([[float(x) for x in corner] for corner in corners])
-            a = [Fraction(sum(row)) for row in inverse]
-            height = min(_dot(a, corner) for corner in corners)
-            _require(height > 0, "a cell is not proved off the centre")
+            points.append(self._vertex([*map(Fraction, u)]))
+        centre = [sum(column, Fraction(0)) / (self.d + 1) for column in zip(*points[: self.d + 1], strict=True)]
+        for a, height in _cells([[x - c for x, c in zip(point, centre, strict=True)] for point in points]):
             _require(self._holds(a, height + _dot(a, centre)), "the scaled task is not proved inside")
-            if t == 0:
-                _require(_is_regular(corners, inverse), "the first cell is not proved solid")
-            else:
-                _require(_misses(ray, corners, inverse, a), "the ray is not proved off a cell")
 
-    def _vertex(self, u: Vector, centre: Vector) -> Vector:
+    def _vertex(self, u: Vector) -> Vector:
         y = [Fraction(0)] * self.blocks[-1][1]
         for row, column, x in self.cone:
             y[row] += x if column == self.count else x * u[column]
         _require(self._are_in_cones(y), "forces of a vertex are not admissible")
-        vertex = [-c for c in centre]
+        vertex = [Fraction(0)] * self.d
         for row, column, x in self.lift:
             force = x * u[column]
             vertex = [a + force * g for a, g in zip(vertex, self.G[row], strict=True)]
@@ -179,34 +169,7 @@ class _Proof:
         for is_polytope, rows in self.task:
             work = [_dot(y, row) for row in rows]
             reach += max(work) if is_polytope else work[0] + _root(sum(w * w for w in work[1:]), up=False)
-        return total <= Fraction(upper) * max(reach, Fraction(0))
-
-    def _cells(self, data: bytes, count: int, cells_count: int) -> list[tuple[int, ...]]:
-        position = 0
-
-        def byte() -> int:
-            nonlocal position
-            _require(position < len(data), "the file ends")
-            position += 1
-            return data[position - 1]
-
-        cells: list[tuple[int, ...]] = []
-        for t in range(cells_count):
-            same = byte() if t else 0
-            _require(same < self.d, "a cell twice")
-            cell = list(cells[-1][:same]) if cells else []
-            while len(cell) < self.d:
-                step = shift = 0
-                more = True
-                while more and shift < 35:
-                    part = byte()
-                    step |= (part & 127) << shift
-                    shift, more = shift + 7, part > 127
-                cell.append(step + (cell[-1] + 1 if cell else 0))
-                _require(cell[-1] < count, "no such vertex")
-            cells.append(tuple(cell))
-        _require(position == len(data), "more than a proof")
-        return cells
+        return reach > 0 and total <= Fraction(upper) * reach
 
     def _expect(self, word: str) -> None:
         _require(next(self._words, None) == word, f"expected '{word}'")
@@ -261,44 +224,52 @@ def _root(square: Fraction | int, *, up: bool) -> Fraction:
     return Fraction(root + up, scale)
 
 
-def _inverse(rows: list[list[float]]) -> list[list[float]]:
-    """Return the inverse by Gauss-Jordan elimination in floating point; nothing depends on its being exact."""
-    d = len(rows)
-    units = [max(abs(row[j]) for row in rows) or 1.0 for j in range(d)]
-    m = [
-        [x / unit for x, unit in zip(row, units, strict=True)] + [float(i == j) for j in range(d)]
-        for i, row in enumerate(rows)
-    ]
-    for c in range(d):
-        pivot = max(range(c, d), key=lambda i: abs(m[i][c]))
+def _cells(vertices: list[Vector]) -> Iterable[tuple[Vector, Fraction]]:
+    """Return for each cell of the vertices' hull, which the origin is inside, a direction and its least product."""
+    d = len(vertices[0])
+    rounded = [[float(x) for x in vertex] for vertex in vertices]
+    scale = math.lcm(*(x.denominator for vertex in vertices for x in vertex))
+    whole = [[int(x * scale) for x in vertex] for vertex in vertices]
+    cells: dict[tuple[int, ...], tuple[list[float], list[int], int]] = {}
+
+    def join(cell: tuple[int, ...]) -> None:
+        direction = _solve([rounded[i] for i in cell])
+        shift = 64 - math.frexp(max(map(abs, direction)))[1]
+        a = [int(math.ldexp(x, shift)) for x in direction]
+        height = min(sum(map(mul, a, whole[i])) for i in cell)
+        _require(height > 0, "a cell is not proved off the centre")
+        cells[cell] = direction, a, height
+
+    for cell in combinations(range(d + 1), d):
+        join(cell)
+    for p in range(d + 1, len(vertices)):
+        seen = [
+            cell
+            for cell, (direction, a, _) in cells.items()
+            if sum(map(mul, direction, rounded[p])) > 1.0 + 1e-9 and sum(map(mul, a, whole[p])) > 0
+        ]
+        border = Counter(ridge for cell in seen for ridge in combinations(cell, d - 1))
+        for cell in seen:
+            del cells[cell]
+        for ridge, times in border.items():
+            if times % 2 == 1:
+                join((*ridge, p))
+    return [([*map(Fraction, a)], Fraction(height, scale)) for _, a, height in cells.values()]
+
+
+def _solve(rows: list[list[float]]) -> list[float]:
+    """Return the solution of ``<a, row> = 1`` by Gauss-Jordan elimination; nothing depends on its being exact."""
+    m = [[*row, 1.0] for row in rows]
+    for c in range(len(m)):
+        pivot = max(range(c, len(m)), key=lambda i: abs(m[i][c]))
         m[c], m[pivot] = m[pivot], m[c]
         _require(m[c][c] != 0.0, "a cell is flat")
         m[c] = [x / m[c][c] for x in m[c]]
-        for i in range(d):
+        for i in range(len(m)):
             if i != c and m[i][c]:
                 factor = m[i][c]
                 m[i] = [x - factor * y for x, y in zip(m[i], m[c], strict=True)]
-    result = [[x / unit for x in row[d:]] for row, unit in zip(m, units, strict=True)]
-    _require(all(math.isfinite(x) for row in result for x in row), "a cell is flat")
-    return result
-
-
-def _is_regular(corners: list[Vector], inverse: list[list[float]]) -> bool:
-    """Return whether ``|A B - 1| < 1`` in the row sum norm, so that the corners are linearly independent."""
-    columns = [[Fraction(x) for x in column] for column in zip(*inverse, strict=True)]
-    return all(
-        sum(abs(_dot(corner, column) - (i == j)) for j, column in enumerate(columns)) < 1
-        for i, corner in enumerate(corners)
-    )
-
-
-def _misses(ray: Vector, corners: list[Vector], inverse: list[list[float]], a: Vector) -> bool:
-    """Return whether a half-space contains a cell's corners and not the ray."""
-    shares = [sum(x * float(r) for x, r in zip(column, ray, strict=True)) for column in zip(*inverse, strict=True)]
-    worst = min(range(len(shares)), key=shares.__getitem__)
-    shift = Fraction(1e-3 * shares[worst]) / max(abs(_dot(ray, a)), Fraction(1, 10**300))
-    z = [Fraction(row[worst]) - shift * x for row, x in zip(inverse, a, strict=True)]
-    return _dot(ray, z) < 0 and all(_dot(corner, z) >= 0 for corner in corners)
+    return [row[-1] for row in m]
 
 
 if __name__ == "__main__":

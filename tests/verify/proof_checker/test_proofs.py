@@ -62,6 +62,32 @@ def test_a_planar_grasp_is_proved(tmp_path: Path) -> None:
         assert ng.check_proof(tmp_path / "g.proof", checker).lower == bounds.lower
 
 
+# a planar force of at most 1 N, and a disc of 0.5 N: mu is 2
+DISC = """nlpgrasp-proof 1 coordinates 2 0 1 origin 0 0 0 contacts 1 0 0 0 1 0 0 0 1 0 0 0 1 2 0 1
+variables 2 lift 2 0 0 1 1 1 1 cones 1 3 {entries} task 1 0 3 0 0 0 0 0 0 .5 0 0 0 0 0 0 .5 0 0 0 0
+bounds 0 {upper} upper {direction} 0 0 0 0 {multipliers} 1 0 2 1
+lower
+"""
+ENTRIES = "3 0 2 1 1 0 1 2 1 1"
+UPPER_ENDS = {  # entries of the cones, upper bound, direction, multipliers; whether it is proved
+    "true": (ENTRIES, 2.001, "1 0", "1.0001 0 0", True),
+    "too small": (ENTRIES, 1.999, "1 0", "1.0001 0 0", False),
+    "multipliers outside": (ENTRIES, 1.0, "1 0", "0.5 0 0", False),
+    "no direction": (ENTRIES, 0.0, "0 0", "0 0 0", False),
+    "the pivot's entry in two": ("4 0 2 1 1 0 .5 1 0 .5 2 1 1", 0.001, "1 0", "1e-9 -2 0", False),
+    "too large numbers": (ENTRIES, 2.001, "1e308 1e308", "1e308 0 0", False),
+}
+
+
+@pytest.mark.parametrize("name", UPPER_ENDS)
+def test_upper_bounds_are_proved_only_if_they_are_true(name: str, tmp_path: Path) -> None:
+    entries, upper, direction, multipliers, is_proved = UPPER_ENDS[name]
+    text = DISC.format(entries=entries, upper=upper, direction=direction, multipliers=multipliers)
+    (tmp_path / "g.proof").write_text(text)
+    for checker in ("c", "python"):
+        assert bool(ng.check_proof(tmp_path / "g.proof", checker)) == is_proved
+
+
 EDITS = {
     "more friction": (b" 0.6", b" 0.7"),
     "another version": (b"nlpgrasp-proof 1", b"nlpgrasp-proof 2"),
@@ -82,7 +108,7 @@ def test_edited_files_are_refused_with_the_step(tmp_path: Path) -> None:
             assert not ng.check_proof(path, checker), name
     rng = np.random.default_rng(0)
     start = data.find(b"\n", data.find(b"\nlower ") + 1) + 1
-    for _ in range(40):  # cells and forces: a changed bit may leave a true proof, of the same interval
+    for _ in range(40):  # forces: a changed bit may leave a true proof, of the same interval
         edited = bytearray(data)
         edited[rng.integers(start, len(data))] ^= 1 << int(rng.integers(0, 8))
         path.write_bytes(edited)
