@@ -56,7 +56,7 @@ def started(name):
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in PROBLEMS])
 def test_residuals_by_differences(name):
     problem = PROBLEMS[name]()
-    solution = solve_once(problem, 1, OPTIONS)
+    solution = solve_once(problem, 2 if name == "one-sided" else 1, OPTIONS)  # where a start may find no grasp
     assert solution.kkt.is_small
     assert solution.kkt.reason == ""
     residuals = kkt_by_differences(problem, solution)
