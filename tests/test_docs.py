@@ -106,7 +106,7 @@ EXPECTED = {
     "measures": ("True True", "False ["),
     "getting_started": ("box: Solved", "verified", "written to box.html", "rectangle, Example 3-10: Solved"),
     "my_solve_failed": ("LOCALLY_INFEASIBLE", "FrictionContact.friction: got -0.5"),
-    "simulation": ("confirmed to 0.9", "\nTrue "),
+    "simulation": ("confirmed: the grasp as solved holds what is certified, and loses what is more", "\nTrue "),
 }
 
 

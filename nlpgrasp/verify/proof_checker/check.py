@@ -56,6 +56,7 @@ def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None)
     Parameters
     ----------
     path : str or Path
+        Proof file.
     checker : {"c", "python"}, optional
         ``checker.c``, built once by the machine's compiler, or ``exact_checker.py``, some hundred times slower; by
         default the first, where there is a compiler.
