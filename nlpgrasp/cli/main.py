@@ -215,6 +215,9 @@ def solve_command(
         typer.Option("--with", metavar="A,B", help="Analyses added after the grasp, e.g. prices,nu; all by default."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The grasp alone, without analyses.")] = False,
+    proof: Annotated[
+        bool, typer.Option("--proof", help="Write a proof of the bounds on mu beside the result.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve a problem script and write the grasp found to a file, then add analyses to it.
@@ -242,6 +245,10 @@ def solve_command(
     cut_short = solution.status in (ng.Status.TIME_LIMIT, ng.Status.INTERRUPTED)
     if solution.is_certified and not (cut_short and analyses is None):
         solution = add_analyses(solution, names, file, as_json)
+    if proof and solution.is_certified:
+        bounds = solution.write_proof(file.with_suffix(".proof"))
+        if not as_json:
+            typer.echo(f"  {bounds.kind} proved in {bounds}; written to {target.with_suffix('.proof')}")
     if as_json:
         write_json_line(final_record(solution, written))
     if not solution.success:
@@ -264,6 +271,9 @@ def verify_command(
     script: Annotated[
         Path | None, typer.Option("--script", metavar="SCRIPT", help="Problem script with the function of a TaskSet.")
     ] = None,
+    proof: Annotated[
+        Path | None, typer.Option("--proof", metavar="F.proof", help="Proof of the bounds on mu; found beside F.json.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate.
@@ -272,7 +282,7 @@ def verify_command(
     """
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = None if script is None else load_problem(script)
-    verification = ng.verify(file, rtol, folder or ())
+    verification = ng.verify(file, rtol, folder or (), proof)
     del problem  # the file's task finds its function while the problem is there
     if as_json:
         checks = [asdict(check) for check in verification.checks]

@@ -36,7 +36,7 @@ def prove_command(
     out: Annotated[Path | None, typer.Option("--out", help="Proof; F.proof for F.json by default.")] = None,
     rtol: Rtol = 0.01,
 ) -> None:
-    """Write a proof of the bounds on mu of a solution file's grasp."""
+    """Write a proof of the bounds on mu of a solution file's grasp, which `nlpgrasp verify` finds beside the file."""
     solution = ng.GraspSolution.load(file)
     target = file.with_suffix(".proof") if out is None else out
     bounds = solution.write_proof(writable(target, file), rtol)

@@ -47,6 +47,9 @@ def make_command(
     distinct: Annotated[
         float, typer.Option("--distinct", help="How far apart grasps are, as a share of the body's size.")
     ] = 0.1,
+    proofs: Annotated[
+        bool, typer.Option("--proofs", help="Store a proof of each grasp's bounds on mu, some 100 kB each.")
+    ] = False,
     folder: Annotated[
         list[Path] | None,
         typer.Option("--folder", help="Where the hands' robot files are, after the script's folder; repeatable."),
@@ -83,6 +86,7 @@ def make_command(
             starts=starts,
             seed=seed,
             distinct=distinct,
+            proofs=proofs,
             folders=folders,
             workers=workers,
             scheduler=scheduler,

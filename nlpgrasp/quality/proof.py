@@ -20,8 +20,10 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.confirmation import FINEST, RecomputedBounds, reaches, recompute_bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.measures import bound_in_closed_form
 from nlpgrasp.quality.provable_ends import ForceCones, UpperProof, provable_lower, provable_upper
 from nlpgrasp.quality.sandwich import tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -94,8 +96,16 @@ def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2"
     return "\n".join(lines) + "\n"
 
 
-def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | ForceBudget = "l2") -> IntervalProof:
+def prove(
+    grasp: Grasp,
+    task: Task,
+    rtol: float = 0.01,
+    force_budget: str | ForceBudget = "l2",
+    direction: FloatArray | None = None,
+) -> IntervalProof:
     """Return a proof of bounds on mu whose relative width is ``rtol``.
+
+    The upper end is along the worst direction found, or along a known ``direction`` (d,) that is worse.
 
     Raises
     ------
@@ -109,13 +119,42 @@ def prove(grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | Forc
         raise InputError("grasp", "forces that do not span wrench space", "a grasp with a positive mu in a proof")
     state = tighten(problem, rtol)
     if state.hull is None or state.upper == 0.0:
-        raise InputError("grasp", "mu = 0", "a positive mu in a proof")
+        given = "mu = 0" if state.upper == 0.0 else "wrenches too flat for a polytope"
+        raise InputError("grasp", given, "a grasp with a positive mu in a proof")
     domain = ForceCones.of(wrenches)
     forces, cells = state.hull.vertices()
     variables = domain.into(domain.variables(forces))
     lower = provable_lower(wrenches, variables @ domain.lift.T, cells, None, task)
-    upper, above = provable_upper(wrenches, domain, problem.to_wrench_direction(state.worst), task)
+    worst = problem.to_wrench_direction(state.worst)
+    if direction is not None and (reach := float(task.support(direction[None])[0][0])) > 0.0:
+        worst = direction if wrenches.support(direction[None])[0][0] < state.upper * reach else worst
+    upper, above = provable_upper(wrenches, domain, worst, task)
     return IntervalProof(claim, Bounds(lower, upper), above, variables)
+
+
+def prove_stated(
+    stated: Bounds, grasp: Grasp, task: Task, rtol: float = 0.01, force_budget: str | ForceBudget = "l2"
+) -> IntervalProof:
+    """Return a proof that reaches the lower end of stated bounds on mu, and agrees with the upper end.
+
+    Raises
+    ------
+    InputError
+        Where nothing can be proved (``prove``), or no proof reaches the lower end.
+    """
+    task, proofs = task_for(task, grasp), list[IntervalProof]()
+    allowed = "bounds that a polytope of forces reaches, in a proof"
+    if bound_in_closed_form(WrenchSet.of(grasp, force_budget), task) is not None:
+        raise InputError("mu", "bounds by singular values, in closed form", allowed)
+
+    def certify(gap: float) -> RecomputedBounds:
+        proofs.append(prove(grasp, task, gap, force_budget, stated.worst_direction))
+        return RecomputedBounds(proofs[-1].bounds.lower, proofs[-1].bounds.upper)
+
+    bounds = recompute_bounds(stated, certify, rtol, max(stated.gap, FINEST))
+    if not reaches(stated, bounds):
+        raise InputError("mu", f"at least {stated.lower:.9g}, where {bounds.lower:.9g} is proved", allowed)
+    return proofs[-1]
 
 
 def write_proof(

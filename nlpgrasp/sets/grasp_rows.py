@@ -177,7 +177,7 @@ def row_schema() -> Any:
     kinds = dict.fromkeys(TEXT, pa.string()) | dict.fromkeys(WHOLE, pa.int64()) | dict.fromkeys(FLAGS, pa.bool_())
     kinds |= dict.fromkeys((*REAL, *COST), pa.float64()) | dict.fromkeys(VECTORS, pa.list_(pa.float64()))
     kinds |= {"faces": pa.list_(pa.string()), "outline": pa.string(), "constraint_names": pa.string()}
-    kinds |= {"numbers": pa.binary(), "constraint_values": pa.binary()}
+    kinds |= dict.fromkeys(("numbers", "constraint_values", "proof"), pa.binary())
     return pa.schema([(name, kinds[name]) for name in (*LABELS, *RECORD)])
 
 

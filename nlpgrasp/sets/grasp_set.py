@@ -170,6 +170,11 @@ class RowFile:
         record = records.slice(row % GROUP, 1).to_pylist()[0]
         return unpack_solution(record, problem, self.problem, f"{self.file.name}: row {row}")
 
+    def proof(self, records: Any, row: int) -> bytes | None:
+        """Return the proof of a row from the records of the row group, or None if it has none."""
+        proof: bytes | None = records["proof"][row % GROUP].as_py()
+        return proof
+
 
 @dataclass(frozen=True, repr=False)
 class GraspSet:
@@ -269,6 +274,19 @@ class GraspSet:
             )
         records, problem = self._cache[key]
         return source.solution(records, row, problem)
+
+    def proof(self, index: int) -> bytes | None:
+        """Return the proof of a grasp's bounds on mu, the content of a proof file; None if the set has none.
+
+        Raises
+        ------
+        InputError
+            On an index out of range, and on a damaged row.
+        """
+        index = integer("index", index, at_least=-len(self), at_most=len(self) - 1)
+        file_index, row = self._grasp_rows[index]
+        source = self._files[file_index]
+        return source.proof(source.records(row // GROUP), row)
 
     def __iter__(self) -> Iterator[GraspSolution]:
         return map(self.solution, range(len(self)))
@@ -371,12 +389,12 @@ class GraspSet:
         workers: int | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> SetVerification:
-        """Verify every grasp in parallel, each like ``ng.verify(set.solution(i))``.
+        """Verify every grasp in parallel, each like ``ng.verify(set.solution(i), proof=set.proof(i))``.
 
         Parameters
         ----------
         rtol : float
-            Relative gap of the new certificates.
+            Relative gap of new proofs, where the set has none.
         folders : iterable of str or Path
             Where meshes and robot files are searched for, beside the current folder.
         workers : int, optional
@@ -617,7 +635,7 @@ def _verify_rows(
                 raise InputError("start", stated["start"], "the start of the stored solution of the row")
             if label is not None:
                 raise InputError(label, _shortened(stated[label]), "what follows from the stored solution of the row")
-            result = verify(solution, rtol, folders)
+            result = verify(solution, rtol, folders, source.proof(records, row))
             outcomes.append(_VerifiedGrasp(result.passed, result.complete, result.missing, result.verdict))
         except InputError as error:
             outcomes.append(_VerifiedGrasp(False, False, (), f"NOT verified: {error}"))

@@ -34,6 +34,7 @@ from nlpgrasp.optimize.start import failed_start, run_start
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult
 from nlpgrasp.pipeline.answer import SearchRecord, make_answer, solver_record
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.proof import prove_stated
 from nlpgrasp.sets.grasp_rows import (
     DUPLICATE,
     FAILED,
@@ -134,6 +135,8 @@ class UnitProblem:
     robot_file : Path, optional
         File of the hand, for its simulation.
     simulate : bool
+    proofs : bool
+        Whether rows have proofs of their bounds on mu.
     """
 
     name: str
@@ -144,6 +147,7 @@ class UnitProblem:
     distinct: float
     robot_file: Path | None
     simulate: bool
+    proofs: bool
 
     @cached_property
     def robot(self) -> Robot | None:
@@ -284,7 +288,18 @@ def _start_row(
     if unit.simulate:
         hold, verdict = simulate_grasp(solution, unit.robot_file, unit.robot)
     seconds = time.process_time() - start_time if hold is not None else 0.0
-    return identity.row_with_grasp(record.index, solution, hold, verdict), seconds
+    proof = _prove(solution) if unit.proofs else None
+    return identity.row_with_grasp(record.index, solution, hold, verdict, proof=proof), seconds
+
+
+def _prove(solution: GraspSolution) -> bytes | None:
+    """Return a proof of a solution's bounds on mu; None where there is none, as for a task given by a function."""
+    try:
+        return prove_stated(
+            solution.mu, solution.require_grasp(), solution.task, force_budget=solution.budget
+        ).to_bytes()
+    except InputError:
+        return None
 
 
 def _failure_reason(record: StartRecord) -> str:

@@ -129,6 +129,7 @@ def make_set(
     seed: int = 0,
     distinct: float = 0.1,
     options: SolveOptions | None = None,
+    proofs: bool = False,
     folders: Iterable[str | Path] = (),
     workers: int | None = None,
     scheduler: str | None = None,
@@ -161,6 +162,9 @@ def make_set(
         As in ``ng.solve``.
     options : SolveOptions, optional
         Of the starts; without a gap, a time limit or analyses.
+    proofs : bool
+        Store a proof of each grasp's bounds on mu, which ``verify`` of the set checks in place of a new one; some
+        100 kB a grasp. Rows of grasps without a proof, as for a task given by a function, have none.
     folders : iterable of str or Path
         Where the robot files of simulated hands are, after the current folder.
     workers : int, optional
@@ -189,7 +193,9 @@ def make_set(
     import_pyarrow()
     if not isinstance(retry_failed, bool):
         raise InputError("retry_failed", retry_failed, "True or False")
-    run = _Run.of(problems, grasps_per_problem, out, simulate, starts, seed, distinct, options, folders, progress)
+    run = _Run.of(
+        problems, grasps_per_problem, out, simulate, starts, seed, distinct, options, proofs, folders, progress
+    )
     if workers is not None:
         if scheduler is not None:
             raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
@@ -303,6 +309,7 @@ class _Run:
         seed: int,
         distinct: float,
         options: SolveOptions | None,
+        proofs: bool,
         folders: Iterable[str | Path],
         progress: Progress | None,
     ) -> _Run:
@@ -312,6 +319,8 @@ class _Run:
         most_starts, seed, _ = check_solve_arguments(most_starts, seed, options)
         if not isinstance(simulate, bool):
             raise InputError("simulate", simulate, "True or False")
+        if not isinstance(proofs, bool):
+            raise InputError("proofs", proofs, "True or False")
         if progress is not None and not callable(progress):
             raise InputError("progress", progress, "a function of a SetProgress")
         settings = {
@@ -322,6 +331,7 @@ class _Run:
             "distinct": share("distinct", distinct),
             "simulate": simulate,
             "options": check_options(options).to_dict(),
+            "proofs": proofs,
         }
         states = {name: _initial_state(name, source) for name, source in check_named_problems(problems).items()}
         search = [Path(), *map(Path, folders)]
@@ -592,8 +602,9 @@ def _make_unit(
     name: str, digest: str, make: ProblemFactory, options: SolveOptions, settings: Json, robot_file: Path | None
 ) -> UnitProblem:
     """Build the problem of a unit in a worker."""
-    seed, distinct, simulate = int(settings["seed"]), float(settings["distinct"]), bool(settings["simulate"])
-    return UnitProblem(name, digest, make(), options, seed, distinct, robot_file, simulate)
+    seed, distinct = int(settings["seed"]), float(settings["distinct"])
+    simulate, proofs = bool(settings["simulate"]), bool(settings["proofs"])
+    return UnitProblem(name, digest, make(), options, seed, distinct, robot_file, simulate, proofs)
 
 
 def _relabel(table: Any, duplicates: Mapping[int, str]) -> Any:

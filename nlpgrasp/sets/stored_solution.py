@@ -23,8 +23,11 @@ BUDGET = "force_budget"  # part of the problem that may depend on the posture
 STATIC = ("name", "bound", "kind", "fingers")  # entries of a constraint that are the same in many rows
 
 Record = Mapping[str, object]
-"""Columns of a row: ``outline`` and ``constraint_names`` (text), ``numbers`` and ``constraint_values`` (bytes)."""
-COLUMNS = ("outline", "constraint_names", "numbers", "constraint_values")
+"""Columns of a row: ``outline`` and ``constraint_names`` (text), ``numbers`` and ``constraint_values`` (bytes).
+
+``proof`` has the content of a proof file, or is empty.
+"""
+COLUMNS = ("outline", "constraint_names", "numbers", "constraint_values", "proof")
 
 
 def pack_solution(solution: GraspSolution) -> dict[str, object]:

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, ClassVar
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.display import InNotebook, live, show
 from nlpgrasp.common.drawing import Drawing
+from nlpgrasp.common.files import write_bytes
 from nlpgrasp.common.formatting import format_measure, format_ranges
 from nlpgrasp.common.spatial import Pose
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, prefix_errors
+from nlpgrasp.common.validation import FloatArray, number, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.proof import write_proof
+from nlpgrasp.quality.proof import prove_stated
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.analysis_records import (
     Robustness,
@@ -700,17 +701,32 @@ class GraspSolution(InNotebook):
     def write_proof(self, path: str | Path, rtol: float = 0.01) -> Bounds:
         """Write a proof of the bounds on mu of the answer, which anyone can check (docs/proof_format.md).
 
+        Parameters
+        ----------
+        path : str or Path
+        rtol : float
+            Largest relative width of the proved interval, which is narrower where the stated bounds require it.
+
+        Returns
+        -------
+        Bounds
+            The interval as proved: its lower end is at least that of ``mu``.
+
         Raises
         ------
         InputError
-            When there is no grasp, or nothing can be proved, as for a task given by a function.
+            When there is no grasp, nothing can be proved, as for a task given by a function, or no proof reaches the
+            stated lower end.
         """
-        return write_proof(self.require_grasp(), self.task, path, rtol, force_budget=self.budget)
+        rtol = number("rtol", rtol, above=0.0)
+        proof = prove_stated(self.mu, self.require_grasp(), self.task, rtol, self.budget)
+        write_bytes(path, proof.to_bytes())
+        return proof.bounds.of_measure(self.kind, self.task.paper_beta)
 
     def save(self, path: str | Path, *, proof: bool = False) -> Path:
         """Write the solution to a JSON file (schema 1) atomically, and return its path.
 
-        With ``proof`` a proof of the bounds on mu goes beside it, ``F.proof`` for ``F.json``.
+        With ``proof`` a proof of the bounds on mu goes beside it, ``F.proof`` for ``F.json``, and ``verify`` finds it.
 
         The file contains a drawing of what it does not state whole: a mesh, an expression or a hand. A certificate of
         the global bound above 200 kB goes to a bound file beside it, ``F.bound.json`` for ``F.json``, which the
@@ -719,14 +735,16 @@ class GraspSolution(InNotebook):
         Raises
         ------
         InputError
-            When the folder does not exist or cannot be written, or the path is that of a mesh, a hand or a script.
+            When the folder does not exist or cannot be written, or the path is that of a mesh, a hand or a script;
+            after the solution is written, when there is no proof.
         """
         bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
         is_restorable = self.source is None or restore_problem(self.problem, self.grasp) is not None
         drawing = self.drawing if is_restorable else self.drawn()
+        written = write_solution(replace(self, bound=bound, drawing=drawing).to_dict(), path)
         if proof:
             self.write_proof(Path(path).with_suffix(".proof"))
-        return write_solution(replace(self, bound=bound, drawing=drawing).to_dict(), path)
+        return written
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:

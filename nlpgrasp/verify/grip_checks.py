@@ -1,28 +1,33 @@
 """Checks of the grip force of parallel jaws.
 
-The certificate is recomputed with other directions. In addition, the least sum of normal forces for single wrenches of
-the task is computed by conic programs, apart from the certificate's code: no stated force may be below half of it.
+The least force is one over twice mu under the shared budget, which a checker proves. In addition, the least sum of
+normal forces for single wrenches of the task is computed by conic programs: no stated force may be below half of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from nlpgrasp.common.formatting import format_percent
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.confirmation import RecomputedBounds, are_confirmed, recompute_bounds
 from nlpgrasp.quality.force_problem import solve_least_forces
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.least_grip import BUDGET, least_grip
+from nlpgrasp.quality.least_friction import can_press
+from nlpgrasp.quality.least_grip import BUDGET
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.grip_record import FRICTION_LOSS, GripForce, read_grip
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE, patch_share
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check, NotCheckedError
-from nlpgrasp.verify.quality_checks import OTHER_SEED, are_confirmed, is_finished, recompute_bounds
+from nlpgrasp.verify.proved_bounds import OTHER_SEED, prove_anew
+from nlpgrasp.verify.quality_checks import is_finished
 
 RTOL = 0.01  # relative width of the recomputed intervals
 WIDTH = 0.05  # allowed relative excess of a stated interval over the recomputed one
@@ -49,16 +54,26 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
         return [Check("grip force", False, text)]
     if share < LEAST_PAD_SHARE:
         return [Check("grip force", True, "none stated, as a plane or line contact is not on its face")]
-    weaker, factor = _with_friction(grasp, 1.0 - stated.friction_loss), stated.safety_factor
+    weaker = _with_friction(grasp, 1.0 - stated.friction_loss)
+    forces = (
+        ("the least force", stated.force, grasp, 1.0),
+        ("the force with margin", stated.with_margin, weaker, stated.safety_factor),
+    )
+    errors, unproved = [*_factor_errors(solution, stated)], ""
     try:
-        errors = [*_factor_errors(solution, stated), *_interval_errors("the least force", stated.force, grasp, task)]
-        errors += _interval_errors("the force with margin", stated.with_margin, weaker, task, factor)
+        for name, force, grasp_alike, factor in forces:
+            quality = _inverse(force, factor)
+            recomputed = recompute_bounds(quality, partial(_prove_inverse, grasp_alike, task), RTOL)
+            unproved = unproved or recomputed.unproved
+            errors += _interval_errors(name, force, recomputed, grasp_alike, task, factor)
     except NotCheckedError as reason:
         return [Check.not_made("grip force", str(reason))]
+    evidence = f"recomputed, not proved: {unproved}" if unproved else "proved"
     if not stated.holds:
-        return [Check.of_errors("grip force", errors, "no force holds the task, as recomputed")]
+        return [Check.of_errors("grip force", errors, f"no force holds the task, as {evidence}")]
     held = f"[{stated.force.lower:.5g}, {stated.force.upper:.5g}] N, with margin {stated.with_margin.upper:.5g} N"
-    return [Check.of_errors("grip force", errors, f"{held}: least, and enough for wrenches of the task one by one")]
+    text = f"{held}, {evidence}: least, and enough for wrenches of the task one by one"
+    return [Check.of_errors("grip force", errors, text)]
 
 
 def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
@@ -71,17 +86,25 @@ def _factor_errors(solution: GraspSolution, stated: GripForce) -> Iterator[str]:
         yield f"a friction loss of {stated.friction_loss:g} stated, {FRICTION_LOSS:g} is a solve's"
 
 
-def _interval_errors(name: str, stated: Bounds, grasp: Grasp, task: Task, factor: float = 1.0) -> Iterator[str]:
-    """Yield errors in a stored interval, newtons, of the least grip force times a factor."""
+def _prove_inverse(grasp: Grasp, task: Task, rtol: float) -> RecomputedBounds:
+    """Return bounds on one over the least grip force: twice mu under the shared budget, 0 where no force is known."""
+    bounds = prove_anew(grasp, task, rtol, BUDGET)
+    if bounds.lower <= 0.0 or not can_press(grasp):
+        return replace(bounds, lower=0.0, upper=np.inf)
+    return replace(bounds, lower=2.0 * bounds.lower, upper=2.0 * bounds.upper)
+
+
+def _interval_errors(
+    name: str, stated: Bounds, recomputed: RecomputedBounds, grasp: Grasp, task: Task, factor: float
+) -> Iterator[str]:
+    """Yield errors in a stored interval, newtons, of the least grip force times a factor.
+
+    ``recomputed`` is the interval of one over the least grip force.
+    """
     if stated.lower <= 0.0 and np.isfinite(stated.upper):
         yield f"{name} stated {stated}: no force is too small"
         return
-
-    def certify(gap: float) -> Bounds:
-        return _inverse(least_grip(grasp, task, gap, seed=OTHER_SEED), 1.0)
-
     quality = _inverse(stated, factor)
-    recomputed = recompute_bounds(quality, certify, RTOL)
     is_narrow = recomputed.lower <= (1.0 + WIDTH) * quality.lower and recomputed.upper >= (1.0 - WIDTH) * quality.upper
     if not (are_confirmed(quality, recomputed) and is_narrow):
         yield f"{name} stated {stated}, recomputed {_inverse(recomputed, factor)}"

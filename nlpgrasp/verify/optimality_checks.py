@@ -16,7 +16,7 @@ from nlpgrasp.tasks.task_set import MISSING, is_sampled
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_bodies import FacedSurface, SmoothSurface
-from nlpgrasp.verify.quality_checks import OTHER_SEED, support_ratio
+from nlpgrasp.verify.proved_bounds import support_ratio
 from nlpgrasp.verify.stated_placement import NumericBody
 
 SUM_TOLERANCE = 1e-5  # tolerance of the sum of the weights
@@ -115,7 +115,7 @@ def displacement_checks(solution: GraspSolution, grasp: Grasp, surface: NumericB
         return min(support_ratio(at, solution.task, force_set, y) for y in directions)
 
     for _ in range(SEARCHES):
-        bounds = mu(displaced(chosen), solution.task, LOOSE_RTOL, force_budget=solution.budget, seed=OTHER_SEED)
+        bounds = mu(displaced(chosen), solution.task, LOOSE_RTOL, force_budget=solution.budget)
         least = min(least, bounds.upper)
         if bounds.worst_direction is None or not bounds.upper > 0.0:
             break

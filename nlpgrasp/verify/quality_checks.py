@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from typing import TypeVar
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,12 +10,19 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.scalar_constraints import EDGE_MARGIN
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.confirmation import (
+    USUAL_RTOL,
+    ZERO_MU,
+    RecomputedBounds,
+    are_confirmed,
+    reaches,
+    recompute_bounds,
+)
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.measures import delta, mu, unit_ball
-from nlpgrasp.quality.sandwich import SHRINK
+from nlpgrasp.quality.measures import unit_ball
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import weighs_fragility
@@ -25,20 +30,14 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check
+from nlpgrasp.verify.proved_bounds import OTHER_SEED, prove_anew, support_ratio
 
-OTHER_SEED = 7919  # seed of search directions, other than the solver's
 WIDTH_FACTOR = 2.0  # allowed width over the recomputed one, where rounding ends a certificate early
 ZERO_WIDTH_FACTOR = 100.0  # the same, where the recomputed lower bound is zero
-ZERO_MU = 1e-9  # per unit force: smaller upper bounds count as zero
 ANY_GAP = 1.0  # relative gap assumed for files that do not state the requested one
 ERROR_BAR = 0.1  # largest relative error bar of nu; solves state less
 NU_RTOL = 0.014  # relative error bar of the recomputed nu: a hull of twice the vertices of a solve's
-ROUNDING = 1e-9  # relative guard against rounding of a recomputed lower end
-UPPER_TOLERANCE = 2e-3  # relative tolerance of upper ends without a direction, which differ by the certificate's gap
-USUAL_RTOL = 0.01  # relative gap of certificates in files, unless their options state another
 GAP_SHARE = 0.2  # share of the gap asked for over all placements that a grasp's own certificate takes
-WIDTH_SHARE = 0.6  # share of the stated width with which a recomputation begins
-TIGHTENING, FINEST = 4.0, 1e-7  # the requested gap over the finest recomputed one; the least relative gap
 ZERO_SHARE = 1e-3  # share of the grasp's quality: a smaller upper bound counts as zero
 SHARE_TOLERANCE = 1e-9  # tolerance of shares, which follow from other numbers of the file
 OFFSET_FACTOR = 1.5  # allowed displacement over the stated offset, as surfaces are curved
@@ -46,39 +45,11 @@ EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over
 UNSTATED = "the file does not state what is left of mu when contacts are off, though its solve weighed it"
 RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support ratio
 
-AnyBounds = TypeVar("AnyBounds", bound=Bounds)
-
 
 def interval_check(stated: Bounds) -> Check:
     """Return the check that an interval is ordered, at least zero and finite."""
     passed = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
     return Check("interval", passed, f"stated {stated}")
-
-
-def recompute_bounds(
-    stated: Bounds, certify: Callable[[float], AnyBounds], rtol: float, requested: float = USUAL_RTOL
-) -> AnyBounds:
-    """Return recomputed bounds, tightened as far as the stated ones require, at most to a quarter of their gap.
-
-    Parameters
-    ----------
-    stated : Bounds
-    certify : callable
-        Certified bounds to a relative gap.
-    rtol : float
-        Largest relative gap.
-    requested : float
-        Relative gap that the stated bounds were to have.
-    """
-    finest = min(rtol, requested) / TIGHTENING
-    width = stated.gap if np.isfinite(stated.upper) else 1.0
-    recomputed = certify(float(np.clip(WIDTH_SHARE * width, finest, rtol)))
-    if _is_undecided(stated, recomputed):
-        recomputed = certify(finest)
-    if _is_undecided(stated, recomputed) and recomputed.lower >= (1.0 - SHRINK) * stated.lower > 0.0:
-        # of a polytope only the shrinking of its points is left, which is a share of the gap
-        recomputed = certify(max(WIDTH_SHARE * (recomputed.upper / stated.lower - 1.0), FINEST))
-    return recomputed
 
 
 def requested_rtol(solution: GraspSolution, rtol: float) -> float:
@@ -89,22 +60,9 @@ def requested_rtol(solution: GraspSolution, rtol: float) -> float:
     return requested if gap is None else min(requested, GAP_SHARE * number("solver.options.gap", gap, above=0.0))
 
 
-def _is_undecided(stated: Bounds, recomputed: Bounds) -> bool:
-    """Return whether a tighter recomputation may still confirm or contradict stated bounds."""
-    is_contradicted = stated.lower > recomputed.upper or recomputed.lower > stated.upper
-    return not (is_contradicted or are_confirmed(stated, recomputed) or recomputed.limit)
-
-
-def are_confirmed(stated: Bounds, recomputed: Bounds) -> bool:
-    """Return whether recomputed bounds prove the stated lower end, and agree with the stated upper end."""
-    is_proved = recomputed.lower >= stated.lower * (1.0 - ROUNDING)
-    agrees = recomputed.lower <= stated.upper and recomputed.upper <= stated.upper * (1.0 + UPPER_TOLERANCE) + ZERO_MU
-    return bool(is_proved and agrees)
-
-
-def bounds_check(name: str, stated: Bounds, recomputed: Bounds) -> Check:
+def bounds_check(name: str, stated: Bounds, recomputed: RecomputedBounds) -> Check:
     """Return the check of stated bounds against recomputed ones."""
-    text, error = f"stated {stated}, recomputed {recomputed}", unconfirmed_end(stated, recomputed)
+    text, error = f"stated {stated}, {recomputed.evidence}", unconfirmed_end(stated, recomputed)
     return Check.of_errors(name, [f"{text}: {error}"] if error else [], text)
 
 
@@ -112,24 +70,17 @@ def unconfirmed_end(stated: Bounds, recomputed: Bounds) -> str:
     """Return a text on the stated end that recomputed bounds do not confirm; empty if they confirm both."""
     if are_confirmed(stated, recomputed):
         return ""
-    if not recomputed.lower >= stated.lower * (1.0 - ROUNDING):
+    if not reaches(stated, recomputed):
         return f"at least {stated.lower:.9g} stated, {recomputed.lower:.9g} certified"
     return f"at most {stated.upper:.9g} stated, from {recomputed.lower:.9g} to {recomputed.upper:.9g} certified"
 
 
 def recompute_mu(
     stated: Bounds, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float, requested: float = USUAL_RTOL
-) -> Bounds:
-    """Return recomputed bounds on mu; the stated worst direction counts, too, with its recomputed support ratio."""
-    y, known = stated.worst_direction, np.inf
-    if y is not None and y.shape == (grasp.dimension,):
-        known = support_ratio(grasp, task, budget.at(grasp.frames, grasp.contacts), y)
-
-    def certify(gap: float) -> Bounds:
-        bounds = mu(grasp, task, gap, force_budget=budget, seed=OTHER_SEED)
-        return replace(bounds, upper=min(bounds.upper, max(known * (1.0 + ROUNDING), bounds.lower)))
-
-    return recompute_bounds(stated, certify, rtol, requested)
+) -> RecomputedBounds:
+    """Return recomputed bounds on mu, proved where that is possible; the stated worst direction counts, too."""
+    y = stated.worst_direction if np.shape(stated.worst_direction) == (grasp.dimension,) else None
+    return recompute_bounds(stated, lambda gap: prove_anew(grasp, task, gap, budget, y), rtol, requested)
 
 
 def _widest_interval(recomputed: Bounds, rtol: float) -> tuple[float, float]:
@@ -176,7 +127,9 @@ def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBud
     checks = []
     if (stated := solution.delta) is not None:
         scale = stated.torque_scale or 1.0
-        recomputed = recompute_bounds(stated, lambda gap: delta(grasp, scale, gap, force_budget=budget), rtol)
+        recomputed = recompute_mu(
+            stated, grasp, unit_ball(grasp.dimension, scale).given_about(grasp.torque_origin), budget, rtol
+        )
         checks += [bounds_check("delta", stated, recomputed), width_check("delta, width", stated, recomputed, ANY_GAP)]
     if (stated_nu := solution.nu) is not None:
         scale = stated_nu.torque_scale or 1.0
@@ -200,14 +153,13 @@ def robustness_checks(
         is_due = is_due and solution.objective != "nu" and solution.mu.lower > 0.0
         return [Check.not_made("robustness", UNSTATED)] if is_due else []
     models = [model.with_friction(1.0 - stated.friction_share) for model in grasp.contacts]
-    remaining, recomputed = [i for i in range(len(models)) if i not in stated.lost], Bounds(0.0, 0.0)
+    remaining = [i for i in range(len(models)) if i not in stated.lost]
+    recomputed = RecomputedBounds(0.0, 0.0, unproved="no contact is left")
     if remaining:
         displaced = Grasp(
             stated.points[remaining], stated.normals[remaining], [models[i] for i in remaining], grasp.torque_origin
         )
-        recomputed = recompute_bounds(
-            stated.mu, lambda gap: mu(displaced, task, gap, force_budget=budget, seed=OTHER_SEED), rtol
-        )
+        recomputed = recompute_mu(stated.mu, displaced, task, budget, rtol)
     displacement = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
     errors = [*_robust_errors(solution, stated, budget), *_share_errors(solution, stated)]
     if not displacement <= OFFSET_FACTOR * stated.offset + 1e-9:
@@ -217,7 +169,7 @@ def robustness_checks(
     if not (stated.mu.upper <= ZERO_SHARE * solution.mu.upper or _is_narrow(stated.mu, recomputed, ANY_GAP)):
         errors.append("wider than a certificate")
     summary = f"{len(stated.lost)} over an edge; {stated.share(solution.mu):.3g} of mu left"
-    text = f"stated {stated.mu}, recomputed {recomputed}; contacts at most {1e3 * displacement:.3g} mm off; {summary}"
+    text = f"stated {stated.mu}, {recomputed.evidence}; contacts at most {1e3 * displacement:.3g} mm off; {summary}"
     return [Check.of_errors("robustness", [f"{text}: {'; '.join(errors)}"] if errors else [], text)]
 
 
@@ -291,16 +243,6 @@ def _objective_checks(solution: GraspSolution, task: Task) -> list[Check]:
     is_its_task = name != "delta" or (scale is not None and task == unit_ball(task.dimension, scale))
     text = f"{name} at a torque scale of {scale} m, {'' if is_its_task else 'not '}by its task"
     return [Check("objective", agrees and is_its_task, text)]
-
-
-def support_ratio(grasp: Grasp, task: Task, force_set: ForceSet, y: FloatArray) -> float:
-    """Return an upper bound on mu: the wrench set's support over the task's in a direction (d,), inf where it is 0."""
-    task_support = float(task.support(y[None])[0][0])
-    if task_support <= 0.0:
-        return np.inf
-    contact_velocities = (grasp.G.T @ y)[None, :]
-    supports, maximisers = force_set.support(contact_velocities)
-    return max(0.0, float(max(supports[0], maximisers[0] @ contact_velocities[0]))) / task_support
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:

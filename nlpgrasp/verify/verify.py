@@ -1,8 +1,8 @@
 """Verification of solution and bound files, independent of the solver's code.
 
-The grasp map is rebuilt from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are recomputed
-with other random directions, the finger forces are inserted into the equilibrium equations, and contacts, constraints
-and hand are recomputed from the problem by this package's own formulas.
+The grasp map is rebuilt from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are proved by
+a checker that knows nothing but the proof, the finger forces are inserted into the equilibrium equations, and contacts,
+constraints and hand are recomputed from the problem by this package's own formulas.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.common.validation import number
+from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution, require_solution
@@ -23,6 +24,7 @@ from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, broken_
 from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
 from nlpgrasp.verify.grip_checks import grip_checks
 from nlpgrasp.verify.outcome_checks import kept_grasp_checks, outcome_checks
+from nlpgrasp.verify.proved_bounds import ProofFile
 from nlpgrasp.verify.quality_checks import (
     bounds_check,
     check_other_measures,
@@ -41,7 +43,10 @@ from nlpgrasp.verify.surface_checks import half_diagonal
 
 
 def verify(
-    solution: GraspSolution | str | Path, rtol: float = 0.01, folders: Iterable[str | Path] = ()
+    solution: GraspSolution | str | Path,
+    rtol: float = 0.01,
+    folders: Iterable[str | Path] = (),
+    proof: str | Path | bytes | None = None,
 ) -> Verification:
     """Verify a solution, a solution file or a bound file against its own problem, grasp, hand and certificate.
 
@@ -50,16 +55,19 @@ def verify(
     solution : GraspSolution, str or Path
         A file is one written by ``GraspSolution.save`` or ``BestPossible.save``.
     rtol : float
-        Largest relative gap of the new certificate, greater than zero: it is tightened as far as the stated bounds
-        require.
+        Largest relative gap of a new proof, greater than zero: it is tightened as far as the stated bounds require.
     folders : iterable of str or Path
         Further folders to search for mesh and URDF, after the file's own folder and the current one.
+    proof : str, Path or bytes, optional
+        Proof file of the bounds on mu, or its content; ``F.proof`` beside ``F.json`` is found. Without one the proof is
+        made anew.
 
     Returns
     -------
     Verification
-        Fails when there is no grasp, or one that contradicts status and starts; when a stated interval does not
-        contain the recomputed one, is empty or is wider than its certificate allows; when a stated direction
+        Fails when there is no grasp, or one that contradicts status and starts; when the proof is of another claim or
+        does not hold; when a stated interval is not what the checker proves (or, where there is no proof, a new
+        certificate confirms), is empty or is wider than its certificate allows; when a stated direction
         contradicts the stated bounds; when stated forces do not produce their wrench within cones and force budget, are
         for wrenches outside the task, or are missing from the file of a solve; when contacts are off their faces or
         have other normals; when a constraint of problem or hand is missing, has another limit than the problem's,
@@ -73,12 +81,14 @@ def verify(
     Raises
     ------
     InputError
-        When the file cannot be read or is not of schema 1, or rtol is not greater than zero.
+        When a file cannot be read or is not of schema 1, rtol is not greater than zero, or a proof is given of a bound.
     """
     file = Path(solution) if isinstance(solution, str | Path) else None
     rtol = number("rtol", rtol, above=0.0)
     bound = None if file is None else read_bound_file(file)
     if bound is not None:
+        if proof is not None:
+            raise InputError("proof", f"one of {solution}", "none with a bound file, which has its own certificate")
         return verify_bound(bound, rtol, SourceFolders.of_file(file, folders))
     solution = require_solution(solution) if file is None else GraspSolution.load(file)
     outcome = guard("outcome", lambda: outcome_checks(solution))
@@ -87,8 +97,9 @@ def verify(
         status = solution.status.name.lower()
         return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *outcome), None)
     sources = SourceFolders.of_file(file, folders)
+    proof_file = ProofFile.of(proof, file)
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
-        quality, checks = _verify_answer(solution, rtol, sources)
+        quality, checks = _verify_answer(solution, rtol, sources, proof_file)
         if quality is not None:
             checks += guard("bound", partial(global_bound_checks, solution, grasp, quality, sources))
         elif solution.bound is not None:
@@ -100,10 +111,12 @@ def verify(
     return Verification((*checks, *outcome), quality, tuple(dict.fromkeys(sources.missing)), tuple(solution.caveats))
 
 
-def _verify_answer(solution: GraspSolution, rtol: float, sources: SourceFolders) -> tuple[Bounds | None, list[Check]]:
+def _verify_answer(
+    solution: GraspSolution, rtol: float, sources: SourceFolders, proof: ProofFile | None = None
+) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality of a solution's answer, and the checks of this answer."""
     grasp = solution.require_grasp()
-    quality, checks = _check_quality(solution, grasp, rtol)
+    quality, checks = _check_quality(solution, grasp, rtol, proof)
     return quality, [*checks, *recompute(solution, grasp, sources)]
 
 
@@ -112,16 +125,22 @@ def _verify_kept_grasp(rtol: float, sources: SourceFolders, solution: GraspSolut
     return [*_verify_answer(solution, rtol, sources)[1], *outcome_checks(solution)]
 
 
-def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
+def _check_quality(
+    solution: GraspSolution, grasp: Grasp, rtol: float, proof: ProofFile | None
+) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality, and the checks of the quality measures and of what depends on them.
 
     A task whose function this process does not have leaves the quality None, and its checks not made.
     """
     task, budget = solution.task, solution.budget
+    quality, proof_check = None, list[Check]()
     try:
         force_set = budget.at(grasp.frames, grasp.contacts)
-        requested = requested_rtol(solution, rtol)
-        quality = None if is_sampled(task) else recompute_mu(solution.mu, grasp, task, budget, rtol, requested)
+        if proof is not None:
+            quality, check = proof.check(grasp, task, budget)
+            proof_check = [check]
+        if quality is None and not is_sampled(task):
+            quality = recompute_mu(solution.mu, grasp, task, budget, rtol, requested_rtol(solution, rtol))
     except BROKEN as error:
         return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {
@@ -146,4 +165,4 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
         "delta and nu": lambda: check_other_measures(solution, grasp, budget, rtol),
         "contact models": lambda: model_checks(solution, grasp, task),
     }
-    return quality, [check for name, checks in parts.items() for check in guard(name, checks)]
+    return quality, [*proof_check, *(check for name, checks in parts.items() for check in guard(name, checks))]

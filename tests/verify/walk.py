@@ -145,25 +145,17 @@ def remembered(monkeypatch):
 
         monkeypatch.setattr(target, name, recall)
 
-    def wrenches(grasp, task, rtol, budget, seed, deadline):
+    def wrenches(grasp, task, rtol, budget, *more):
         models = [model.to_dict() for model in grasp.contacts]
         budget = budget if isinstance(budget, str) else budget.to_dict()
-        return (
-            grasp.points,
-            grasp.normals,
-            grasp.tangents,
-            grasp.torque_origin,
-            models,
-            task.to_dict(),
-            rtol,
-            budget,
-            seed,
-        )
+        vectors = (grasp.points, grasp.normals, grasp.tangents, grasp.torque_origin)
+        return *vectors, models, task.to_dict(), rtol, budget, *more
 
     def posture(links, hand):
         poses = sorted((name, np.asarray(pose)) for name, pose in hand.poses.items())
         return poses, links.solution.problem, links.contacts, links.tolerance
 
     remember("nlpgrasp.quality.measures", "_certify", key=wrenches)
+    remember("nlpgrasp.verify.proved_bounds", "_prove_and_check", key=wrenches)
     remember("nlpgrasp.verify.link_checks", "_penetration", "_LinkComparison", posture)
     remember("nlpgrasp.verify.numeric_urdf_hand", "link_shapes", key=lambda path, names, *more: (path, sorted(names)))

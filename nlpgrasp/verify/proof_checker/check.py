@@ -50,13 +50,13 @@ class CheckedProof:
         return f"PROVED in {by}: {self.lower!r} <= mu <= {self.upper!r}"
 
 
-def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None) -> CheckedProof:
+def check_proof(proof: str | Path | bytes, checker: Literal["c", "python"] | None = None) -> CheckedProof:
     """Check a proof file (docs/proof_format.md), which stands alone.
 
     Parameters
     ----------
-    path : str or Path
-        Proof file.
+    proof : str, Path or bytes
+        Proof file, or its content.
     checker : {"c", "python"}, optional
         ``checker.c``, built once by the machine's compiler, or ``exact_checker.py``, some hundred times slower; by
         default the first, where there is a compiler.
@@ -68,11 +68,8 @@ def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None)
     """
     if checker not in (None, "c", "python"):
         raise InputError("checker", checker, '"c" or "python"')
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"proof ({path})", error.strerror, "a proof file that can be read") from None
-    program = None if checker == "python" else _program()
+    data = proof if isinstance(proof, bytes) else read_proof(proof)
+    program = None if checker == "python" else compiled_checker()
     if program is not None:
         try:
             done = subprocess.run([program], input=data, capture_output=True, timeout=TIME_LIMIT, check=False)  # noqa: S603
@@ -92,7 +89,15 @@ def check_proof(path: str | Path, checker: Literal["c", "python"] | None = None)
     return CheckedProof(lower, upper, "", "python")
 
 
-def _program() -> Path | None:
+def read_proof(path: str | Path) -> bytes:
+    """Return the content of a proof file; raise an ``InputError`` if it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"proof ({path})", error.strerror, "a proof file that can be read") from None
+
+
+def compiled_checker() -> Path | None:
     """Return the compiled checker from the cache folder, built if need be; None without a compiler."""
     source = resources.files("nlpgrasp.verify.proof_checker").joinpath("checker.c").read_bytes()
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
