@@ -40,7 +40,7 @@ class RecomputedBounds(Bounds):
 
 
 def recompute_bounds(
-    stated: Bounds, certify: Callable[[float], AnyBounds], rtol: float, requested: float = USUAL_RTOL
+    stated: Bounds, certify: Callable[[float], AnyBounds], rtol: float, requested: float | None = None
 ) -> AnyBounds:
     """Return recomputed bounds, tightened as far as the stated ones require, at most to a quarter of their gap.
 
@@ -51,11 +51,11 @@ def recompute_bounds(
         Certified bounds to a relative gap.
     rtol : float
         Largest relative gap.
-    requested : float
-        Relative gap that the stated bounds were to have.
+    requested : float, optional
+        Relative gap that the stated bounds were to have; by default the one that they have.
     """
-    finest = min(rtol, requested) / TIGHTENING
     width = stated.gap if np.isfinite(stated.upper) else 1.0
+    finest = min(rtol, max(width, FINEST) if requested is None else requested) / TIGHTENING
     recomputed = certify(float(np.clip(WIDTH_SHARE * width, finest, rtol)))
     if _is_undecided(stated, recomputed):
         recomputed = certify(finest)

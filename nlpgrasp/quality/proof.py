@@ -20,7 +20,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.confirmation import FINEST, RecomputedBounds, reaches, recompute_bounds
+from nlpgrasp.quality.confirmation import RecomputedBounds, reaches, recompute_bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import bound_in_closed_form
@@ -151,7 +151,7 @@ def prove_stated(
         proofs.append(prove(grasp, task, gap, force_budget, stated.worst_direction))
         return RecomputedBounds(proofs[-1].bounds.lower, proofs[-1].bounds.upper)
 
-    bounds = recompute_bounds(stated, certify, rtol, max(stated.gap, FINEST))
+    bounds = recompute_bounds(stated, certify, rtol)
     if not reaches(stated, bounds):
         raise InputError("mu", f"at least {stated.lower:.9g}, where {bounds.lower:.9g} is proved", allowed)
     return proofs[-1]
