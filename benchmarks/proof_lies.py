@@ -61,7 +61,7 @@ int main(void) {
     if (!fork()) { alarm(SECONDS); dup2(pipes[1], 1); if (!freopen(path, "rb", stdin)) _exit(9); exit(checker()); }
     close(pipes[1]); memset(out, 0, sizeof out); if (read(pipes[0], out, 6) < 0) return 1;
     wait4(-1, &status, 0, &used); close(pipes[0]);
-    printf("%d %d %.3f %ld %s\n", WIFSIGNALED(status) ? WTERMSIG(status) : 0, WIFEXITED(status) ? WEXITSTATUS(status) : 0,
+    printf("%d %d %.3f %ld %s\n", WIFSIGNALED(status) ? WTERMSIG(status) : 0, WEXITSTATUS(status),
       used.ru_utime.tv_sec + used.ru_utime.tv_usec / 1e6, used.ru_maxrss / 1024, out); fflush(stdout);
   }
 }

@@ -176,6 +176,41 @@ def provable_upper(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task:
     return upper, UpperProof(y, s, pivots)
 
 
+def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: Task) -> tuple[float, UpperProof]:
+    """Return 0 as an upper bound on mu, and its proof; infinite if none is found.
+
+    No force does positive work along a direction of the task: multipliers of the contacts' cones, whose constants are
+    0, prove it without the budget. The direction is that of the conic program ``max t: b + M^T s = 0``, every s by t
+    inside its cone, ``<w, y> = 1`` for the wrench w of the task that is farthest along the given direction (d,).
+    """
+    own = ForceCones(domain.lift, tuple(M for M in domain.cones if M[0, -1] == 0.0))
+    rows = np.concatenate([np.zeros((0, domain.lift.shape[1] + 1)), *own.cones])[:, :-1]
+    if not np.all(np.any(rows, axis=0)):  # forces of either sign
+        return np.inf, UpperProof(y, np.zeros(0), ())
+    unit = 1.0 / np.sqrt(np.sum(wrenches.G**2, axis=1) + np.diag(task.second_moment()))
+    (d, _), (m, count) = wrenches.G.shape, rows.shape
+    axes = np.zeros((m, 1))
+    axes[np.cumsum([0, *map(len, own.cones[:-1])])] = 1.0
+    wrench = task.support(y[None])[1]
+    equations = np.block(
+        [
+            [domain.lift.T @ wrenches.G.T * unit, rows.T, np.zeros((count, 1))],
+            [wrench * unit, np.zeros((1, m + 1))],
+            [np.zeros((1, d + m)), np.ones((1, 1))],
+            [np.zeros((m, d)), -np.eye(m), axes],
+        ]
+    )
+    program = clarabel.DefaultSolver(
+        sparse.csc_matrix((d + m + 1,) * 2), np.r_[np.zeros(d + m), -1.0], sparse.csc_matrix(equations),
+        np.r_[np.zeros(count), 1.0, 1.0, np.zeros(m)],
+        [clarabel.ZeroConeT(count + 1), clarabel.NonnegativeConeT(1), *map(cone_of, own.cones)], quiet_settings(1e-9),
+    )  # fmt: skip
+    y = unit * np.array(program.solve().x)[:d]
+    upper, above = provable_upper(wrenches, own, y, task)
+    zeros = np.zeros(sum(map(len, domain.cones)) - m)
+    return upper, UpperProof(y, np.append(above.multipliers, zeros), above.pivots)
+
+
 def provable_lower(
     wrenches: WrenchSet, forces: FloatArray, cells: IntArray, planes: FloatArray | None, task: Task
 ) -> float:
