@@ -24,7 +24,7 @@ from nlpgrasp.quality.confirmation import RecomputedBounds, reaches, recompute_b
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import bound_in_closed_form
-from nlpgrasp.quality.provable_ends import ForceCones, UpperProof, provable_lower, provable_upper
+from nlpgrasp.quality.provable_ends import ForceCones, UpperProof, provable_lower, provable_upper, provable_zero
 from nlpgrasp.quality.sandwich import tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
@@ -58,9 +58,10 @@ class IntervalProof:
         text = (
             f"{self.claim}bounds {self.bounds.lower!r} {self.bounds.upper!r}\n"
             f"upper {_wrenches(self.above.direction)} {_numbers(self.above.multipliers)} {pivots}\n"
-            f"lower {len(self.variables)}\n"
         )
-        return text.encode("ascii") + self.variables.astype("<f8").tobytes()
+        if self.bounds.lower == 0.0:
+            return f"{text}lower\n".encode("ascii")
+        return f"{text}lower {len(self.variables)}\n".encode("ascii") + self.variables.astype("<f8").tobytes()
 
 
 def state_claim(grasp: Grasp, task: Task, force_budget: str | ForceBudget = "l2") -> str:
@@ -103,33 +104,40 @@ def prove(
     force_budget: str | ForceBudget = "l2",
     direction: FloatArray | None = None,
 ) -> IntervalProof:
-    """Return a proof of bounds on mu whose relative width is ``rtol``.
+    """Return a proof of bounds on mu whose relative width is ``rtol``, or as near as rounding allows.
+
+    The lower bound is 0 where nothing better is provable: where mu is 0, or wrenches do not span wrench space.
 
     The upper end is along the worst direction found, or along a known ``direction`` (d,) that is worse.
 
     Raises
     ------
     InputError
-        Where mu is 0, the wrenches do not span wrench space, or the task has no support that can be stated.
+        Where no upper bound is provable, or the task has no support that can be stated.
     """
     claim = state_claim(grasp, task, force_budget)
     wrenches = WrenchSet.of(grasp, force_budget)
-    problem, _ = make_containment(wrenches, task)
-    if problem is None or problem.rank < grasp.dimension:
-        raise InputError("grasp", "forces that do not span wrench space", "a grasp with a positive mu in a proof")
-    state = tighten(problem, rtol)
-    if state.hull is None or state.upper == 0.0:
-        given = "mu = 0" if state.upper == 0.0 else "wrenches too flat for a polytope"
-        raise InputError("grasp", given, "a grasp with a positive mu in a proof")
     domain = ForceCones.of(wrenches)
-    forces, cells = state.hull.vertices()
-    variables = domain.into(domain.variables(forces))
-    lower = provable_lower(wrenches, variables @ domain.lift.T, cells, None, task)
-    worst = problem.to_wrench_direction(state.worst)
-    if direction is not None and (reach := float(task.support(direction[None])[0][0])) > 0.0:
-        worst = direction if wrenches.support(direction[None])[0][0] < state.upper * reach else worst
-    upper, above = provable_upper(wrenches, domain, worst, task)
-    return IntervalProof(claim, Bounds(lower, upper), above, variables)
+    problem, y = make_containment(wrenches, task)
+    lower, variables = 0.0, np.zeros((0, domain.lift.shape[1]))
+    if problem is not None:
+        state = tighten(problem, rtol)
+        y = problem.to_wrench_direction(state.worst)
+        if state.hull is not None and problem.rank == grasp.dimension:
+            forces, cells = state.hull.vertices()
+            variables = domain.into(domain.variables(forces))
+            lower = provable_lower(wrenches, variables @ domain.lift.T, cells, None, task)
+        if direction is not None and (reach := float(task.support(direction[None])[0][0])) > 0.0:
+            y = direction if wrenches.support(direction[None])[0][0] < state.upper * reach else y
+    if y is None:
+        raise InputError("grasp", "no force and no task along any direction", "a task in a proof")
+    ends = [provable_upper(wrenches, domain, y, task)]
+    if lower == 0.0:
+        ends.append(provable_zero(wrenches, domain, y, task))
+    upper, above = min(ends, key=lambda end: end[0])
+    if not upper < np.inf:
+        raise InputError("grasp", "forces of which no upper bound is provable", "bounded forces in a proof")
+    return IntervalProof(claim, Bounds(min(lower, upper), upper), above, variables)
 
 
 def prove_stated(
@@ -183,7 +191,7 @@ def write_proof(
     Raises
     ------
     InputError
-        Where nothing can be proved: mu is 0, wrenches that do not span wrench space, a task given by a function.
+        Where nothing can be proved, as for a task given by a function.
     """
     require_grasp(grasp)
     proof = prove(grasp, task_for(task, grasp), number("rtol", rtol, above=0.0), force_budget)

@@ -73,30 +73,38 @@ class ForceCones:
         return np.array([program.solve().x for program in programs])
 
     def missing(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return by how much variables (v, l) may be outside their contacts' cones, and the budget's, (v,) each.
+        """Return by how much variables (v, l) are outside their contacts' cones, and the budget's, (v,) each.
 
-        Rounding errors of intervals in a row of m terms, at most ``4 (m + 1) eps sum |M_ij u_j|``, count as outside.
+        The first is the step along ``inward`` that leads inside, the second the share of u beyond the budget. Rounding
+        errors of intervals in a row of m terms, at most ``4 (m + 1) eps sum |M_ij u_j|``, count as outside.
         """
         full = np.concatenate([u, np.ones((len(u), 1))], axis=1)
         outside = np.zeros((2, len(u)))
         for M in self.cones:
             value, error = full @ M.T, 4.0 * (M.shape[1] + 1) * EPS * (np.abs(full) @ np.abs(M).T)
             tail = np.linalg.norm(np.abs(value[:, 1:]) + error[:, 1:], axis=1) * (1.0 + 16.0 * len(M) * EPS)
-            of_budget = int(np.any(M[:, -1] != 0.0))
-            outside[of_budget] = np.maximum(outside[of_budget], tail - (value[:, 0] - error[:, 0]))
+            across = M[:, :-1] @ self.inward
+            is_of_budget = bool(np.any(M[:, -1] != 0.0))
+            gain = M[0, -1] if is_of_budget else across[0] - float(np.linalg.norm(across[1:]))
+            if gain > 0.0:
+                row = outside[int(is_of_budget)]
+                np.maximum(row, (tail - (value[:, 0] - error[:, 0])) / gain, out=row)
         return outside[0], outside[1]
+
+    @property
+    def inward(self) -> FloatArray:
+        """Direction (l,) into the contacts' cones: the sum of their axes, along which pressing contacts' are wide."""
+        axes = [M[0, :-1] / np.linalg.norm(M[0, :-1]) for M in self.cones if M[0, -1] == 0.0 and np.any(M[0, :-1])]
+        return np.asarray(np.sum(axes, axis=0)) if axes else np.zeros(self.lift.shape[1])
 
     def into(self, u: FloatArray) -> FloatArray:
         """Return variables (v, l) next to ``u`` that are inside all cones in spite of rounding."""
-        # along the sum of the cones' axes every cone of a pressing contact is wide
-        axes = [M[0, :-1] / np.linalg.norm(M[0, :-1]) for M in self.cones if M[0, -1] == 0.0 and np.any(M[0, :-1])]
-        inward = np.sum(axes, axis=0) if axes else np.zeros(u.shape[1])
         for _ in range(4):
             cones, budget = self.missing(u)
             if np.all(cones <= 0.0) and np.all(budget <= 0.0):
                 break
-            u = u + 2.0 * np.maximum(cones, 0.0)[:, None] * inward
-            u = u * (1.0 - 2.0 * np.maximum(self.missing(u)[1], 0.0))[:, None]
+            u = u + 2.0 * cones[:, None] * self.inward
+            u = u * (1.0 - 2.0 * self.missing(u)[1])[:, None]
         return u
 
 
@@ -166,6 +174,41 @@ def provable_upper(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task:
             inward = dual(-rows.T @ axes) + axes
         s += 4.0**attempt * float(np.max(missing)) * inward
     return upper, UpperProof(y, s, pivots)
+
+
+def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: Task) -> tuple[float, UpperProof]:
+    """Return 0 as an upper bound on mu, and its proof; infinite if none is found.
+
+    No force does positive work along a direction of the task: multipliers of the contacts' cones, whose constants are
+    0, prove it without the budget. The direction is that of the conic program ``max t: b + M^T s = 0``, every s by t
+    inside its cone, ``<w, y> = 1`` for the wrench w of the task that is farthest along the given direction (d,).
+    """
+    own = ForceCones(domain.lift, tuple(M for M in domain.cones if M[0, -1] == 0.0))
+    rows = np.concatenate([np.zeros((0, domain.lift.shape[1] + 1)), *own.cones])[:, :-1]
+    if not np.all(np.any(rows, axis=0)):  # forces of either sign
+        return np.inf, UpperProof(y, np.zeros(0), ())
+    unit = 1.0 / np.sqrt(np.sum(wrenches.G**2, axis=1) + np.diag(task.second_moment()))
+    (d, _), (m, count) = wrenches.G.shape, rows.shape
+    axes = np.zeros((m, 1))
+    axes[np.cumsum([0, *map(len, own.cones[:-1])])] = 1.0
+    wrench = task.support(y[None])[1]
+    equations = np.block(
+        [
+            [domain.lift.T @ wrenches.G.T * unit, rows.T, np.zeros((count, 1))],
+            [wrench * unit, np.zeros((1, m + 1))],
+            [np.zeros((1, d + m)), np.ones((1, 1))],
+            [np.zeros((m, d)), -np.eye(m), axes],
+        ]
+    )
+    program = clarabel.DefaultSolver(
+        sparse.csc_matrix((d + m + 1,) * 2), np.r_[np.zeros(d + m), -1.0], sparse.csc_matrix(equations),
+        np.r_[np.zeros(count), 1.0, 1.0, np.zeros(m)],
+        [clarabel.ZeroConeT(count + 1), clarabel.NonnegativeConeT(1), *map(cone_of, own.cones)], quiet_settings(1e-9),
+    )  # fmt: skip
+    y = unit * np.array(program.solve().x)[:d]
+    upper, above = provable_upper(wrenches, own, y, task)
+    zeros = np.zeros(sum(map(len, domain.cones)) - m)
+    return upper, UpperProof(y, np.append(above.multipliers, zeros), above.pivots)
 
 
 def provable_lower(

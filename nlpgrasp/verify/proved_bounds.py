@@ -76,8 +76,9 @@ def _prove_and_check(
     except np.linalg.LinAlgError:
         return RecomputedBounds(0.0, np.inf, unproved="a cell of its polytope is flat")
     checked = check_proof(proof.to_bytes())
-    if not checked.lower > 0.0:
-        return RecomputedBounds(0.0, np.inf, unproved=checked.reason or "rounding leaves nothing of its lower end")
+    if not (checked.lower > 0.0 or checked.upper == 0.0):
+        flat = "no lower end is provable, as where wrenches do not span wrench space"
+        return RecomputedBounds(0.0, np.inf, unproved=checked.reason or flat)
     limit = "" if checked.upper <= checked.lower * (1.0 + rtol) else "the polytope reaches no smaller gap"
     return RecomputedBounds(checked.lower, checked.upper, proof.above.direction, limit=limit)
 

@@ -19,6 +19,7 @@ CASES = {
     "elliptic torsion": (ng.SoftContact(0.6, 0.01, model="elliptic"), LIFT, "shared"),
     "line": (ng.LineContact(0.02, 0.5, direction=[0, 1, 0]), LIFT, "per_finger"),
     "plane": (ng.PlaneContact(0.005, friction=0.5), WHOLE, "per_finger_size"),
+    "small pads": (ng.PlaneContact(2e-4, friction=0.6), LIFT, "l2"),
     "pad under Coulomb's law": (ng.PlaneContact(extents=[0.02, 0.01], friction=0.5, direction=[0, 1, 0]), WHOLE, "l2"),
     "bilateral": (ng.BilateralContact(ng.FrictionContact(0.6)), LIFT, "l2"),
     "polytope": (ng.FrictionContact(0.6), WRENCHES, "shared"),
@@ -122,13 +123,29 @@ def test_edited_files_are_refused_with_the_step(tmp_path: Path) -> None:
     assert ng.check_proof(path, "c").reason == "more than a proof (-1)"
 
 
+@pytest.mark.parametrize("budget", ["l2", "per_finger", "per_finger_size", "shared"])
+@pytest.mark.parametrize("name", ["friction", "box torsion", "line", "pad under Coulomb's law"])
+def test_that_mu_is_zero_is_proved(name: str, budget: str, tmp_path: Path) -> None:
+    above = ng.Grasp(
+        BOX + np.array([0, 0, 0.02]), np.array([[0.3, 0, -1], [-0.3, 0, -1]] * 2) / 1.09**0.5, CASES[name][0]
+    )
+    assert ng.write_proof(above, WHOLE, tmp_path / "g.proof", force_budget=budget).upper == 0.0
+    for checker in ("c", "python"):
+        checked = ng.check_proof(tmp_path / "g.proof", checker)
+        assert (checked.lower, checked.upper, checked.reason) == (0.0, 0.0, "")
+
+
+def test_forces_that_balance_each_other_leave_a_bound_next_to_zero(tmp_path: Path) -> None:
+    opposite = ng.Grasp(BOX[:2], INWARD[:2], ng.FrictionContact(0.6))
+    assert 0.0 <= ng.write_proof(opposite, WHOLE, tmp_path / "g.proof").upper < 1e-9
+    assert ng.check_proof(tmp_path / "g.proof")
+
+
 def test_what_cannot_be_proved_is_refused(tmp_path: Path) -> None:
     grasp = ng.Grasp(BOX, INWARD, ng.FrictionContact(0.6))
     function = ng.TaskSet(lambda y: (np.linalg.norm(y, axis=1), y / np.linalg.norm(y, axis=1, keepdims=True)), 6)
     with pytest.raises(ng.InputError, match="ellipsoids, polytopes and sums"):
         ng.write_proof(grasp, function, tmp_path / "g.proof")
-    with pytest.raises(ng.InputError, match="a grasp with a positive mu in a proof"):
-        ng.write_proof(ng.Grasp(BOX, INWARD, ng.PointContact()), WHOLE, tmp_path / "g.proof")
     with pytest.raises(ng.InputError, match=r"proof \(.*a proof file that can be read"):
         ng.check_proof(tmp_path / "none.proof")
 
