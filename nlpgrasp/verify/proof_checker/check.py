@@ -109,7 +109,7 @@ def compiled_checker() -> Path | None:
     with tempfile.TemporaryDirectory(dir=place) as work:
         file, built = Path(work) / "checker.c", Path(work) / "checker"
         file.write_bytes(source)
-        command = [compiler, "-O2", "-o", str(built), str(file), "-lm"]
+        command = [compiler, "-O3", "-o", str(built), str(file), "-lm"]
         if subprocess.run(command, capture_output=True, check=False).returncode != 0:  # noqa: S603
             return None
         os.replace(built, program)

@@ -1,11 +1,14 @@
 /* Checks that lower <= mu <= upper for a grasp and a task, from the proof on standard input alone. Format and argument:
    docs/proof_format.md. Intervals contain the real numbers: in() goes at least one floating-point number outwards.
-   Build, where doubles are little-endian: cc -O2 -o checker checker.c -lm */
+   Build, where doubles are little-endian: cc -O3 -o checker checker.c -lm */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #define EACH(i, m) for (int i = 0; i < (m); i++)
+/* calls of fmin and fmax would take a third of the time; what is not finite, in() refuses */
+static double low(double a, double b) { return a < b ? a : b; }
+static double high(double a, double b) { return a > b ? a : b; }
 typedef struct { double lo, hi; } I;
 typedef struct { int row, col; double x; } Entry; /* of a sparse matrix */
 static void need(int holds, const char *step, long at) { if (!holds) { printf("NOT PROVED: %s (%ld)\n", step, at); exit(1); } }
@@ -19,10 +22,11 @@ static int is_zero(I a) { return a.lo == 0 && a.hi == 0; }
 static I add(I a, I b) { return is_zero(a) ? b : is_zero(b) ? a : in(a.lo + b.lo, a.hi + b.hi); }
 static I mul(I a, I b) {
   double p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
-  return is_zero(a) || is_zero(b) ? pt(0) : in(fmin(fmin(p, q), fmin(r, s)), fmax(fmax(p, q), fmax(r, s)));
+  return is_zero(a) || is_zero(b) ? pt(0) : in(low(low(p, q), low(r, s)), high(high(p, q), high(r, s)));
 }
-static I dot(const I *a, const double *b, int m) { I s = pt(0); EACH(i, m) s = add(s, mul(a[i], pt(b[i]))); return s; }
-static I root(I a) { return is_zero(a) ? a : in(sqrt(fmax(0, a.lo)), sqrt(a.hi)); }
+static I times(I a, double b) { return b == 0 || is_zero(a) ? pt(0) : b > 0 ? in(a.lo * b, a.hi * b) : in(a.hi * b, a.lo * b); }
+static I dot(const I *a, const double *b, int m) { I s = pt(0); EACH(i, m) s = add(s, times(a[i], b[i])); return s; }
+static I root(I a) { return is_zero(a) ? a : in(sqrt(high(0, a.lo)), sqrt(a.hi)); }
 static double number(void) { double x; need(scanf("%lf", &x) == 1 && isfinite(x), "a number is missing", -1); return x; }
 static int count(int least, int most) {
   double x = number(); need(x >= least && x <= most && x == floor(x), "a count is out of range", -1); return (int)x;
@@ -57,7 +61,7 @@ static I reach(const double *y) { /* the task's support along y */
     I most = dot(v, task[t], d), squares = pt(0);
     for (int i = 1; i < many[t]; i++) {
       I w = dot(v, task[t] + i * d, d);
-      if (is_polytope[t]) most = (I){fmax(most.lo, w.lo), fmax(most.hi, w.hi)}; else squares = add(squares, mul(w, w));
+      if (is_polytope[t]) most = (I){high(most.lo, w.lo), high(most.hi, w.hi)}; else squares = add(squares, mul(w, w));
     }
     s = add(s, add(most, root(squares)));
   }
@@ -107,7 +111,7 @@ static void check_upper(double upper) {
 }
 static double (*x)[6]; static I (*v)[6]; /* vertices relative to the centre, and intervals that contain them */
 static struct { int at[6]; double a[6], h; } cell[1 << 22]; /* vertices, ascending, with <a, v> >= h > 0 at each */
-static int cells, ridge[1 << 20][6];
+static int cells, ridge[1 << 17][6], met[1 << 17], place[1 << 17], table[1 << 18]; /* ridges, and a hash table of them */
 static void join(const int *border, int p) { /* a ridge and a later vertex to a cell, and <a, v> about 1 by Gauss-Jordan */
   int *at = cell[cells].at; memcpy(at, border, sizeof *ridge); at[d - 1] = p;
   double M[6][7], *a = cell[cells].a, h = INFINITY; EACH(i, d) { memcpy(M[i], x[at[i]], sizeof *x); M[i][d] = 1; }
@@ -117,10 +121,9 @@ static void join(const int *border, int p) { /* a ridge and a later vertex to a 
     EACH(i, d) { double f = M[i][c] / M[c][c]; for (int j = c; j <= d && i != c; j++) M[i][j] -= f * M[c][j]; }
   }
   EACH(j, d) a[j] = M[j][d] / M[j][j];
-  EACH(i, d) h = fmin(h, dot(v[at[i]], a, d).lo);
+  EACH(i, d) h = low(h, dot(v[at[i]], a, d).lo);
   need(h > 0, "a cell is not proved off the centre", p); cell[cells++].h = h; need(cells < 1 << 22, "too many cells", p);
 }
-static int order(const void *a, const void *b) { return memcmp(a, b, (d - 1) * sizeof(int)); }
 static void check_lower(double lower) {
   int V = count(d + 1, 1 << 20), e[6]; getchar(); x = room(V, sizeof *x); v = room(V, sizeof *v);
   double *u = room(U, sizeof *u); u[U] = 1; I *y = room(n + rows, sizeof *y), c[6] = {{0, 0}};
@@ -134,19 +137,20 @@ static void check_lower(double lower) {
   EACH(p, V) EACH(j, d) { v[p][j] = add(v[p][j], (I){-c[j].hi, -c[j].lo}); x[p][j] = 0.5 * (v[p][j].lo + v[p][j].hi); }
   EACH(i, d + 1) { EACH(j, d) e[j] = j + (j >= i); join(e, e[d - 1]); } /* 2. cells: those of a simplex around the centre; */
   for (int p = d + 1; p < V; p++) { /* those that see another vertex give way to its cone over their border */
-    int m = 0, next = 0;
+    int m = 0;
     for (int t = cells; t--;) {
       double height = 0; EACH(j, d) height += cell[t].a[j] * x[p][j];
       if (height <= 1 + 1e-9 || dot(v[p], cell[t].a, d).lo <= 0) continue;
-      need(m + d <= 1 << 20, "too many cells", p);
-      EACH(i, d) { EACH(j, d - 1) ridge[m][j] = cell[t].at[j + (j >= i)]; m++; }
+      need(m + d <= 1 << 17, "too many cells", p);
+      EACH(i, d) {
+        unsigned at = 0; EACH(j, d - 1) at = (at ^ (ridge[m][j] = cell[t].at[j + (j >= i)])) * 2654435761u;
+        for (at >>= 14; table[at] && memcmp(ridge[table[at] - 1], ridge[m], (d - 1) * sizeof(int));) at = (at + 1) % (1 << 18);
+        if (!table[at]) { met[m] = 0; place[m] = at; table[at] = ++m; }
+        met[table[at] - 1]++;
+      }
       cell[t] = cell[--cells];
     }
-    qsort(ridge, m, sizeof *ridge, order);
-    for (int i = 0; i < m; i = next) { /* ridges that an odd number of them has */
-      for (next = i + 1; next < m && !order(ridge[i], ridge[next]);) next++;
-      if ((next - i) % 2) join(ridge[i], p);
-    }
+    EACH(i, m) { table[place[i]] = 0; if (met[i] % 2) join(ridge[i], p); } /* those that an odd number of cells has */
   }
   EACH(t, cells) { /* 3. the half-space <a, w - c> <= h cuts the cone of a cell inside the polytope, and holds the scaled task */
     I h = pt(cell[t].h); EACH(j, d) h = add(h, mul(pt(cell[t].a[j]), c[j]));
