@@ -45,8 +45,7 @@ def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: floa
     Bounds
         Upper bound infinite where some wrench is held by no force, or the contacts cannot press against each other.
     """
-    models = [model.with_friction(1.0 - friction_loss) for model in grasp.contacts] if friction_loss else grasp.contacts
-    weaker = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
+    weaker = grasp.with_friction(1.0 - friction_loss) if friction_loss else grasp
     quality = mu(weaker, task, rtol, force_budget=BUDGET, seed=seed)
     if quality.lower <= 0.0 or not can_press(weaker):
         return NO_FORCE

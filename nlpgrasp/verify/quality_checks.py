@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -15,11 +16,12 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.critical_friction import LARGEST, SMALLEST, HoldingForce, common_friction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import delta, mu, unit_ball
 from nlpgrasp.quality.sandwich import SHRINK
 from nlpgrasp.quality.volume import nu
-from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.analysis_records import CriticalFriction, Robustness
 from nlpgrasp.solution.kept_grasps import weighs_fragility
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -38,8 +40,11 @@ UPPER_TOLERANCE = 2e-3  # relative tolerance of upper ends without a direction, 
 USUAL_RTOL = 0.01  # relative gap of certificates in files, unless their options state another
 GAP_SHARE = 0.2  # share of the gap asked for over all placements that a grasp's own certificate takes
 WIDTH_SHARE = 0.6  # share of the stated width with which a recomputation begins
-TIGHTENING, FINEST = 4.0, 1e-7  # the requested gap over the finest recomputed one; the least relative gap
+TIGHTENING, FINER = 4.0, 10.0  # the requested gap over the finest recomputed one; that over one that would decide
+FINEST = 1e-7  # least relative gap
 ZERO_SHARE = 1e-3  # share of the grasp's quality: a smaller upper bound counts as zero
+FORCE_WIDTH = 0.05  # allowed relative excess of a stated interval of force over the recomputed one
+FRICTION_WIDTH = 0.03  # relative width of an interval of friction above which it is recomputed, to the same tolerance
 SHARE_TOLERANCE = 1e-9  # tolerance of shares, which follow from other numbers of the file
 OFFSET_FACTOR = 1.5  # allowed displacement over the stated offset, as surfaces are curved
 EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over it
@@ -75,9 +80,11 @@ def recompute_bounds(
     recomputed = certify(float(np.clip(WIDTH_SHARE * width, finest, rtol)))
     if _is_undecided(stated, recomputed):
         recomputed = certify(finest)
-    if _is_undecided(stated, recomputed) and recomputed.lower >= (1.0 - SHRINK) * stated.lower > 0.0:
-        # of a polytope only the shrinking of its points is left, which is a share of the gap
-        recomputed = certify(max(WIDTH_SHARE * (recomputed.upper / stated.lower - 1.0), FINEST))
+    if _is_undecided(stated, recomputed) and stated.lower > 0.0:
+        # a certificate may end narrower than was asked; or of a polytope only the shrinking of its points is left
+        gap = WIDTH_SHARE * (recomputed.upper / stated.lower - 1.0)
+        if gap >= finest / FINER or recomputed.lower >= (1.0 - SHRINK) * stated.lower:
+            recomputed = certify(min(max(gap, FINEST), finest))
     return recomputed
 
 
@@ -242,6 +249,69 @@ def _share_errors(solution: GraspSolution, stated: Robustness) -> Iterator[str]:
         yield f"a share of {stated.stated_share} stated"
     if stated.stated_fragile is not stated.is_fragile(solution.mu):
         yield f"fragile {stated.stated_fragile} stated"
+
+
+def critical_friction_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
+    """Return the check of the stored critical friction, held at its upper end and lost at its lower one, and forces."""
+    stated, holding = solution.friction, solution.holding
+    if stated is None:
+        return []
+    errors = _critical_friction_errors(stated, holding, grasp, task)
+    least = f"the least in {stated.least}" if np.isfinite(stated.least.upper) else f"none up to {LARGEST:g} is enough"
+    summary = f"{least}, {holding.scope}; forces at {len(stated.curve)} others"
+    return [Check.of_errors("critical friction", errors, summary)]
+
+
+def _critical_friction_errors(
+    stated: CriticalFriction, holding: HoldingForce, grasp: Grasp, task: Task
+) -> Iterator[str]:
+    """Yield errors in a stored critical friction and its curve."""
+    friction, (lower, upper) = common_friction(grasp.contacts), (stated.least.lower, stated.least.upper)
+    if np.isfinite(upper):
+        if holding.holds(grasp.with_friction(upper / friction), task, seed=OTHER_SEED)[0] is not True:
+            yield f"held above {upper:.5g} stated, not proved there"
+        if upper > (1.0 + FRICTION_WIDTH) * max(lower, SMALLEST * friction):
+            recomputed = holding.critical_friction(grasp, task)
+            if upper > (1.0 + FRICTION_WIDTH) * recomputed.upper or recomputed.lower > (1.0 + FRICTION_WIDTH) * lower:
+                yield f"{stated.least} stated, {recomputed} recomputed"
+    if lower > 0.0 and holding.holds(grasp.with_friction(lower / friction), task, seed=OTHER_SEED)[0] is not False:
+        yield f"lost below {lower:.5g} stated, not refuted there"
+    frictions = [point.friction for point in stated.curve]
+    if frictions != sorted({*frictions} - {friction}):
+        yield "frictions of the curve that do not ascend, or are the contacts' own"
+    for point in stated.curve:
+        certify = partial(holding.least, grasp.with_friction(point.friction / friction), task, seed=OTHER_SEED)
+        yield from force_errors(f"the force at {point.friction:g}", point.force, certify)
+
+
+def force_errors(name: str, stated: Bounds, certify: Callable[[float], Bounds]) -> Iterator[str]:
+    """Yield an error if recomputed bounds on a force do not confirm stated ones, or are much narrower.
+
+    Parameters
+    ----------
+    name : str
+        Shown in the message.
+    stated : Bounds
+    certify : callable
+        Bounds on the force to a relative gap.
+    """
+    if stated.lower <= 0.0 and np.isfinite(stated.upper):
+        yield f"{name} stated {stated}: no force is too small"
+        return
+    quality = _inverse(stated)
+    recomputed = recompute_bounds(quality, lambda gap: _inverse(certify(gap)), USUAL_RTOL)
+    is_narrow = (
+        recomputed.lower <= (1.0 + FORCE_WIDTH) * quality.lower
+        and recomputed.upper >= (1.0 - FORCE_WIDTH) * quality.upper
+    )
+    if not (are_confirmed(quality, recomputed) and is_narrow):
+        yield f"{name} stated {stated}, recomputed {_inverse(recomputed)}"
+
+
+def _inverse(bounds: Bounds) -> Bounds:
+    """Return the interval of the quality that belongs to forces, and back."""
+    ends = [0.0 if np.isinf(x) else 1.0 / x if x > 0.0 else np.inf for x in (bounds.upper, bounds.lower)]
+    return Bounds(ends[0], ends[1])
 
 
 def grasp_map_check(grasp: Grasp) -> Check:

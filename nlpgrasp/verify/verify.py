@@ -26,6 +26,7 @@ from nlpgrasp.verify.outcome_checks import kept_grasp_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
     bounds_check,
     check_other_measures,
+    critical_friction_checks,
     direction_checks,
     grasp_map_check,
     interval_check,
@@ -130,6 +131,7 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
     }
     if quality is None:
         names = ("certified quality", "worst direction", "forces needed", "robustness")
+        names += ("critical friction",) if solution.friction is not None else ()
         parts["certified quality"] = lambda: [Check.not_made(name, MISSING) for name in names]
     else:
         parts |= {
@@ -140,6 +142,7 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
             "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
             "grip force": lambda: grip_checks(solution, grasp, task),
             "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),
+            "critical friction": lambda: critical_friction_checks(solution, grasp, task),
         }
     parts |= {
         "forces": lambda: force_checks(solution, grasp, force_set),
