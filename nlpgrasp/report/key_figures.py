@@ -195,8 +195,8 @@ def _friction_figures(solution: GraspSolution) -> list[KeyFigure]:
     if not line or solution.friction is None:
         return []
     least = solution.friction.least.upper
-    value = f"held above {format_upper(least)}" if math.isfinite(least) else "not held"
-    return [KeyFigure("Friction", value, (capitalise(line),), "" if math.isfinite(least) else "bad")]
+    value, tone = (format_upper(least), "") if math.isfinite(least) else ("none is enough", "bad")
+    return [KeyFigure("Friction needed", value, (capitalise(line),), tone)]
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:

@@ -64,16 +64,13 @@ def friction_section(solution: GraspSolution) -> str:
     title = f"<h3>Friction</h3><p>{escape(typeset(f'{capitalise(line)}.'))}</p>"
     if len(curve) < 2:
         return title
-    points, others = (
-        np.array([[p.friction, p.force.upper] for p in curve]),
-        {p.friction for p in solution.friction.curve},
+    points = np.array([[point.friction, point.force.upper] for point in curve])
+    kinds = ["dot" if point in solution.friction.curve else "answer" for point in curve]
+    marks = [Mark(at, force, kind) for (at, force), kind in zip(points.tolist(), kinds, strict=True)]
+    curves = [Curve(points, "best")]
+    caption = (
+        "Least force at each friction, with a ring at the contacts' own: each dot is proved for larger friction too."
     )
-    marks = [Mark(at, force, "dot" if at in others else "answer") for at, force in points.tolist()]
-    curves, caption = (
-        [Curve(points, "best")],
-        "Least force at each friction, with a ring at the contacts' own. What a dot ",
-    )
-    caption += "states is proved for every larger friction too."
     least = solution.friction.least.upper
     if least >= 0.5 * points[0, 0]:
         ends = points[:, 1].min(), points[:, 1].max()

@@ -67,7 +67,7 @@ class Case:
             {"finger_force": float(rng.uniform(3.0, 30.0))},
             {"total": float(rng.uniform(10.0, 80.0))},
         )[seed // 60 % 3]
-        return cls(ng.Grasp(0.03 * outward, normals, model), task, limits)
+        return cls(ng.Grasp(0.03 * outward, normals, model, np.zeros(3)), task, limits)
 
     def wrenches(self, friction: float, rng: np.random.Generator) -> np.ndarray:
         """Return wrenches of the task: its vertices, or ends of an ellipsoid, the hardest for this friction first."""
@@ -83,7 +83,7 @@ class Case:
     def at(self, friction: float) -> ng.Grasp:
         """Return the grasp with another friction, torsional friction in proportion."""
         models = [c.with_friction(friction / c.friction) for c in self.grasp.contacts]
-        return ng.Grasp(self.grasp.points, self.grasp.normals, models)
+        return ng.Grasp(self.grasp.points, self.grasp.normals, models, np.zeros(3))
 
     def holds(self, friction: float, wrench: np.ndarray) -> bool:
         """Return whether forces exert a wrench: a conic program in forces at points and torsions, by Clarabel.
