@@ -176,7 +176,47 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(ng.InputError, match="one of finger_force and total"):
         ng.critical_friction(pinch(), WEIGHT, finger_force=1.0, total=2.0)
     mixed = ng.Grasp(SIDES, INWARD, [ng.FrictionContact(0.5)] * 3 + [ng.FrictionContact(0.6)])
-    with pytest.raises(ng.InputError, match="contacts with one friction coefficient"):
+    with pytest.raises(ng.InputError, match=r"friction 0\.5 and 0\.6, expected one friction coeff"):
         ng.critical_friction(mixed, WEIGHT)
-    with pytest.raises(ng.InputError, match="frictions"):
-        ng.force_curve(pinch(), WEIGHT, [0.0])
+    with pytest.raises(ng.InputError, match="got contacts without friction, expected contacts with one friction"):
+        ng.critical_friction(ng.Grasp(SIDES, INWARD, ng.PointContact()), WEIGHT)
+    for name, value, expected in (
+        ("rtol", 0.0, "at least 0.001"),
+        ("rtol", np.nan, "at least 0.001"),
+        ("rtol", "2 %", "at least 0.001"),
+        ("largest", 0.0, "greater than 0"),
+        ("finger_force", np.inf, "finite"),
+        ("total", -1.0, "greater than 0"),
+    ):
+        with pytest.raises(ng.InputError, match=f"^{name}: got .*{expected}"):
+            ng.critical_friction(pinch(), WEIGHT, **{name: value})
+    for frictions, expected in (
+        ([0.0], "greater than 0"),
+        ([-0.5], "greater than 0"),
+        ([np.nan], "finite"),
+        ("0.5", ""),
+    ):
+        with pytest.raises(ng.InputError, match=f"^frictions: got .*{expected}"):
+            ng.force_curve(pinch(), WEIGHT, frictions)
+
+
+def test_a_task_that_no_friction_holds_is_refuted_up_to_the_largest() -> None:
+    two = ng.Grasp(SIDES[:2], INWARD[:2], ng.FrictionContact(0.6), SIDES[:2].mean(axis=0))
+    twist = ng.TaskPolytope([[0, 0, 0, 0.1, 0, 0]])  # about the line between two contacts without torsion
+    friction = ng.critical_friction(two, twist)
+    assert (friction.lower, friction.upper) == (10.0, np.inf)
+    assert ng.force_curve(two, twist, [0.5])[0].upper == np.inf
+
+
+def test_the_coarsest_interval_and_a_friction_above_the_largest() -> None:
+    friction = ng.critical_friction(pinch(), WEIGHT, finger_force=2.0, rtol=3.0)
+    assert friction.lower <= 0.25 <= friction.upper <= 4.0 * friction.lower
+    friction = ng.critical_friction(pinch(0.6), WEIGHT, finger_force=2.0, largest=0.2)
+    assert (friction.lower, friction.upper) == (0.2, np.inf)
+
+
+def test_loads_that_no_friction_changes_have_a_wide_interval_at_most() -> None:
+    # 2 N along the closing line on two contacts of 2 N: held by the normal force alone, to the last digit
+    along = ng.TaskPolytope([[2.0, 0, 0, 0, 0, 0]])
+    friction = ng.critical_friction(pinch(), along, finger_force=1.0)
+    assert friction.lower == 0.0 or friction.upper == np.inf
