@@ -121,7 +121,7 @@ def pyramids(grasps):
         show("per_finger", 0.01, k, (4,))
 
 
-def friction(count=1000):
+def friction(count):
     """Print time and width of critical frictions, and what conic programs beyond either end contradict."""
     seconds, widths, contradicted = [], [], 0
     for seed in range(count):
@@ -131,9 +131,9 @@ def friction(count=1000):
         seconds.append(time.process_time() - start_time)
         if found.lower > 0.0 and np.isfinite(found.upper):
             widths.append(found.upper / found.lower - 1.0)
-        for text in contradictions(seed):
+        for text in contradictions(case, found):
             contradicted += 1
-            print(f"seed {seed}: {text}")
+            print(f"seed {seed}: {text}", flush=True)
     median, tenth, most = np.quantile(seconds, [0.5, 0.9, 1.0])
     print(f"critical friction of {count} grasps of 3 to 6 contacts, 2 %: CPU seconds {median:.2f} in the median,")
     print(f"    {tenth:.2f} for the slowest tenth, {most:.2f} at most; widest {max(widths):.2%}")
@@ -142,7 +142,7 @@ def friction(count=1000):
 
 def run(part=None):
     if part == "friction":
-        friction()
+        friction(1000)
         return
     grasps = random_grasps()
     certificates(grasps)
