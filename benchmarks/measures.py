@@ -8,6 +8,7 @@ from scipy import sparse
 
 import nlpgrasp as ng
 from benchmarks.starts import run_starts
+from tests.quality.test_critical_friction import Case, contradictions
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
@@ -120,7 +121,29 @@ def pyramids(grasps):
         show("per_finger", 0.01, k, (4,))
 
 
-def run():
+def friction(count):
+    """Print time and width of critical frictions, and what conic programs beyond either end contradict."""
+    seconds, widths, contradicted = [], [], 0
+    for seed in range(count):
+        case = Case.random(seed)
+        start_time = time.process_time()
+        found = ng.critical_friction(case.grasp, case.task, **case.limits)
+        seconds.append(time.process_time() - start_time)
+        if found.lower > 0.0 and np.isfinite(found.upper):
+            widths.append(found.upper / found.lower - 1.0)
+        for text in contradictions(case, found):
+            contradicted += 1
+            print(f"seed {seed}: {text}", flush=True)
+    median, tenth, most = np.quantile(seconds, [0.5, 0.9, 1.0])
+    print(f"critical friction of {count} grasps of 3 to 6 contacts, 2 %: CPU seconds {median:.2f} in the median,")
+    print(f"    {tenth:.2f} for the slowest tenth, {most:.2f} at most; widest {max(widths):.2%}")
+    print(f"    contradicted by conic programs: {contradicted}")
+
+
+def run(part=None):
+    if part == "friction":
+        friction(1000)
+        return
     grasps = random_grasps()
     certificates(grasps)
     screening()

@@ -1,20 +1,21 @@
-"""Optional analyses of a solution: shadow prices, robustness, delta, nu, phases of the hand, a drawing."""
+"""Optional analyses of a solution: shadow prices, robustness, delta, nu, friction, phases of the hand, a drawing."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from nlpgrasp.analysis.critical_friction import critical_friction
 from nlpgrasp.analysis.shadow_prices import shadow_prices
 from nlpgrasp.analysis.squeeze import add_squeeze, add_squeezes
-from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.files import json_round_trip
 from nlpgrasp.common.user_warnings import warn
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands import ParallelJaw, URDFHand
 from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -27,11 +28,15 @@ from nlpgrasp.optimize.start import follow_with_hand
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
+from nlpgrasp.quality.critical_friction import HoldingForce, common_friction
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.analysis_records import CriticalFriction
+from nlpgrasp.solution.grip_record import holding_force
 from nlpgrasp.solution.obstructions import links_are_free
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.solution.stored_drawing import draw_body_and_hand
+from nlpgrasp.tasks import Task
 
 RTOL = 0.02  # relative gap of delta, error bar of nu
 PARTS = ("body", "contacts", "task", "constraints")  # of a problem, compared with those that a solution states
@@ -52,27 +57,29 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
         With a grasp.
     *analyses : str
         ``"prices"``: shadow prices of limits. ``"robustness"``: remaining quality under contact displacement and
-        friction loss. ``"delta"``, ``"nu"``: two other measures of quality. ``"phases"``: keyframes of a hand with
-        links, from approach to lift. ``"drawing"``: triangles of body and hand, for pages and exports. Without a name:
-        all that the solution lacks, as far as its problem is known.
+        friction loss. ``"delta"``, ``"nu"``: two other measures of quality. ``"friction"``: the least friction with
+        which the task is held, and the least force at others. ``"phases"``: keyframes of a hand with links, from
+        approach to lift. ``"drawing"``: triangles of body and hand, for pages and exports. Without a name: all that
+        the solution lacks, as far as its problem is known.
     problem : GraspProblem, optional
         That was solved. A solution of ``ng.solve`` knows its own; one from a file that has a mesh, a hand or a function
-        of the user's does not, and takes ``"delta"`` and ``"nu"`` alone without it.
+        of the user's does not, and takes ``"delta"``, ``"nu"`` and ``"friction"`` alone without it.
 
     Raises
     ------
     InputError
-        On a name that is none of these, without a grasp, on ``"phases"`` without a hand that has links, on an analysis
-        whose problem is not known, and on a problem that is not the one that the solution states.
+        On a name that is none of these, without a grasp, on ``"phases"`` without a hand that has links, on
+        ``"friction"`` of contacts without one friction coefficient, on an analysis whose problem is not known, and on a
+        problem that is not the one that the solution states.
     """
     solution = require_solution(solution)
     if problem is not None:
         _check_same_problem(solution, problem)
     names = check_analyses("analyses", analyses)
-    solution.require_grasp()
+    contacts = solution.require_grasp().contacts
     problem = problem or solution.known_problem
-    if names:
-        check_phases_possible("analyses", names, None if problem is None else problem.hand, problem is not None)
+    hand = None if problem is None else problem.hand
+    check_possible("analyses", names, contacts, hand, problem is not None)
     lacking = [name for name in _applicable(names, problem) if not is_stated(solution, name)]
     of_problem = [name for name in lacking if name not in OF_GRASP]
     if of_problem and problem is None:
@@ -81,7 +88,7 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
     analysed = solution
     for _, result in analyse_one_by_one(solution, lacking, problem):
         analysed = result
-    return add_analyses_to(analysed, {}, None if problem is None else problem.hand)
+    return add_analyses_to(analysed, {}, hand)
 
 
 def analyse_one_by_one(
@@ -99,7 +106,7 @@ def analyse_one_by_one(
                     compiled = CompiledProblem(problem, SolveOptions(workers=1))
                     prepared.append((compiled, _start_of_solution(compiled, solution, grasp)))
                 if name in OF_GRASP:
-                    value, message = OF_GRASP[name](grasp, solution.budget), ""
+                    value, message = OF_GRASP[name](grasp, solution.task, solution.holding), ""
                 else:
                     value, message = _analyse_problem(name, *prepared[0], Deadline())
             if message:
@@ -121,7 +128,8 @@ def analyses_of(
             if deadline.should_stop():
                 break
             if name in OF_GRASP:
-                values[name] = OF_GRASP[name](start.on_body.grasp, compiled.budget(start.on_body.candidate))
+                holding = holding_force(compiled.problem.to_dict(), compiled.budget(start.on_body.candidate))
+                values[name] = OF_GRASP[name](start.on_body.grasp, compiled.problem.task, holding)
             else:
                 values[name], message = _analyse_problem(name, compiled, start, deadline)
                 messages += [message] if message else []
@@ -144,8 +152,10 @@ def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: H
 
 
 def requested_analyses(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
-    """Return the requested analyses that the solution does not yet contain."""
+    """Return the requested analyses that the solution does not yet contain; of parallel jaws the friction, too."""
     names = all_analyses(hand) if options.extras else options.analyses
+    if isinstance(hand, ParallelJaw):
+        names = (*names, *({"friction"} - {*names}))
     return tuple(name for name in names if not is_stated(solution, name))
 
 
@@ -167,11 +177,15 @@ def format_added(before: GraspSolution, after: GraspSolution) -> str:
     return ", ".join(ANALYSES[name] for name in added)
 
 
-def check_phases_possible(field: str, names: Iterable[str], hand: Hand | None, is_known: bool = True) -> None:
-    """Raise InputError if phases are requested of a problem whose hand has no links.
+def check_possible(
+    field: str, names: Iterable[str], contacts: Sequence[ContactModel], hand: Hand | None, is_known: bool = True
+) -> None:
+    """Raise InputError if phases are requested without linked hand, or friction of contacts without one coefficient.
 
-    So they are without a hand. Nothing is raised if the problem is not known.
+    Of phases nothing is raised if the problem is not known.
     """
+    if "friction" in names:
+        common_friction(contacts, field)
     if "phases" in names and is_known and not isinstance(hand, URDFHand):
         value = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
         raise InputError(field, value, "no phases without a hand that has links, such as an ng.URDFHand")
@@ -217,23 +231,35 @@ def _analyse_problem(name: str, compiled: CompiledProblem, start: StartGrasp, de
     return value, message and FAILED.format(name, message)
 
 
-def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
+def _delta(grasp: Grasp, _: Task, holding: HoldingForce) -> Bounds:
     """Return the quality delta with the mean arm as torque scale."""
-    return delta(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+    return delta(grasp, grasp.mean_arm, RTOL, force_budget=holding.budget)
 
 
-def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
+def _nu(grasp: Grasp, _: Task, holding: HoldingForce) -> Volume | None:
     """Return the quality nu; None if it is too costly or fails."""
-    if budget.at(grasp.frames, grasp.contacts).costly:
+    if holding.budget.at(grasp.frames, grasp.contacts).costly:
         return None
     try:
-        return nu(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+        return nu(grasp, grasp.mean_arm, RTOL, force_budget=holding.budget)
     except NlpgraspError:
         return None
 
 
-# analyses by name: of a grasp under its force budget, and those that take the compiled problem
-OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, "nu": _nu}
+def _friction(grasp: Grasp, task: Task, holding: HoldingForce) -> CriticalFriction | None:
+    """Return the critical friction; None of contacts without one friction coefficient."""
+    try:
+        return critical_friction(grasp, task, holding)
+    except InputError:
+        return None
+
+
+# analyses by name: of a grasp, its task and the force that holds it, and those that take the compiled problem
+OF_GRASP: Mapping[str, Callable[[Grasp, Task, HoldingForce], Any]] = {
+    "delta": _delta,
+    "nu": _nu,
+    "friction": _friction,
+}
 
 
 OF_PROBLEM: Mapping[str, Callable[[CompiledProblem, StartGrasp, Deadline], Any]] = {

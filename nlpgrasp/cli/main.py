@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -47,10 +47,6 @@ from nlpgrasp.common.validation import integer, share
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.version import __version__
 
-if TYPE_CHECKING:
-    from nlpgrasp.hands.base import Hand
-
-
 DEMO_STARTS = 4  # of the demo
 INTRODUCTION = """A box of 80 x 40 x 40 mm stands on a table. Four round fingertips of 8 mm, friction 0.6, are to exert
 10 N along z, 5 N across and 0.2 N m of torque on it, either way. Where should they touch it?
@@ -60,7 +56,7 @@ INTERRUPTED_CODE = 130  # what typer makes of Ctrl-C
 USAGE_ERROR: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
-def parse_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
+def parse_analyses(text: str | None, quick: bool, problem: ng.GraspProblem) -> tuple[str, ...]:
     """Return the names of the analyses that ``--with`` lists.
 
     Without ``--with`` they are all analyses, or none with ``--quick``.
@@ -68,17 +64,17 @@ def parse_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[st
     Raises
     ------
     InputError
-        On a name that is no analysis, on phases of no hand, and on both options.
+        On a name that is no analysis, on an analysis that the problem does not allow, and on both options.
     """
     if quick and text is not None:
         raise InputError("--quick", f"--with {text} beside it", "one of the two")
-    from nlpgrasp.analysis.analyse import all_analyses, check_phases_possible
+    from nlpgrasp.analysis.analyse import all_analyses, check_possible
     from nlpgrasp.optimize.options import check_analyses
 
     if text is None:
-        return () if quick else all_analyses(hand)
+        return () if quick else all_analyses(problem.hand)
     names = check_analyses("--with", [name.strip() for name in text.split(",")])
-    check_phases_possible("--with", names, hand)
+    check_possible("--with", names, problem.models, problem.hand)
     return names
 
 
@@ -171,7 +167,7 @@ def demo_command(
     verification = ng.verify(target)
     typer.echo(verification.verdict)
     if solution.known_problem is not None:
-        names = parse_analyses(None, False, solution.known_problem.hand)
+        names = parse_analyses(None, False, solution.known_problem)
         solution = add_analyses(solution, names, target, False)
     from nlpgrasp.report import write_report
 
@@ -233,7 +229,7 @@ def solve_command(
     file = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
-    names = parse_analyses(analyses, quick, problem.hand)
+    names = parse_analyses(analyses, quick, problem)
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = ng.solve(problem, starts, seed, options, keep=keep, distinct=distinct, progress=reporter.start_done)
     written = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +20,10 @@ if TYPE_CHECKING:
     from nlpgrasp import GraspProblem, GraspSolution
     from nlpgrasp.budgets import ForceBudget
     from nlpgrasp.interop import ReadGrasp
+    from nlpgrasp.quality.critical_friction import HoldingForce
+    from nlpgrasp.quality.grasp import Grasp
     from nlpgrasp.quality.measure_table import Columns
+    from nlpgrasp.solution.analysis_records import CriticalFriction
     from nlpgrasp.tasks import Task
 
 GraspFile = Annotated[
@@ -73,6 +77,7 @@ def quality_command(
     """
     from nlpgrasp.interop import ReadOptions
     from nlpgrasp.interop.registry import SOLUTION, reader_of
+    from nlpgrasp.quality.critical_friction import HoldingForce
     from nlpgrasp.quality.grasp import check_spans
 
     reader = reader_of(file)
@@ -91,7 +96,9 @@ def quality_command(
         check_spans(file.name, item.grasp.points[None])
         if tasks and by_file is None:
             item = replace(item, task=tasks[0].task, budget=common_budget(tasks, item.budget))
-        _print_measures(item, PAGE_RTOL if rtol is None else rtol, torque_scale, as_json)
+        is_own_task = reader is SOLUTION and not tasks
+        holding = ng.GraspSolution.load(file).holding if is_own_task else HoldingForce(item.budget)
+        _print_measures(item, holding, PAGE_RTOL if rtol is None else rtol, torque_scale, as_json)
     else:
         target = None if out is None else writable(out, file, ending=".csv")
         columns = measure_grasps(file, readings, tasks, measures, torque_scale, TABLE_RTOL if rtol is None else rtol)
@@ -200,8 +207,10 @@ def _write_table(columns: Columns, target: Path | None, as_json: bool) -> None:
         typer.echo(text, nl=False)
 
 
-def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
-    """Compute and print the quality measures of one grasp."""
+def _print_measures(
+    item: ReadGrasp, holding: HoldingForce, rtol: float, torque_scale: float | None, as_json: bool
+) -> None:
+    """Compute and print the quality measures of one grasp, and the friction with which forces hold its task."""
     from nlpgrasp.solution.quality_record import measure_meaning
 
     grasp, task, budget = item.grasp, item.task, item.budget
@@ -209,6 +218,7 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
     mu = None if task is None else ng.mu(grasp, task, rtol, force_budget=budget)
     delta = ng.delta(grasp, scale, rtol, force_budget=budget)
     nu = ng.nu(grasp, scale, rtol, force_budget=budget)
+    friction, friction_text = (None, "") if task is None else _friction(item.grasp, task, holding, rtol)
     is_stable = delta.lower > 0.0
     kind = "mu" if task is None else task.measure
     limit = f" ({mu.limit})" if mu is not None and mu.limit else ""
@@ -220,7 +230,8 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
             "delta": bounds_pair(delta),
         }
         nu_data = {"nu": bounds_pair(nu), "nu_value": nu.value, "nu_error": nu.error, "stable": is_stable}
-        write_json_line({**data, "torque_scale": scale, **nu_data})
+        friction_data = {"critical_friction": None if friction is None else friction.to_dict()}
+        write_json_line({**data, "torque_scale": scale, **nu_data, **friction_data})
         return
     typer.echo(f"{item.name}: {len(grasp)} contacts, force budget {budget.kind}")
     quality = "needs a task: --task G.json, or a name in a library"
@@ -230,8 +241,26 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
     negation = "" if is_stable else "not "
     typer.echo(f"  delta    certified in {delta} (torque scale {scale:.4g} m): {negation}force-closed")
     typer.echo(f"  nu       {nu}")
+    if friction_text:
+        typer.echo(f"  friction {friction_text}")
     if mu is not None and mu.upper == 0.0 and mu.worst_direction is not None:
         typer.echo(f"  cannot exert the task's wrenches: no contact force works along {mu.worst_direction.tolist()}")
+
+
+def _friction(grasp: Grasp, task: Task, holding: HoldingForce, rtol: float) -> tuple[CriticalFriction | None, str]:
+    """Return the critical friction of a grasp with its text; None with the reason where contacts have none."""
+    from nlpgrasp.analysis.critical_friction import critical_friction
+    from nlpgrasp.quality.critical_friction import common_friction
+
+    try:
+        friction = critical_friction(grasp, task, holding)
+    except InputError as error:
+        return None, f"not computed: {error}"
+    if friction is None:
+        return None, ""
+    force = holding.least(grasp, task, rtol)
+    known = force if force.upper < math.inf else None
+    return friction, friction.words(holding, common_friction(grasp.contacts), known)
 
 
 def complete_file(

@@ -19,6 +19,7 @@ ANALYSES = {
     "robustness": "robustness",
     "delta": "delta",
     "nu": "nu",
+    "friction": "critical friction",
     "phases": "phases of the hand",
     "drawing": "the drawing",
 }  # from an analysis to its name in messages
@@ -44,7 +45,7 @@ class SolveOptions:
         Clearance to which the fingers of a hand with a pose open for the pregrasp, metres.
     analyses : sequence of str
         Analyses of the answer, by the names of ``ng.analyse``: ``"prices"``, ``"robustness"``, ``"delta"``, ``"nu"``,
-        ``"phases"``, ``"drawing"``. Each can be added to a solution later.
+        ``"friction"``, ``"phases"``, ``"drawing"``. Each can be added to a solution later.
     extras : bool
         Whether to run all analyses.
     robust_offset : float

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from nlpgrasp.analysis.analyse import check_phases_possible
+from nlpgrasp.analysis.analyse import check_possible
 from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.deadline import InterruptHandler
 from nlpgrasp.common.types import Json
@@ -109,7 +109,7 @@ def solve(
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
     check_json(problem.to_dict())
-    check_phases_possible("SolveOptions.analyses", options.analyses, problem.hand)
+    check_possible("SolveOptions.analyses", options.analyses, problem.models, problem.hand)
     warn_of_smoothing(problem.body, problem.hand)
     keeping = KeepOptions(keep, distinct)
     callback = progress_callback(progress, starts)

@@ -7,18 +7,30 @@ between certificates brackets the least friction, and both ends are proved.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.formatting import FORCE_UNIT, format_number
 from nlpgrasp.common.validation import array, number
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.least_friction import can_press
+from nlpgrasp.quality.least_grip import least_grip
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.tasks import Task
+
+LARGEST = 10.0  # friction above which is not searched
+SMALLEST = 1e-3  # share of the contacts' friction below which is not searched
+COARSEST, FINEST = 0.3, 3e-4  # relative widths of the certificates of mu that decide at one friction
+LEAST_RTOL = 1e-3  # of the interval of friction: certificates do not tell closer frictions apart
+SLACK = 1e-3  # share of the force by which a task is out of reach where it counts as lost
 
 
 def critical_friction(
@@ -28,7 +40,7 @@ def critical_friction(
     finger_force: float | None = None,
     total: float | None = None,
     rtol: float = 0.02,
-    largest: float = 10.0,
+    largest: float = LARGEST,
 ) -> Bounds:
     """Return the least friction with which a task is held: below ``lower`` it is lost, above ``upper`` held.
 
@@ -43,7 +55,7 @@ def critical_friction(
     total : float, optional
         Newtons: largest sum of the normal forces.
     rtol : float
-        Relative width of the interval.
+        Relative width of the interval, at least 0.001. It is wider where the forces hardly depend on friction.
     largest : float
         Friction above which is not searched.
 
@@ -56,35 +68,134 @@ def critical_friction(
     Raises
     ------
     InputError
-        When contacts have no friction, or different coefficients, or both limits are given.
+        When contacts have no friction, or different coefficients, both limits are given, or a number is out of range.
     """
     require_grasp(grasp)
     task = task_for(task, grasp)
     if finger_force is not None and total is not None:
         raise InputError("total", total, "one of finger_force and total")
-    limit = np.inf
-    if finger_force is not None:
-        limit = number("finger_force", finger_force, above=0.0)
-    elif total is not None:
-        limit = number("total", total, above=0.0)
-    budget = "shared" if total is not None else "per_finger"
-    rtol = number("rtol", rtol, above=0.0)
-    base = _friction(grasp)
-    least, most = 0.0, np.inf  # refuted, proved
-    trial = min(base, largest)
-    while most > (1.0 + rtol) * least:
-        verdict = _is_held(_with_friction(grasp, trial / base), task, budget, 1.0 / limit)
-        if verdict is None:
-            break  # closer than certificates tell apart
-        if verdict:
-            most = trial
+    name, limit = ("finger_force", finger_force) if total is None else ("total", total)
+    quality = 0.0 if limit is None else 1.0 / number(name, limit, above=0.0)
+    budget = "per_finger" if total is None else "shared"
+    rtol, largest = number("rtol", rtol, at_least=LEAST_RTOL), number("largest", largest, above=0.0)
+    return _bracket(grasp, lambda weaker: _is_held(weaker, task, budget, quality), rtol, largest)
+
+
+@dataclass(frozen=True)
+class HoldingForce:
+    """Force that holds a task: how it is counted, and the largest that is allowed.
+
+    Parameters
+    ----------
+    budget : ForceBudget
+        Counts the force. One that is absolute, such as joint torques, also limits it.
+    most : float or None
+        Newtons: largest force of each finger; of jaws, normal force of each. None for forces of any size.
+    jaws : bool
+        Whether the contacts are the jaws of a gripper, which press against each other with the same force.
+    """
+
+    budget: ForceBudget
+    most: float | None = None
+    jaws: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Unit of the force."""
+        return FORCE_UNIT if self.jaws else self.budget.unit
+
+    @property
+    def amount(self) -> str:
+        """Text on what is counted."""
+        return "normal force of each jaw" if self.jaws else self.budget.amount
+
+    @property
+    def scope(self) -> str:
+        """Text on the largest force that is allowed."""
+        if self.budget.absolute and not self.jaws:
+            return "within the joints' torque limits"
+        if self.most is None:
+            return "with forces of any size"
+        return f"with at most {format_number(self.most)} {FORCE_UNIT} a {'jaw' if self.jaws else 'finger'}"
+
+    def least(self, grasp: Grasp, task: Task, rtol: float, *, seed: int = 0) -> Bounds:
+        """Return the least force that holds a task, certified; infinite where none is known to."""
+        if self.jaws:
+            return least_grip(grasp, task, rtol, seed=seed)
+        return _least_force(grasp, task, self.budget, rtol, seed)
+
+    def holds(self, grasp: Grasp, task: Task, *, seed: int = 0) -> tuple[bool | None, str]:
+        """Return whether a certificate proves that allowed forces hold a task, or refutes it; None if it does neither.
+
+        The second value is what the certificate rests on besides real arithmetic, as in ``Bounds``.
+        """
+        budget, quality = self._limit(grasp)
+        verdict, trust = _is_held(grasp, task, budget, quality, seed)
+        return (None if verdict and self.jaws and not can_press(grasp) else verdict), trust
+
+    def critical_friction(self, grasp: Grasp, task: Task, rtol: float = 0.02) -> Bounds:
+        """Return the least friction with which allowed forces hold a task, as ``critical_friction``."""
+        return _bracket(grasp, lambda weaker: self.holds(weaker, task), rtol, LARGEST)
+
+    def _limit(self, grasp: Grasp) -> tuple[str | ForceBudget, float]:
+        """Return the budget that allows forces, and the least mu under it."""
+        if self.jaws:
+            return "shared", 0.0 if self.most is None else 0.5 / self.most
+        if self.budget.absolute:
+            return self.budget, 1.0
+        if self.most is None:  # any budget: this one is the quickest
+            return "per_finger" if all(contact.unilateral for contact in grasp.contacts) else "l2", 0.0
+        return "per_finger_size", 1.0 / self.most
+
+
+def _bracket(grasp: Grasp, holds: Callable[[Grasp], tuple[bool | None, str]], rtol: float, largest: float) -> Bounds:
+    """Return the least friction at which ``holds`` is true, between the nearest that it decides, by bisection."""
+    base = common_friction(grasp.contacts)
+    # frictions: the largest refuted, the least that was not; the largest that was not proved, the least that was
+    lost, not_lost, not_held, held = 0.0, np.inf, 0.0, np.inf
+    trial, trust = min(base, largest), {0.0: "", np.inf: ""}  # what the verdict at each friction rests on
+
+    def is_closed(low: float, high: float) -> bool:
+        return high <= (1.0 + rtol / 3.0) * low or low >= largest or high <= SMALLEST * base
+
+    while True:
+        verdict, trust[trial] = holds(grasp.with_friction(trial / base))
+        if verdict is False:
+            lost = max(lost, trial)
         else:
-            least = trial
-        if least >= largest or most <= 1e-3 * base:
-            break
-        trial = np.sqrt(least * most) if 0.0 < least < most < np.inf else (0.5 * most if least == 0.0 else 2.0 * least)
-        trial = float(min(trial, largest))
-    return Bounds(float(least), float(most), kind="friction")
+            not_lost = min(not_lost, trial)
+        if verdict is True:
+            held = min(held, trial)
+        else:
+            not_held = max(not_held, trial)
+        gaps = [gap for gap in ((lost, not_lost), (not_held, held)) if not is_closed(*gap)]
+        if held <= (1.0 + rtol) * lost or not gaps:
+            return Bounds(lost, held, kind="friction", trust="; ".join(filter(None, {trust[lost], trust[held]})))
+        low, high = max(gaps, key=lambda gap: gap[1] / max(gap[0], SMALLEST * base))
+        if not np.isfinite(high):
+            trial = min(2.0 * low, largest)
+        else:
+            trial = float(np.sqrt(low * high)) if low > 0.0 else max(0.1 * high, SMALLEST * base)
+
+
+def _is_held(
+    grasp: Grasp, task: Task, budget: str | ForceBudget, quality: float, seed: int = 0
+) -> tuple[bool | None, str]:
+    """Return whether a certificate proves that mu is at least ``quality``, or refutes it; and what it rests on.
+
+    Certificates are narrowed only as far as the decision needs. With ``quality`` 0 any positive mu is enough.
+    """
+    width = COARSEST
+    while True:
+        bounds = mu(grasp, task, width, force_budget=budget, seed=seed)
+        if bounds.lower > 0.0 and bounds.lower >= quality:
+            return True, bounds.trust
+        if bounds.upper == 0.0 or bounds.upper < (1.0 - SLACK) * quality:
+            return False, bounds.trust
+        if width <= FINEST or bounds.limit:
+            return None, ""
+        excess = bounds.upper / quality - 1.0 if quality > 0.0 else np.inf
+        width = max(FINEST, min(0.7 * excess, 0.1 * width))
 
 
 def force_curve(
@@ -108,41 +219,44 @@ def force_curve(
     -------
     tuple of m Bounds
         Certified; infinite where no force is known to hold the task. The upper end holds for every larger friction.
+
+    Raises
+    ------
+    InputError
+        When contacts have no friction, or different coefficients, or a number is out of range.
     """
     require_grasp(grasp)
     task = task_for(task, grasp)
-    base = _friction(grasp)
+    base = common_friction(grasp.contacts)
     values: Sequence[float] = array("frictions", frictions, (None,)).tolist()
-    curve = []
-    for value in values:
-        friction = number("frictions", value, above=0.0)
-        budget = "shared" if total else "per_finger"
-        quality = mu(_with_friction(grasp, friction / base), task, rtol, force_budget=budget)
-        upper = 1.0 / quality.lower if quality.lower > 0.0 else np.inf
-        curve.append(Bounds(1.0 / quality.upper if quality.upper > 0.0 else np.inf, upper, kind="force"))
-    return tuple(curve)
+    factors = [number("frictions", value, above=0.0) / base for value in values]
+    budget = "shared" if total else "per_finger"
+    return tuple(_least_force(grasp.with_friction(factor), task, budget, rtol) for factor in factors)
 
 
-def _is_held(grasp: Grasp, task: Task, budget: str, least: float) -> bool | None:
-    """Return whether certificates prove that mu is above ``least``, or refute it; None if they do neither."""
-    for rtol in (0.3, 0.03, 0.003):
-        quality = mu(grasp, task, rtol, force_budget=budget)
-        if quality.lower > 0.0 and quality.lower >= least:
-            return True
-        if quality.upper < least or quality.upper == 0.0:
-            return False
-    return None
+def _least_force(grasp: Grasp, task: Task, budget: str | ForceBudget, rtol: float, seed: int = 0) -> Bounds:
+    """Return the least use of a force budget that holds a task, ``1 / mu``; infinite where none is known to."""
+    quality = mu(grasp, task, rtol, force_budget=budget, seed=seed)
+    return quality.reciprocal().of_measure("force")
 
 
-def _friction(grasp: Grasp) -> float:
-    """Return the one friction coefficient of a grasp's contacts."""
-    found = {c.coefficients["friction"] for c in grasp.contacts if "friction" in c.coefficients}
-    if len(found) != 1:
-        given = "no friction" if not found else f"friction {', '.join(f'{f:g}' for f in sorted(found))}"
-        raise InputError("grasp.contacts", given, "contacts with one friction coefficient")
-    return found.pop()
+def common_friction(contacts: Sequence[ContactModel], field: str = "grasp.contacts") -> float:
+    """Return the one friction coefficient of contacts; those without friction do not count.
 
-
-def _with_friction(grasp: Grasp, factor: float) -> Grasp:
-    models = [contact.with_friction(factor) for contact in grasp.contacts]
-    return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents, grasp.force_unit)
+    Raises
+    ------
+    InputError
+        When there is none, or more than one; ``field`` is shown in the message.
+    """
+    coefficients = [model.coefficients for model in contacts if model.coefficients]
+    found = sorted({values["friction"] for values in coefficients if "friction" in values})
+    if not all("friction" in values for values in coefficients):
+        names = ", ".join(sorted({name for values in coefficients for name in values}))
+        raise InputError(field, f"coefficients called {names}", "contacts with one coefficient called friction")
+    if not found:
+        raise InputError(field, "contacts without friction", "contacts with one friction coefficient")
+    if len(found) > 1:
+        given = f"contacts with friction {' and '.join(f'{value:g}' for value in found)}"
+        reason = f"what is held with {found[0]:g} at all of them is held with these too"
+        raise InputError(field, given, f"one friction coefficient: {reason}")
+    return float(found[0])

@@ -304,6 +304,12 @@ class Grasp(ContactArrays):
         points, origin = self.points @ A.T + b, self.torque_origin @ A.T + b
         return Grasp(points, self.normals @ A.T, models, origin, self.tangents @ A.T, self.force_unit)
 
+    def with_friction(self, factor: float) -> Grasp:
+        """Return the grasp with all friction coefficients multiplied by a factor, above 0."""
+        models = [contact.with_friction(factor) for contact in self.contacts]
+        origin = self.torque_origin if self.states_origin else None
+        return Grasp(self.points, self.normals, models, origin, self.tangents, self.force_unit)
+
     def scaled(self, factor: float) -> Grasp:
         """Return the grasp with forces scaled by a factor: its grasp map is ``factor G``, lambda G of (3.3-6).
 

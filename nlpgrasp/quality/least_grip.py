@@ -25,7 +25,7 @@ BUDGET = "shared"  # force budget that counts the sum of normal forces
 NO_FORCE = Bounds(0.0, np.inf)  # grip force where none is known to hold the task
 
 
-def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: float = 0.0) -> Bounds:
+def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: float = 0.0, *, seed: int = 0) -> Bounds:
     """Return the least grip force with which two jaws hold every wrench of a task, newtons.
 
     Parameters
@@ -37,15 +37,16 @@ def least_grip(grasp: Grasp, task: Task, rtol: float = 0.01, friction_loss: floa
         Relative width of the interval.
     friction_loss : float
         Share of every friction coefficient that is lost, from 0 to below 1.
+    seed : int
+        Of the certificate's directions.
 
     Returns
     -------
     Bounds
         Upper bound infinite where some wrench is held by no force, or the contacts cannot press against each other.
     """
-    models = [model.with_friction(1.0 - friction_loss) for model in grasp.contacts] if friction_loss else grasp.contacts
-    weaker = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
-    quality = mu(weaker, task, rtol, force_budget=BUDGET)
+    weaker = grasp.with_friction(1.0 - friction_loss) if friction_loss else grasp
+    quality = mu(weaker, task, rtol, force_budget=BUDGET, seed=seed)
     if quality.lower <= 0.0 or not can_press(weaker):
         return NO_FORCE
     return quality.reciprocal(0.5)

@@ -25,7 +25,6 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets import force_budget as find_budget
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray, IntArray, number
-from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
@@ -93,7 +92,7 @@ def robust_mu(
     other = next((c for c in grasp.contacts if c.unilateral and max(c.axes(grasp.space)) > grasp.space), None)
     if other is not None:
         raise InputError("grasp.contacts", other.kind, "contacts at a point: point, friction or soft")
-    weaker = _with_models(grasp, [contact.with_friction(1.0 - loss) for contact in grasp.contacts])
+    weaker = grasp.with_friction(1.0 - loss)
     upper = _worst_found(weaker, task, offset, angle, budget, rtol)
     lower = min(_lower_end(weaker, task, offset, angle, budget, rtol), upper)
     return Bounds(lower, upper, kind="robust_mu")
@@ -111,7 +110,7 @@ def _lower_end(grasp: Grasp, task: Task, offset: float, angle: float, budget: Fo
         if share <= 0.0:
             return 0.0
         models.append(contact.with_friction(float(share)))
-    inner = _with_models(grasp, models)
+    inner = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents, grasp.force_unit)
     wrenches = WrenchSet.of(inner, budget)
     problem, _ = make_containment(wrenches, task)
     if problem is None or problem.rank < grasp.dimension:
@@ -196,7 +195,3 @@ def _displacements(point: FloatArray, normal: FloatArray, offset: float, angle: 
     places, tilts = (grid.ravel() for grid in np.meshgrid(np.arange(len(ring)), np.arange(len(ring))))
     tilted = np.where(tilts[:, None] > 0, np.cos(angle) * normal + np.sin(angle) * ring[tilts], normal)
     return point + offset * ring[places], tilted
-
-
-def _with_models(grasp: Grasp, models: list[ContactModel]) -> Grasp:
-    return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents, grasp.force_unit)

@@ -117,7 +117,7 @@ def solution_figures(solution: GraspSolution) -> list[KeyFigure]:
     if solution.grasp is not None:
         figures += [_quality_figure(solution), *_robustness_figures(solution)]
         figures += [] if solution.grip is not None else [_effort_figure(solution)]
-    figures += [*_squeeze_figures(solution), *_approach_figures(solution)]
+    figures += [*_friction_figures(solution), *_squeeze_figures(solution), *_approach_figures(solution)]
     figures += [*_gripper_figures(solution), *_global_bound_figures(solution)]
     status = _status_figure(solution)
     figures = [status, *figures] if verdict(solution)[1] in ("bad", "weak") else [*figures, status]
@@ -187,6 +187,16 @@ def _grip_figure(solution: GraspSolution, grip: GripForce) -> KeyFigure:
     tone = "bad" if solution.is_too_weak or not grip.holds else "weak" if warning else ""
     lines = (capitalise(line) for line in (solution.grip_line(), warning) if line)
     return KeyFigure("Set the gripper to", force, tuple(lines), tone, broad=True)
+
+
+def _friction_figures(solution: GraspSolution) -> list[KeyFigure]:
+    """Return the key figure of the least friction with which the task is held, if known."""
+    line = solution.friction_line()
+    if not line or solution.friction is None:
+        return []
+    least = solution.friction.least.upper
+    value, tone = (format_upper(least), "") if math.isfinite(least) else ("none is enough", "bad")
+    return [KeyFigure("Friction needed", value, (capitalise(line),), tone)]
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:

@@ -389,7 +389,7 @@ def _row(part: PartResult, folder: Path) -> list[str]:
     return [
         part.name,
         Html(embedded_picture(picture, f"{part.name} with the gripper")) if picture.is_file() else "",
-        capitalise(solution.grip_line()),
+        _lines([capitalise(line) for line in (solution.grip_line(), solution.friction_line()) if line], "force"),
         "" if clearance is None else f"{format_number(1e3 * float(clearance), 2)} mm",
         _lines([*failure, *caveats, *notes], "warning"),
         f"{len(solution.grasps)}, {free_count} with a free way in and pads on their faces"

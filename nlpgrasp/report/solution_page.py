@@ -7,14 +7,24 @@ from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
 from nlpgrasp.analysis.analyse import analyse, format_added
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import capitalise, format_interval, format_number, format_percent, format_upper, typeset
+from nlpgrasp.common.formatting import (
+    FORCE_UNIT,
+    capitalise,
+    format_interval,
+    format_number,
+    format_percent,
+    format_upper,
+    typeset,
+)
 from nlpgrasp.common.types import Json
 from nlpgrasp.experiments.comparison import compare
 from nlpgrasp.report import solution_sections as sections
 from nlpgrasp.report.grasp_scene import solution_scene
-from nlpgrasp.report.html_parts import html_table
+from nlpgrasp.report.html_parts import Curve, Mark, chart, html_table
 from nlpgrasp.report.key_figures import verdict
 from nlpgrasp.report.page_builder import CARD, Heading, scene_page, scene_section
 from nlpgrasp.report.solution_sections import colour_by_marginal_bound
@@ -44,6 +54,32 @@ def force_section(solution: GraspSolution) -> str:
     heads = ["Finger", "Force", "Normal force", "Largest force of any wrench computed"]
     table = html_table("Least finger forces for the hardest wrench of the task as given", heads, rows)
     return f"<h3>Forces for the task as given</h3><p>{escape(sentence)}</p><p{kind}>{escape(limit_sentence)}</p>{table}"
+
+
+def friction_section(solution: GraspSolution) -> str:
+    """Return the section on the critical friction and the force at each friction as HTML; empty if unknown."""
+    line, curve = solution.friction_line(), solution.force_curve()
+    if not line or solution.friction is None:
+        return ""
+    title = f"<h3>Friction</h3><p>{escape(typeset(f'{capitalise(line)}.'))}</p>"
+    if len(curve) < 2:
+        return title
+    points = np.array([[point.friction, point.force.upper] for point in curve])
+    kinds = ["dot" if point in solution.friction.curve else "answer" for point in curve]
+    marks = [Mark(at, force, kind) for (at, force), kind in zip(points.tolist(), kinds, strict=True)]
+    curves = [Curve(points, "best")]
+    caption = (
+        "Least force at each friction, with a ring at the contacts' own: each dot is proved for larger friction too."
+    )
+    least = solution.friction.least.upper
+    if least >= 0.5 * points[0, 0]:
+        ends = points[:, 1].min(), points[:, 1].max()
+        curves.append(Curve(np.array([[least, end] for end in ends]), "limit"))
+        caption += " Dashed: the friction above which the task is held."
+    unit = "" if solution.holding.unit != FORCE_UNIT else f", {FORCE_UNIT}"
+    drawn = chart("Least force against friction", "friction", f"{solution.holding.amount}{unit}", curves, marks)
+    figure = f"<figure>{drawn}<figcaption>{escape(caption)}</figcaption></figure>"
+    return f'{title}<div class="charts two">{figure}</div>'
 
 
 @dataclass(frozen=True)
@@ -82,7 +118,8 @@ class GraspView:
     @property
     def tables(self) -> str:
         """Finger forces, contacts and constraint values, as HTML."""
-        parts = (force_section(self.solution), sections.contacts(self.solution), sections.constraints(self.solution))
+        forces = force_section(self.solution), friction_section(self.solution)
+        parts = (*forces, sections.contacts(self.solution), sections.constraints(self.solution))
         return f'<div class="of-grasp">{"".join(parts)}</div>'
 
     def slider_data(self) -> Json:

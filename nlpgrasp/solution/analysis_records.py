@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Self
 
+from nlpgrasp.common.formatting import format_lower, format_number, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, integer
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.record_fields import LEFT_OUT, Count, Form, NonNegative, Points, Record, Share, Wrench
+from nlpgrasp.quality.critical_friction import LARGEST, HoldingForce
+from nlpgrasp.solution.record_fields import (
+    LEFT_OUT,
+    NULL_IF_INFINITE,
+    Count,
+    Form,
+    NonNegative,
+    Points,
+    Record,
+    Share,
+    Wrench,
+)
 
 FRAGILE = 0.2  # remaining share of mu below which a grasp is fragile: the task then takes over five times the force
 LEAST_SHARE = 1e-4  # smaller shares are written as "less than"
@@ -109,6 +122,60 @@ def fragility_warning(robust: Robustness | None, mu: Bounds, label: str) -> str:
         The measure's name.
     """
     return "" if robust is None or not robust.is_fragile(mu) else robust.fragile_words(mu, label)
+
+
+@dataclass(frozen=True)
+class ForceAtFriction(Record):
+    """Least force that holds a task with one friction coefficient of all contacts.
+
+    Parameters
+    ----------
+    friction : float
+    force : Bounds
+        Certified: newtons as the force budget counts them, of jaws the normal force of each; under torque limits a
+        share of these. The upper end is enough for every larger friction.
+    """
+
+    friction: NonNegative
+    force: Bounds
+
+
+@dataclass(frozen=True)
+class CriticalFriction(Record):
+    """Least friction with which allowed forces hold a task, and the least force at other frictions than the contacts'.
+
+    Parameters
+    ----------
+    least : Bounds
+        Certified: the task is lost below the lower end, 0 where a thousandth of the contacts' friction is enough, and
+        held above the upper end. Null in a file where no friction up to 10 is enough.
+    curve : tuple of ForceAtFriction
+        In the order of their frictions.
+    """
+
+    least: Bounds = field(default=Bounds(LARGEST, math.inf), metadata=NULL_IF_INFINITE)
+    curve: tuple[ForceAtFriction, ...] = ()
+
+    def words(self, holding: HoldingForce, friction: float, force: Bounds | None) -> str:
+        """Return a text on the least friction, and on the force at two frictions.
+
+        Parameters
+        ----------
+        holding : HoldingForce
+            How the force is counted and limited.
+        friction : float
+            Of the contacts.
+        force : Bounds or None
+            Least force with it; None where none is known to hold the task.
+        """
+        if math.isinf(self.least.upper):
+            return f"the task is lost with every friction up to {LARGEST:g}, {holding.scope} (certified)"
+        lost = f" and is lost below {format_lower(self.least.lower)}" if self.least.lower > 0.0 else ""
+        held = f"the task is held above friction {format_upper(self.least.upper)}{lost}, {holding.scope} (certified)"
+        points = [] if force is None else [(friction, force)]
+        points += [(point.friction, point.force) for point in self.curve[:1]]
+        forces = [f"{format_upper(need.upper)} {holding.unit} at {format_number(at)}" for at, need in points]
+        return f"{held}; it needs {' and '.join(forces)} ({holding.amount})" if forces else held
 
 
 @dataclass(frozen=True)

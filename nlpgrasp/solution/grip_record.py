@@ -7,9 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.formatting import FORCE_UNIT, format_number, format_percent, format_upper
 from nlpgrasp.common.types import Json
+from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.critical_friction import HoldingForce
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE
 from nlpgrasp.solution.record_fields import LEFT_OUT, NULL_IF_INFINITE, NonNegative, Record, Share
 
@@ -131,3 +134,9 @@ def force_limit(problem: Json) -> float | None:
     limits = problem.get("max_force"), (problem.get("hand") or {}).get("max_force")
     stated = [float(limit) for limit in limits if limit is not None]
     return min(stated, default=None)
+
+
+def holding_force(problem: Json, budget: ForceBudget) -> HoldingForce:
+    """Return how the force that holds a problem's task is counted under a budget, and the largest that is allowed."""
+    jaws = (problem.get("hand") or {}).get("type") == ParallelJaw.kind
+    return HoldingForce(budget, force_limit(problem), jaws)

@@ -19,7 +19,7 @@ from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.analysis_records import CriticalFriction, Robustness
 from nlpgrasp.solution.force_records import ForcesNeeded
 from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import UNKNOWN
@@ -46,6 +46,8 @@ class Quality:
         Upper bound on mu over all placements.
     needed : ForcesNeeded or None
         Finger forces for the task at full size.
+    friction : CriticalFriction or None
+        Least friction with which the task is held.
     """
 
     mu: Bounds
@@ -55,6 +57,7 @@ class Quality:
     robust: Robustness | None = None
     bound: GlobalBound | None = None
     needed: ForcesNeeded | None = None
+    friction: CriticalFriction | None = None
 
     def to_dict(self) -> Json:
         """Return the measures as JSON data, None for unknown ones."""
@@ -75,6 +78,8 @@ class Quality:
         }
         if self.needed is not None:
             data["forces_needed"] = self.needed.to_dict()
+        if self.friction is not None:
+            data["critical_friction"] = self.friction.to_dict()
         return data if self.bound is None else {**data, "best_possible": self.bound.to_dict(self.mu.lower)}
 
     @classmethod
@@ -95,7 +100,7 @@ class Quality:
             On an empty interval, or arrays that do not fit the dimension or each other.
         """
         mu, delta, nu, robust = data["mu"], data.get("delta"), data.get("nu"), data.get("robust")
-        bound, forces = data.get("best_possible"), data.get("forces_needed")
+        bound, forces, friction = (data.get(key) for key in ("best_possible", "forces_needed", "critical_friction"))
         return cls(
             UNKNOWN if mu is None else _read_mu(mu, dimension, f"{name}.mu"),
             "mu" if mu is None else mu["kind"],
@@ -104,6 +109,7 @@ class Quality:
             None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
             None if bound is None else GlobalBound.from_dict(bound, f"{name}.best_possible"),
             None if forces is None else ForcesNeeded.from_dict(forces, f"{name}.forces_needed"),
+            None if friction is None else CriticalFriction.from_dict(friction, f"{name}.critical_friction"),
         )
 
 

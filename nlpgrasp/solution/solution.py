@@ -19,10 +19,13 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.critical_friction import HoldingForce, common_friction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.proof import prove_stated
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.analysis_records import (
+    CriticalFriction,
+    ForceAtFriction,
     Robustness,
     ShadowPrice,
     WhyNot,
@@ -32,7 +35,7 @@ from nlpgrasp.solution.analysis_records import (
 )
 from nlpgrasp.solution.file import SCHEMA_NAME, read_solution_data, write_solution
 from nlpgrasp.solution.force_records import ForcesNeeded, excess_force_warning, forces_and_moments, held_wrenches
-from nlpgrasp.solution.grip_record import GripForce, force_limit, read_grip
+from nlpgrasp.solution.grip_record import GripForce, force_limit, holding_force, read_grip
 from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, grasp_table, read_kept_grasps
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import (
@@ -136,6 +139,8 @@ class GraspSolution(InNotebook):
         without a grasp, after an early stop, and in files of earlier versions.
     needed : ForcesNeeded or None
         Finger forces for the task at full size; None in files of earlier versions.
+    friction : CriticalFriction or None
+        Least friction with which the task is held, and the force at others, where requested.
     why_not : WhyNot or None
         Infeasibility diagnosis, where no grasp was found.
     hand : mapping or None
@@ -175,6 +180,7 @@ class GraspSolution(InNotebook):
     bound: GlobalBound | None = None
     kkt: KKT | None = None
     needed: ForcesNeeded | None = None
+    friction: CriticalFriction | None = None
     why_not: WhyNot | None = None
     hand: Json | None = None
     surface: SurfaceMatch | None = None
@@ -465,11 +471,30 @@ class GraspSolution(InNotebook):
         """Return text lines about certified quality, optimality gap, forces and hand."""
         lines = [*filter(None, [self.grip_line()]), *format_quality(self._quality, self.task.paper_beta, self.budget)]
         margins = [] if self._joint_margins is None else format_joint_margins(self._joint_margins)
-        return [f"  {line}" for line in (*lines, *self.needed_lines(), *self.lines_by_hand(), *margins)]
+        needed = [*self.needed_lines(), *filter(None, [self.friction_line()])]
+        return [f"  {line}" for line in (*lines, *needed, *self.lines_by_hand(), *margins)]
 
     def needed_lines(self) -> list[str]:
         """Return text lines about the finger forces for the task at full size; empty if unknown."""
         return [] if self.needed is None else self.needed.lines(self.budget, self.finger_limit, self.fingers)
+
+    @property
+    def holding(self) -> HoldingForce:
+        """How the force that holds the task is counted, and the largest that is allowed."""
+        return holding_force(self.problem, self.budget)
+
+    def force_curve(self) -> list[ForceAtFriction]:
+        """Return the least force at each friction, that of the contacts included; empty if unknown."""
+        if self.friction is None:
+            return []
+        own = [] if self._least_force is None else [ForceAtFriction(self._contact_friction, self._least_force)]
+        return sorted([*own, *self.friction.curve], key=lambda point: point.friction)
+
+    def friction_line(self) -> str:
+        """Return a text on the least friction with which the task is held; empty if unknown."""
+        if self.friction is None or (self.grip is not None and not self.grip.holds):
+            return ""
+        return self.friction.words(self.holding, self._contact_friction, self._least_force)
 
     def grip_line(self) -> str:
         """Return a text on the grip force to set, its margin and its limit; empty if unknown."""
@@ -562,6 +587,7 @@ class GraspSolution(InNotebook):
             status=_status_with(self.status, kept.hand),
             delta=None,
             nu=None,
+            friction=None,
             prices=(),
             kkt=None,
             bound=None if self.bound is None else replace(self.bound, stated_gap=None),
@@ -782,7 +808,19 @@ class GraspSolution(InNotebook):
         """Quality measures as a record; mu with the paper's scale of the task."""
         scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
         mu = self.mu.of_measure(self.kind, scale)
-        return Quality(mu, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed)
+        return Quality(mu, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed, self.friction)
+
+    @property
+    def _contact_friction(self) -> float:
+        """Friction coefficient of the contacts."""
+        return common_friction(self.require_grasp().contacts)
+
+    @property
+    def _least_force(self) -> Bounds | None:
+        """Least force that holds the task, as ``holding`` counts it; None where none is known to."""
+        if self.holding.jaws:
+            return self.grip.force if self.grip is not None and self.grip.holds else None
+        return Bounds(1.0 / self.mu.upper, 1.0 / self.mu.lower) if self.mu.lower > 0.0 else None
 
     @property
     def _efforts(self) -> JointSqueeze | None:

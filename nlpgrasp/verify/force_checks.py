@@ -337,10 +337,9 @@ def _no_squeeze_error(grasp: Grasp) -> str:
     Balanced forces on the edges of friction pyramids inside the cones, with a normal force at every contact, would
     refute it: a linear program, by HiGHS.
     """
-    weaker_contacts = [model.with_friction(REFUTING_SHARE) for model in grasp.contacts]
     try:
         edges = pyramid_wrenches(
-            Grasp(grasp.points, grasp.normals, weaker_contacts, grasp.torque_origin, grasp.tangents),
+            grasp.with_friction(REFUTING_SHARE),
             EDGES,
             grasp.mean_arm,
         )
@@ -392,8 +391,7 @@ def _friction_use_errors(
     """Yield an error if the forces use a fraction of the friction other than the stored one."""
 
     def cone_distance(friction_share: float) -> float:
-        models = [model.with_friction(friction_share) for model in grasp.contacts]
-        scaled_grasp = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
+        scaled_grasp = grasp.with_friction(friction_share)
         return force_residuals(scaled_grasp, L2Set(scaled_grasp.contacts, grasp.space), wrench, forces, moments)[1]
 
     sufficient = max(friction_fraction, 0.0) + LEAST_FRICTION_SHARE

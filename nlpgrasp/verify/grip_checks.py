@@ -15,7 +15,7 @@ import numpy as np
 from nlpgrasp.common.formatting import format_percent
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.confirmation import RecomputedBounds, are_confirmed, recompute_bounds
+from nlpgrasp.quality.confirmation import USUAL_RTOL, RecomputedBounds, are_confirmed, recompute_bounds
 from nlpgrasp.quality.force_problem import solve_least_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_friction import can_press
@@ -27,10 +27,8 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.proved_bounds import OTHER_SEED, prove_anew
-from nlpgrasp.verify.quality_checks import is_finished
+from nlpgrasp.verify.quality_checks import FORCE_WIDTH, is_finished
 
-RTOL = 0.01  # relative width of the recomputed intervals
-WIDTH = 0.05  # allowed relative excess of a stated interval over the recomputed one
 DIRECTIONS = 24  # random directions whose extreme wrenches of the task are checked one by one
 SAFETY_FACTOR = 1.2  # safety factor of a problem that states none
 CONIC_TOLERANCE = 1e-5  # relative tolerance of a conic program's least force
@@ -54,7 +52,7 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
         return [Check("grip force", False, text)]
     if share < LEAST_PAD_SHARE:
         return [Check("grip force", True, "none stated, as a plane or line contact is not on its face")]
-    weaker = _with_friction(grasp, 1.0 - stated.friction_loss)
+    weaker = grasp.with_friction(1.0 - stated.friction_loss)
     forces = (
         ("the least force", stated.force, grasp, 1.0),
         ("the force with margin", stated.with_margin, weaker, stated.safety_factor),
@@ -62,8 +60,8 @@ def grip_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check
     errors, unproved = [*_factor_errors(solution, stated)], ""
     try:
         for name, force, grasp_alike, factor in forces:
-            quality = _inverse(force, factor)
-            recomputed = recompute_bounds(quality, partial(_prove_inverse, grasp_alike, task), RTOL)
+            quality = force.reciprocal(factor)
+            recomputed = recompute_bounds(quality, partial(_prove_inverse, grasp_alike, task), USUAL_RTOL)
             unproved = unproved or recomputed.unproved
             errors += _interval_errors(name, force, recomputed, grasp_alike, task, factor)
     except NotCheckedError as reason:
@@ -104,21 +102,18 @@ def _interval_errors(
     if stated.lower <= 0.0 and np.isfinite(stated.upper):
         yield f"{name} stated {stated}: no force is too small"
         return
-    quality = _inverse(stated, factor)
-    is_narrow = recomputed.lower <= (1.0 + WIDTH) * quality.lower and recomputed.upper >= (1.0 - WIDTH) * quality.upper
+    quality = stated.reciprocal(factor)
+    is_narrow = (
+        recomputed.lower <= (1.0 + FORCE_WIDTH) * quality.lower
+        and recomputed.upper >= (1.0 - FORCE_WIDTH) * quality.upper
+    )
     if not (are_confirmed(quality, recomputed) and is_narrow):
-        yield f"{name} stated {stated}, recomputed {_inverse(recomputed, factor)}"
+        yield f"{name} stated {stated}, recomputed {recomputed.reciprocal(factor)}"
     if not np.isfinite(stated.upper):
         return
     hardest = factor * _hardest_grip(grasp, task)
     if not hardest <= stated.upper * (1.0 + CONIC_TOLERANCE):
         yield f"{name} stated {stated.upper:.6g} N, a wrench of the task takes {hardest:.6g} N"
-
-
-def _inverse(forces: Bounds, factor: float) -> Bounds:
-    """Return the interval of the quality under the shared budget that belongs to grip forces, and back."""
-    ends = [0.0 if np.isinf(x) else factor / x if x > 0.0 else np.inf for x in (forces.upper, forces.lower)]
-    return Bounds(ends[0], ends[1])
 
 
 def _hardest_grip(grasp: Grasp, task: Task) -> float:
@@ -139,9 +134,3 @@ def _hardest_grip(grasp: Grasp, task: Task) -> float:
     if not solved.any():
         raise NotCheckedError("the solver finished no conic program of the task's wrenches")
     return 0.5 * float(np.max(wrench_set.force_set.gauge(forces[solved]), initial=0.0))
-
-
-def _with_friction(grasp: Grasp, factor: float) -> Grasp:
-    """Return a grasp with all friction coefficients multiplied by a factor."""
-    models = [model.with_friction(factor) for model in grasp.contacts]
-    return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)

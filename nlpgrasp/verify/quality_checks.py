@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -21,10 +22,11 @@ from nlpgrasp.quality.confirmation import (
     reaches,
     recompute_bounds,
 )
+from nlpgrasp.quality.critical_friction import LARGEST, SMALLEST, HoldingForce, common_friction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import unit_ball
 from nlpgrasp.quality.volume import nu
-from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.analysis_records import CriticalFriction, Robustness
 from nlpgrasp.solution.kept_grasps import weighs_fragility
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -39,6 +41,8 @@ ERROR_BAR = 0.1  # largest relative error bar of nu; solves state less
 NU_RTOL = 0.014  # relative error bar of the recomputed nu: a hull of twice the vertices of a solve's
 GAP_SHARE = 0.2  # share of the gap asked for over all placements that a grasp's own certificate takes
 ZERO_SHARE = 1e-3  # share of the grasp's quality: a smaller upper bound counts as zero
+FORCE_WIDTH = 0.05  # allowed relative excess of a stated interval of force over the recomputed one
+FRICTION_WIDTH = 0.03  # relative width of an interval of friction above which it is recomputed, to the same tolerance
 SHARE_TOLERANCE = 1e-9  # tolerance of shares, which follow from other numbers of the file
 OFFSET_FACTOR = 1.5  # allowed displacement over the stated offset, as surfaces are curved
 EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over it
@@ -194,6 +198,63 @@ def _share_errors(solution: GraspSolution, stated: Robustness) -> Iterator[str]:
         yield f"a share of {stated.stated_share} stated"
     if stated.stated_fragile is not stated.is_fragile(solution.mu):
         yield f"fragile {stated.stated_fragile} stated"
+
+
+def critical_friction_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
+    """Return the check of the stored critical friction, held at its upper end and lost at its lower one, and forces."""
+    stated, holding = solution.friction, solution.holding
+    if stated is None:
+        return []
+    errors = _critical_friction_errors(stated, holding, grasp, task)
+    least = f"the least in {stated.least}" if np.isfinite(stated.least.upper) else f"none up to {LARGEST:g} is enough"
+    summary = f"{least}, {holding.scope}; forces at {len(stated.curve)} others"
+    return [Check.of_errors("critical friction", errors, summary)]
+
+
+def _critical_friction_errors(
+    stated: CriticalFriction, holding: HoldingForce, grasp: Grasp, task: Task
+) -> Iterator[str]:
+    """Yield errors in a stored critical friction and its curve."""
+    friction, (lower, upper) = common_friction(grasp.contacts), (stated.least.lower, stated.least.upper)
+    if np.isfinite(upper):
+        if holding.holds(grasp.with_friction(upper / friction), task, seed=OTHER_SEED)[0] is not True:
+            yield f"held above {upper:.5g} stated, not proved there"
+        if upper > (1.0 + FRICTION_WIDTH) * max(lower, SMALLEST * friction):
+            recomputed = holding.critical_friction(grasp, task)
+            if upper > (1.0 + FRICTION_WIDTH) * recomputed.upper or recomputed.lower > (1.0 + FRICTION_WIDTH) * lower:
+                yield f"{stated.least} stated, {recomputed} recomputed"
+    if lower > 0.0 and holding.holds(grasp.with_friction(lower / friction), task, seed=OTHER_SEED)[0] is not False:
+        yield f"lost below {lower:.5g} stated, not refuted there"
+    frictions = [point.friction for point in stated.curve]
+    if frictions != sorted({*frictions} - {friction}):
+        yield "frictions of the curve that do not ascend, or are the contacts' own"
+    for point in stated.curve:
+        certify = partial(holding.least, grasp.with_friction(point.friction / friction), task, seed=OTHER_SEED)
+        yield from force_errors(f"the force at {point.friction:g}", point.force, certify)
+
+
+def force_errors(name: str, stated: Bounds, certify: Callable[[float], Bounds]) -> Iterator[str]:
+    """Yield an error if recomputed bounds on a force do not confirm stated ones, or are much narrower.
+
+    Parameters
+    ----------
+    name : str
+        Shown in the message.
+    stated : Bounds
+    certify : callable
+        Bounds on the force to a relative gap.
+    """
+    if stated.lower <= 0.0 and np.isfinite(stated.upper):
+        yield f"{name} stated {stated}: no force is too small"
+        return
+    quality = stated.reciprocal()
+    recomputed = recompute_bounds(quality, lambda gap: certify(gap).reciprocal(), USUAL_RTOL)
+    is_narrow = (
+        recomputed.lower <= (1.0 + FORCE_WIDTH) * quality.lower
+        and recomputed.upper >= (1.0 - FORCE_WIDTH) * quality.upper
+    )
+    if not (are_confirmed(quality, recomputed) and is_narrow):
+        yield f"{name} stated {stated}, recomputed {recomputed.reciprocal()}"
 
 
 def grasp_map_check(grasp: Grasp) -> Check:

@@ -28,6 +28,7 @@ from nlpgrasp.verify.proved_bounds import ProofFile
 from nlpgrasp.verify.quality_checks import (
     bounds_check,
     check_other_measures,
+    critical_friction_checks,
     direction_checks,
     grasp_map_check,
     interval_check,
@@ -149,6 +150,7 @@ def _check_quality(
     }
     if quality is None:
         names = ("certified quality", "worst direction", "forces needed", "robustness")
+        names += ("critical friction",) if solution.friction is not None else ()
         parts["certified quality"] = lambda: [Check.not_made(name, MISSING) for name in names]
     else:
         parts |= {
@@ -159,6 +161,7 @@ def _check_quality(
             "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
             "grip force": lambda: grip_checks(solution, grasp, task),
             "robustness": lambda: robustness_checks(solution, grasp, task, budget, rtol),
+            "critical friction": lambda: critical_friction_checks(solution, grasp, task),
         }
     parts |= {
         "forces": lambda: force_checks(solution, grasp, force_set),

@@ -9,10 +9,11 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.cli.problem_script import load_problem
+from nlpgrasp.solution.records import Status
 from tests.hands.urdf import four_finger_hand
 
 CONTACTS = [ng.FrictionContact(0.6)] * 3
-ALL = ("prices", "robustness", "delta", "nu", "drawing")
+ALL = ("prices", "robustness", "delta", "nu", "friction", "drawing")
 MU = ng.SolveOptions(workers=1, rank="mu")  # robustness, too, is left out
 
 
@@ -48,11 +49,12 @@ def test_a_solve_computes_the_answer_alone(solution):
     )
     assert solution.needed is not None
     assert solution.kkt is not None
-    assert {"prices", "delta", "nu", "drawing", "robustness"} & set(solution.solver["seconds"]) == set()
+    assert solution.friction is None
+    assert set(ALL) & set(solution.solver["seconds"]) == set()
 
 
 def test_analyses_asked_for_are_computed(complete):
-    assert None not in (complete.delta, complete.nu, complete.robust, complete.drawing)
+    assert None not in (complete.delta, complete.nu, complete.robust, complete.friction, complete.drawing)
     assert complete.prices
     assert set(ALL) <= set(complete.solver["seconds"])
     assert "delta certified in" in str(complete)
@@ -77,7 +79,7 @@ def test_one_analysis_is_added_by_its_name(solution):
 def test_from_the_file_alone_all_is_added_as_a_whole_solve_finds_it(solution, complete, tmp_path):
     path = solution.save(tmp_path / "box.json")
     analysed = ng.analyse(ng.GraspSolution.load(path))
-    for name in ("delta", "nu", "robust"):
+    for name in ("delta", "nu", "robust", "friction"):
         assert str(getattr(analysed, name)) == str(getattr(complete, name)) != "None"
     np.testing.assert_allclose(analysed.drawing.body.vertices, complete.drawing.body.vertices)
     mine, theirs = ({p.name: p.gain for p in s.prices} for s in (analysed, complete))
@@ -164,7 +166,7 @@ def test_another_problem_is_refused(part, changed, solution):
 
 
 def test_names_of_no_analyses_are_refused(solution):
-    allowed = r'"prices", "robustness", "delta", "nu", "phases", "drawing"'
+    allowed = r'"prices", "robustness", "delta", "nu", "friction", "phases", "drawing"'
     with pytest.raises(ng.InputError, match=rf'^analyses: got "?price"?, expected {allowed}'):
         ng.analyse(solution, "nu", "price")
     with pytest.raises(ng.InputError, match=rf"SolveOptions\.analyses: got .*, expected {allowed}"):
@@ -179,6 +181,42 @@ def test_phases_of_no_hand_are_refused(solution):
         ng.analyse(solution, "phases")
     with pytest.raises(ng.InputError, match=rf"^SolveOptions\.analyses: {expected}"):
         ng.solve(plate(), 1, options=ng.SolveOptions(analyses=["phases"]))
+
+
+def test_the_friction_needed_is_said_with_the_force_at_two_frictions():
+    task = ng.TaskPolytope([[0.0, 2.0, 0.0]])  # 1 N of friction at each of two contacts that press with at most 4 N
+    opposed = plate(contacts=[ng.FrictionContact(0.6)] * 2, task=task, force_budget="per_finger", max_force=4.0)
+    grasp = ng.Grasp([[-0.04, 0.0], [0.04, 0.0]], [[1.0, 0.0], [-1.0, 0.0]], opposed.models, [0.0, 0.0])
+    found = ng.GraspSolution(Status.SOLVED, "pinch", opposed.to_dict(), grasp, ("edge3", "edge1"), ng.mu(grasp, task))
+    analysed = ng.analyse(replace(found, mu=ng.mu(grasp, task, force_budget="per_finger")), "friction")
+    least = analysed.friction.least  # size of a force: sqrt(1 + 1 / f^2) = 4
+    assert least.lower <= 1.0 / np.sqrt(15.0) <= least.upper <= 1.02 * least.lower
+    line = analysed.friction_line()
+    assert re.match(
+        r"the task is held above friction 0\.2\d+ and is lost below 0\.2\d+, with at most 4 N a finger", line
+    )
+    assert re.search(r"; it needs 1\.6[78] N at 0\.6 and 3\.\d+ N at 0\.3 \(largest normal force\)$", line)
+    assert f"  {line}" in str(analysed).splitlines()
+    for point in analysed.force_curve():
+        assert point.force.lower <= 1.0 / point.friction <= point.force.upper
+    assert found.friction_line() == ""
+
+
+def test_friction_of_contacts_without_one_coefficient_is_refused():
+    mixed = plate(contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.5), ng.FrictionContact(0.6)])
+    message = (
+        "SolveOptions.analyses: got contacts with friction 0.5 and 0.6, expected one friction coefficient: what is held"
+        " with 0.5 at all of them is held with these too"
+    )
+    with pytest.raises(ng.InputError, match=f"^{re.escape(message)}$"):
+        ng.solve(mixed, 1, options=ng.SolveOptions(analyses=["friction"]))
+    smooth = ng.Grasp([[-0.04, 0.0], [0.04, 0.0]], [[1.0, 0.0], [-1.0, 0.0]], ng.PointContact(), [0.0, 0.0])
+    task = ng.TaskPolytope([[0.0, 2.0, 0.0]])
+    problem = plate(contacts=[ng.PointContact()] * 2, task=task).to_dict()
+    found = ng.GraspSolution(Status.SOLVED, "smooth", problem, smooth, ("edge3", "edge1"), ng.mu(smooth, task))
+    assert ng.analyse(found).friction is None  # among all analyses it is left out
+    with pytest.raises(ng.InputError, match=r"^analyses: got contacts without friction, expected contacts"):
+        ng.analyse(found, "friction")
 
 
 def test_all_analyses_are_those_that_there_can_be(solution):

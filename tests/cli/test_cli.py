@@ -198,8 +198,8 @@ def test_json_lines(script, tmp_path):
     result = run_here("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
     lines = [json.loads(line) for line in result.stdout.splitlines()]
     events = [line["event"] for line in lines]
-    assert events == ["start", "start", *["analysis"] * 5, "done"]
-    assert [line["name"] for line in lines[2:-1]] == ["prices", "robustness", "delta", "nu", "drawing"]
+    assert events == ["start", "start", *["analysis"] * 6, "done"]
+    assert [line["name"] for line in lines[2:-1]] == ["prices", "robustness", "delta", "nu", "friction", "drawing"]
     assert lines[-1]["mu"][0] >= 0.376
     assert lines[-1]["file"] == "square.json"
     assert result.stderr == ""
@@ -216,13 +216,17 @@ def test_a_quick_solve_is_without_analyses(script, tmp_path):
     copy = tmp_path / "copy.json"
     copy.write_bytes((tmp_path / "quick.json").read_bytes())
     result = run_here("quality", "quick.json", "--json", cwd=tmp_path)
-    assert json.loads(result.stdout)["nu_value"] > 0.0
+    measures = json.loads(result.stdout)
+    assert measures["nu_value"] > 0.0
+    assert measures["critical_friction"] == ng.GraspSolution.load(tmp_path / "quick.json").friction.to_dict()
     assert result.stderr.startswith("added to quick.json: ")
-    assert "delta, nu" in result.stderr
+    assert "delta, nu, critical friction" in result.stderr
     completed = ng.GraspSolution.load(tmp_path / "quick.json")
     assert completed.nu is not None
     assert completed.drawing is not None
-    assert run_here("quality", "quick.json", cwd=tmp_path).stderr == ""
+    result = run_here("quality", "quick.json", cwd=tmp_path)
+    assert result.stderr == ""
+    assert f"  friction {completed.friction_line()}\n" in result.stdout
     before = copy.read_bytes()
     result = run_here("report", "copy.json", cwd=tmp_path)
     assert result.stdout == "written to copy.html\n"
@@ -253,7 +257,7 @@ def test_analyses_come_after_the_grasp(script, tmp_path):
     [
         (
             ["--with", "nu,price"],
-            '--with: got price, expected "prices", "robustness", "delta", "nu", "phases", "drawing"',
+            '--with: got price, expected "prices", "robustness", "delta", "nu", "friction", "phases", "drawing"',
         ),
         (["--with", "phases"], "--with: got phases, expected no phases without a hand that has links"),
         (["--with", "nu", "--quick"], "--quick: got --with nu beside it, expected one of the two"),

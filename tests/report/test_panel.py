@@ -1,5 +1,6 @@
 """Key figures beside the scene: certified quality, robustness, effort, global bound."""
 
+import html
 import math
 import re
 from dataclasses import replace
@@ -10,8 +11,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.report.key_figures import gauge, gauge_text, remaining_fraction, solution_figures, verdict
+from nlpgrasp.report.solution_page import friction_section
 from nlpgrasp.report.solution_sections import contacts
-from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.analysis_records import CriticalFriction, ForceAtFriction, Robustness
 from nlpgrasp.solution.quality_record import GlobalBound
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
@@ -75,6 +77,23 @@ def test_what_the_task_takes_is_rounded_up(box):
     takes = next(fact for fact in solution_figures(box) if fact.title == "What the task takes")
     assert takes.value == "2.78 N"  # 1 / 0.36 = 2.777...
     assert "squares" in takes.lines[0]
+
+
+def test_the_friction_needed_is_a_figure_and_a_curve_with_a_ring_at_the_contacts(box):
+    curve = tuple(ForceAtFriction(f, ng.Bounds(0.98 / f, 1.0 / f)) for f in (0.3, 0.4, 1.0))
+    found = replace(box, friction=CriticalFriction(ng.Bounds(0.2676, 0.2714), curve))
+    figure = next(figure for figure in solution_figures(found) if figure.title == "Friction needed")
+    assert figure.value == "0.272"
+    assert figure.lines == (f"T{found.friction_line()[1:]}",)
+    assert "held above friction 0.272 and is lost below 0.267, with forces of any size" in found.friction_line()
+    section = friction_section(found)
+    assert html.escape(found.friction_line()[1:].partition(";")[0]) in section
+    assert (section.count('class="dot"'), section.count('class="answer"')) == (3, 1)
+    assert section.count('class="limit"') == 1
+    assert friction_section(box) == ""
+    lost = replace(box, friction=CriticalFriction())
+    assert "is lost with every friction up to 10" in friction_section(lost)
+    assert next(f for f in solution_figures(lost) if f.title == "Friction needed").tone == "bad"
 
 
 def test_the_gap_is_rounded_up(box):

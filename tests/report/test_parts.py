@@ -74,6 +74,7 @@ def test_each_part_has_its_files_and_a_row(folder, batch):
         solution = part.load()
         assert 'src="data:image/png;base64,' in row
         assert solution.grip_line()[1:] in row
+        assert solution.friction_line()[1:] in row
         assert "mm</td>" in row
         assert f"{len(solution.grasps)}, {len(solution.grasps)} with a free way in" in row
     assert 'href="plate.poses.csv"' in page

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.formatting import format_upper
+from nlpgrasp.common.formatting import format_lower, format_upper
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.report import write_report
 from nlpgrasp.solution.grip_record import GripForce
@@ -57,6 +57,22 @@ def test_every_kept_grasp_has_its_own_force(solution):
     assert [solution.with_answer(grasp).grip_force for grasp in solution.grasps] == forces
     table = str(solution).splitlines()[-3:]
     assert all(f" {format_upper(f, 3)} N " in line for f, line in zip(forces, table, strict=True))
+
+
+def test_the_friction_needed_is_that_of_the_gripper_at_its_limit(solution):
+    least = solution.friction.least
+    pattern = (
+        r"above friction ([\d.]+) and is lost below ([\d.]+), with at most 120 N a jaw \(certified\); it needs (\S+) N"
+    )
+    (held, lost, force), *_ = re.findall(pattern, solution.friction_line())
+    assert (held, lost) == (format_upper(least.upper, 3), format_lower(least.lower, 3))
+    assert force == format_upper(solution.grip_force, 3)
+    assert f"  {solution.friction_line()}" in str(solution).splitlines()
+    frictions = [0.999 * least.lower, 1.001 * least.upper]
+    lower, upper = ng.force_curve(solution.grasp, solution.task, frictions, total=True)
+    assert upper.lower <= 2.0 * LIMIT <= lower.upper
+    assert ng.GraspSolution.from_dict(solution.to_dict()).friction == solution.friction
+    assert "critical friction" in {check.name for check in ng.verify(solution).checks if check.passed}
 
 
 def test_limits_of_gripper_and_problem_are_of_the_normal_force(solution):

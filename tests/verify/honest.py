@@ -78,7 +78,7 @@ QUICK = ng.SolveOptions(workers=1, rounds=0, rtol=0.05, final_rtol=0.02)
 def solved():
     """The file of a solve in space."""
     problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
-    return solve_once(problem, 1, replace(QUICK, analyses=["robustness", "delta", "nu"])).to_dict()
+    return solve_once(problem, 1, replace(QUICK, analyses=["robustness", "delta", "nu", "friction"])).to_dict()
 
 
 @cache

@@ -39,6 +39,7 @@ def no_grasp(data):
     data["forces"], data["constraints"] = [], []
 
 
+FRICTION = "critical friction"
 WIDE = {
     "an upper bound of a million": (put((*MU, "upper"), 1e6), ["worst direction", "width"]),
     "an upper bound a little higher": (put((*MU, "upper"), lambda v: 1.0001 * v), ["worst direction"]),
@@ -61,6 +62,20 @@ WIDE = {
         ["nu"],
     ),
     "a value of nu outside its bounds": (put(("quality", "nu", "upper"), lambda v: 0.4 * v), ["nu"]),
+    "a critical friction": (put(("quality", "critical_friction", "least", "upper"), lambda v: 1.1 * v), [FRICTION]),
+    "a friction said to be enough": (
+        put(("quality", "critical_friction", "least"), {"lower": 1e-4, "upper": 1e-4}),
+        [FRICTION],
+    ),
+    "no friction said to be enough": (put(("quality", "critical_friction", "least"), None), [FRICTION]),
+    "a force of the curve that may be much smaller": (
+        put(("quality", "critical_friction", "curve", 0, "force", "lower"), lambda v: 0.9 * v),
+        [FRICTION],
+    ),
+    "a force of the curve at a smaller friction": (
+        put(("quality", "critical_friction", "curve", 0, "friction"), lambda v: 0.9 * v),
+        [FRICTION],
+    ),
     "a robust quality above all": (put(("quality", "robust", "mu", "upper"), 1e6), ["robustness"]),
 }
 
