@@ -149,8 +149,8 @@ def _check_quality(
         "interval": lambda: [interval_check(solution.mu)],
     }
     if quality is None:
-        names = ("certified quality", "worst direction", "forces needed", "robustness")
-        names += ("critical friction",) if solution.friction is not None else ()
+        names = ["certified quality", "worst direction", "forces needed", "robustness"]
+        names += [] if solution.friction is None else ["critical friction"]
         parts["certified quality"] = lambda: [Check.not_made(name, MISSING) for name in names]
     else:
         parts |= {
