@@ -32,17 +32,18 @@ class WrenchSet:
         Grasp map, possibly after a linear change of wrench coordinates.
     force_set : ForceSet
         ``B ∩ K``.
-    sizes : (d, n) array, optional
-        Sums of the absolute products in G's entries, which bound their rounding errors; ``|G|`` by default.
+    terms : (d, n) array, optional
+        Sums of the absolute products in G's entries; ``|G|`` by default.
     """
 
     G: FloatArray
     force_set: ForceSet
-    sizes: FloatArray = field(default=None, repr=False)  # type: ignore[assignment]
+    terms: FloatArray | None = field(default=None, repr=False)
 
-    def __post_init__(self) -> None:
-        if self.sizes is None:
-            object.__setattr__(self, "sizes", np.abs(self.G))
+    @property
+    def sizes(self) -> FloatArray:
+        """Sums of the absolute products in G's entries, (d, n): they bound their rounding errors."""
+        return np.abs(self.G) if self.terms is None else self.terms
 
     @classmethod
     def of(cls, grasp: Grasp, budget: str | ForceBudget = "l2") -> WrenchSet:

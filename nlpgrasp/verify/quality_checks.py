@@ -83,7 +83,9 @@ def recompute_mu(
     stated: Bounds, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float, requested: float = USUAL_RTOL
 ) -> RecomputedBounds:
     """Return recomputed bounds on mu, proved where that is possible; the stated worst direction counts, too."""
-    y = stated.worst_direction if np.shape(stated.worst_direction) == (grasp.dimension,) else None
+    y = stated.worst_direction
+    if y is not None and y.shape != (grasp.dimension,):
+        y = None
     return recompute_bounds(stated, lambda gap: prove_anew(grasp, task, gap, budget, y), rtol, requested)
 
 
