@@ -10,7 +10,6 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.formatting import FORCE_UNIT, format_number, format_percent, format_upper
 from nlpgrasp.common.types import Json
-from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.critical_friction import HoldingForce
 from nlpgrasp.solution.obstructions import LEAST_PAD_SHARE
@@ -138,5 +137,5 @@ def force_limit(problem: Json) -> float | None:
 
 def holding_force(problem: Json, budget: ForceBudget) -> HoldingForce:
     """Return how the force that holds a problem's task is counted under a budget, and the largest that is allowed."""
-    jaws = (problem.get("hand") or {}).get("type") == ParallelJaw.kind
-    return HoldingForce(budget, force_limit(problem), jaws)
+    hand_type = (problem.get("hand") or {}).get("type")
+    return HoldingForce(budget, force_limit(problem), jaws=hand_type == "parallel_jaw")
