@@ -48,7 +48,7 @@ def make_command(
         float, typer.Option("--distinct", help="How far apart grasps are, as a share of the body's size.")
     ] = 0.1,
     proofs: Annotated[
-        bool, typer.Option("--proofs", help="Store a proof of each grasp's bounds on mu, some 100 kB each.")
+        bool, typer.Option("--proofs", help="Store a proof of each grasp's bounds on mu, some 40 kB each.")
     ] = False,
     folder: Annotated[
         list[Path] | None,

@@ -164,7 +164,7 @@ def make_set(
         Of the starts; without a gap, a time limit or analyses.
     proofs : bool
         Store a proof of each grasp's bounds on mu, which ``verify`` of the set checks in place of a new one; some
-        100 kB a grasp. Rows of grasps without a proof, as for a task given by a function, have none.
+        40 kB a grasp. Rows of grasps without a proof, as for a task given by a function, have none.
     folders : iterable of str or Path
         Where the robot files of simulated hands are, after the current folder.
     workers : int, optional

@@ -94,6 +94,16 @@ def test_verify_agrees(solved, run_command):
     assert re.search(r"^verified: \d+ checks passed$", result.stdout.splitlines()[-1])
 
 
+def test_a_proof_is_written_beside_the_result_and_verified(solved, script, tmp_path):
+    result = run_here("solve", script, "--starts", 1, "--quick", "--proof", "--out", "f.json", cwd=tmp_path)
+    assert re.search(r"^  mu_tilde proved in \[0\.37\d*, .*\]; written to f\.proof$", result.stdout.splitlines()[-1])
+    assert "ok   proof: f.proof (found beside the file): " in run_here("verify", "f.json", cwd=tmp_path).stdout
+    folder, _ = solved
+    result = run_here("verify", "square.json", "--proof", tmp_path / "f.proof", "--json", cwd=folder)
+    check = next(check for check in json.loads(result.stdout)["checks"] if check["name"] == "proof")
+    assert check["detail"].startswith("f.proof")
+
+
 def test_verify_of_a_wrong_claim_is_exit_code_1(solved):
     folder, _ = solved
     data = json.loads((folder / "square.json").read_text())

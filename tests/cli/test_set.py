@@ -39,6 +39,11 @@ def test_a_set_is_made_verified_and_exported(call, tmp_path):
     assert len(ng.read_grasps(tmp_path / "tables" / "rough.csv")) == 2
 
 
+def test_proofs_are_stored(call, tmp_path):
+    assert call("squares.py", "--out", "out", "--grasps", 1, "--starts", 4, "--proofs").returncode == 0
+    assert ng.check_proof(ng.open_set(tmp_path / "out").proof(0))
+
+
 def test_a_barren_problem_gives_what_its_starts_find(call):
     done = call("squares.py", "--out", "out", "--starts", 1, "--grasps", 2)
     assert done.returncode == 0

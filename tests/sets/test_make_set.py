@@ -19,6 +19,7 @@ from nlpgrasp.sets.grasp_set import SetVerification
 from nlpgrasp.sets.grasp_unit import find_body
 from nlpgrasp.sets.set_folder import SetFolder
 from nlpgrasp.sets.stored_solution import pack_solution
+from nlpgrasp.verify import proved_bounds
 from tests.sets.small import SETTINGS, crash_in, labels, run_backwards, run_here, run_starts_once, square, squares
 
 WANTED = 3
@@ -332,6 +333,7 @@ def failing():
         ({"problems": [3]}, "problems by name"),
         ({"wanted": 0}, "grasps_per_problem: got 0"),
         ({"simulate": 1}, "simulate: got 1, expected True or False"),
+        ({"proofs": "all"}, "proofs: got all, expected True or False"),
         ({"options": ng.SolveOptions(time_limit=3.0)}, r"options\.time_limit: got 3\.0, expected its default"),
         ({"progress": 3}, "progress: got 3"),
         ({"workers": 0}, "workers: got 0"),
@@ -351,6 +353,23 @@ def change_first_row(folder, entries):
     first = next(row for row in rows if row["status"] == "grasp")
     first |= {name: value(first[name]) if callable(value) else value for name, value in entries.items()}
     file.write_bytes(parquet_bytes(rows, digest, "all"))
+
+
+def test_stored_proofs_are_checked_in_place_of_new_ones(run, finished, tmp_path, monkeypatch):
+    grasps = run(tmp_path / "out", {"rough": square(0.8)}, proofs=True)
+    proofs = [grasps.proof(i) for i in range(WANTED)]
+    for solution, proof in zip(grasps, proofs, strict=True):
+        assert ng.check_proof(proof).lower >= solution.mu.lower
+    monkeypatch.setattr(proved_bounds, "prove", lambda *arguments: pytest.fail("a new proof"))
+    assert grasps.verify(workers=1).verified == WANTED
+    monkeypatch.undo()
+    change_first_row(grasps.path, {"proof": proofs[1]})
+    failed = ng.open_set(grasps.path).verify(workers=1).failed
+    assert list(failed) == [0]
+    assert failed[0].endswith("checks failed (proof)")
+    assert finished.proof(0) is None
+    with pytest.raises(InputError, match="a set with proofs true"):
+        run(grasps.path, {"rough": square(0.8)})
 
 
 def test_verify_finds_a_row_that_was_changed(copy):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
 import re
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -98,19 +100,38 @@ def read_proof(path: str | Path) -> bytes:
 
 
 def compiled_checker() -> Path | None:
-    """Return the compiled checker from the cache folder, built if need be; None without a compiler."""
+    """Return the compiled checker, built once in the cache folder, or once a process; None without a compiler."""
     source = resources.files("nlpgrasp.verify.proof_checker").joinpath("checker.c").read_bytes()
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    place = folder() or Path(tempfile.gettempdir())
-    program = place / f"proof-checker-{hashlib.sha256(source).hexdigest()[:16]}"
-    if program.exists() or compiler is None:
-        return program if program.exists() else None
-    place.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=place) as work:
-        file, built = Path(work) / "checker.c", Path(work) / "checker"
-        file.write_bytes(source)
-        command = [compiler, "-O3", "-o", str(built), str(file), "-lm"]
-        if subprocess.run(command, capture_output=True, check=False).returncode != 0:  # noqa: S603
-            return None
-        os.replace(built, program)
-    return program
+    name = f"proof-checker-{hashlib.sha256(source).hexdigest()[:16]}"
+    for find_place in (folder, _private_folder):
+        place = find_place()
+        if place is not None and (place / name).exists():
+            return place / name
+        if place is not None and compiler is not None and _build(source, compiler, place / name):
+            return place / name
+    return None
+
+
+def _build(source: bytes, compiler: str, program: Path) -> bool:
+    """Build the checker, and return whether that succeeded."""
+    try:
+        program.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=program.parent) as work:
+            file, built = Path(work) / "checker.c", Path(work) / "checker"
+            file.write_bytes(source)
+            command = [compiler, "-O3", "-o", str(built), str(file), "-lm"]
+            if subprocess.run(command, capture_output=True, check=False).returncode != 0:  # noqa: S603
+                return False
+            os.replace(built, program)
+    except OSError:  # a cache folder that cannot be written
+        return False
+    return True
+
+
+@cache
+def _private_folder() -> Path:
+    """Return a folder that other users cannot write, removed when the process ends."""
+    private = tempfile.TemporaryDirectory(prefix="nlpgrasp-")
+    atexit.register(private.cleanup)
+    return Path(private.name)

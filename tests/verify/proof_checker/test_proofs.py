@@ -61,6 +61,7 @@ def test_a_planar_grasp_is_proved(tmp_path: Path) -> None:
     bounds = ng.write_proof(grasp, ng.TaskEllipsoid([1, 1, 0.5]), tmp_path / "g.proof", 0.01)
     for checker in ("c", "python"):
         assert ng.check_proof(tmp_path / "g.proof", checker).lower == bounds.lower
+        assert ng.check_proof((tmp_path / "g.proof").read_bytes(), checker).lower == bounds.lower
 
 
 # a planar force of at most 1 N, and a disc of 0.5 N: mu is 2
