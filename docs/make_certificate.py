@@ -1,6 +1,7 @@
 """Draw docs/pictures/certificate.svg, both proofs of an interval of mu in two dimensions.
 
-Run ``python docs/make_certificate.py``. The grasp is planar, of three contacts with friction; the picture is the projection of wrench space onto forces.
+Run ``python docs/make_certificate.py``. The grasp is planar, of three contacts with friction; the picture is the
+projection of wrench space onto forces.
 """
 
 from pathlib import Path
