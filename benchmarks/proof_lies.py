@@ -1,8 +1,9 @@
 """Lies in proof files, and damaged proof files: none is accepted unless it is true, none crashes or stalls a checker.
 
 ``python -m benchmarks proof_lies:lies:300`` edits proofs and asks both checkers; what one of them accepts is compared
-with the claim itself by conic programs. ``proof_lies:fuzz:3600`` damages proofs at random for 3600 s. The checker in C
-is built with ``-fsanitize=address,undefined`` and takes each file in a process forked for it.
+with the claim itself by conic programs. ``proof_lies:fuzz:3600`` damages proofs at random for 3600 s, and
+``proof_lies:libfuzzer:3600`` lets libFuzzer do so, which takes clang. The checker in C is built with
+``-fsanitize=address,undefined``.
 """
 
 from __future__ import annotations
@@ -64,6 +65,27 @@ int main(void) {
     printf("%d %d %.3f %ld %s\n", WIFSIGNALED(status) ? WTERMSIG(status) : 0, WEXITSTATUS(status),
       used.ru_utime.tv_sec + used.ru_utime.tv_usec / 1e6, used.ru_maxrss / 1024, out); fflush(stdout);
   }
+}
+"""
+# the checker as a function for libFuzzer, which keeps what is proved
+FUZZER = r"""
+#include <setjmp.h>
+#include <stdlib.h>
+static jmp_buf end; static void *kept[4096]; static int keeps;
+static void *keep(void *p) { return kept[keeps++] = p; }
+#define exit(code) longjmp(end, code)
+#define calloc(count, size) keep(calloc(count, size))
+#define main checker
+#include "checker.c"
+int LLVMFuzzerTestOneInput(const unsigned char *data, size_t size) {
+  static int proved; char name[64]; if (!size) return 0;
+  stdin = fmemopen((void *)data, size, "rb"); n = rows = cells = 0;
+  if (!setjmp(end) && !checker() && proved < 10000) {
+    snprintf(name, sizeof name, "proved/%d", proved++);
+    FILE *file = fopen(name, "wb"); fwrite(data, 1, size, file); fclose(file);
+  }
+  fclose(stdin); while (keeps) free(kept[--keeps]);
+  return 0;
 }
 """
 
@@ -424,8 +446,30 @@ def fuzz(seconds: int, folder: Path) -> None:
     print(*faults, sep="\n")
 
 
+def libfuzzer(seconds: int, folder: Path) -> None:
+    """Print the end of libFuzzer's report, which follows coverage, and whether what was proved is true."""
+    Checker(folder)
+    (folder / "fuzzer.c").write_text(FUZZER)
+    for name in ("corpus", "proved"):
+        (folder / name).mkdir()
+    for i, data in enumerate(proofs()):
+        (folder / "corpus" / str(i)).write_bytes(data)
+    (folder / "words").write_text("".join(f'"{word} "\n' for word in (*WORDS, *NUMBERS)))
+    flags = ["-O1", "-g", "-fsanitize=fuzzer,address,undefined", "-fno-sanitize-recover=all"]
+    clang = next(filter(None, map(shutil.which, ("clang", "clang-19", "clang-14"))))
+    subprocess.run([clang, *flags, "-o", folder / "fuzzer", folder / "fuzzer.c", "-lm"], check=True)
+    limits = [f"-max_total_time={seconds}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY}", "-malloc_limit_mb=4096"]
+    options = ["-dict=words", "-max_len=16384", "-close_fd_mask=1", "-detect_leaks=0", "-print_final_stats=1"]
+    done = subprocess.run([folder / "fuzzer", *limits, *options, "corpus"], cwd=folder, capture_output=True, text=True)
+    print(*done.stderr.splitlines()[-12:], sep="\n")
+    proved = sorted((folder / "proved").iterdir())
+    truths = {path.name: judged(path.read_bytes()) for path in proved}
+    print(f"{len(proved)} proved: {dict(Counter(truths.values()))}")
+    print(*(f"proved/{name}: {truth}" for name, truth in truths.items() if truth != "true"), sep="\n")
+
+
 def run(part: str = "lies", amount: str = "300") -> None:
     """Run a part of the benchmark."""
     folder = Path(tempfile.mkdtemp(prefix="proof-lies-"))
     print(f"files of faults are kept in {folder}")
-    {"lies": lies, "fuzz": fuzz}[part](int(amount), folder)
+    {"lies": lies, "fuzz": fuzz, "libfuzzer": libfuzzer}[part](int(amount), folder)
