@@ -42,7 +42,7 @@ class RecomputedBounds(Bounds):
 def recompute_bounds(
     stated: Bounds, certify: Callable[[float], AnyBounds], rtol: float, requested: float | None = None
 ) -> AnyBounds:
-    """Return recomputed bounds, tightened as far as the stated ones require, at most to a quarter of their gap.
+    """Return recomputed bounds, tightened as far as the stated ones require, at most to a quarter of a requested gap.
 
     Parameters
     ----------
@@ -52,16 +52,19 @@ def recompute_bounds(
     rtol : float
         Largest relative gap.
     requested : float, optional
-        Relative gap that the stated bounds were to have; by default the one that they have.
+        Relative gap that the stated bounds were to have. Without one, a certificate may have ended much narrower on one
+        side: the recomputation then goes on until it confirms the lower end or contradicts it.
     """
     width = stated.gap if np.isfinite(stated.upper) else 1.0
     finest = min(rtol, max(width, FINEST) if requested is None else requested) / TIGHTENING
     recomputed = certify(float(np.clip(WIDTH_SHARE * width, finest, rtol)))
     if _is_undecided(stated, recomputed):
         recomputed = certify(finest)
-    if _is_undecided(stated, recomputed) and recomputed.lower >= (1.0 - SHRINK) * stated.lower > 0.0:
-        # of a polytope only the shrinking of its points is left, which is a share of the gap
-        recomputed = certify(max(WIDTH_SHARE * (recomputed.upper / stated.lower - 1.0), FINEST))
+    is_near = recomputed.lower >= (1.0 - SHRINK) * stated.lower  # of a polytope only its points' shrinking is left
+    gap = finest
+    while _is_undecided(stated, recomputed) and stated.lower > 0.0 and (requested is None or is_near) and gap > FINEST:
+        gap = max(min(0.25 * gap, 0.5 * (recomputed.upper / stated.lower - 1.0)), FINEST)
+        recomputed = certify(gap)
     return recomputed
 
 

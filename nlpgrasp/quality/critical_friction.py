@@ -208,6 +208,7 @@ def force_curve(
     grasp : Grasp
         As for ``critical_friction``.
     task : Task
+        As for ``critical_friction``.
     frictions : (m,) array
         Friction coefficients, above 0.
     total : bool

@@ -54,6 +54,7 @@ def robust_mu(
     Parameters
     ----------
     grasp : Grasp
+        In its stated place.
     task : Task
         About the grasp's torque origin.
     offset : float

@@ -730,6 +730,7 @@ class GraspSolution(InNotebook):
         Parameters
         ----------
         path : str or Path
+            File to write.
         rtol : float
             Largest relative width of the proved interval, which is narrower where the stated bounds require it.
 

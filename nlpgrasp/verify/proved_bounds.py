@@ -79,8 +79,9 @@ def _prove_and_check(
     if not (checked.lower > 0.0 or checked.upper == 0.0):
         flat = "no lower end is provable, as where wrenches do not span wrench space"
         return RecomputedBounds(0.0, np.inf, unproved=checked.reason or flat)
-    limit = "" if checked.upper <= checked.lower * (1.0 + rtol) else "the polytope reaches no smaller gap"
-    return RecomputedBounds(checked.lower, checked.upper, proof.above.direction, limit=limit)
+    if checked.upper > checked.lower * (1.0 + rtol):
+        return RecomputedBounds(0.0, np.inf, unproved="its proof reaches no smaller gap")
+    return RecomputedBounds(checked.lower, checked.upper, proof.above.direction)
 
 
 def support_ratio(grasp: Grasp, task: Task, force_set: ForceSet, y: FloatArray) -> float:

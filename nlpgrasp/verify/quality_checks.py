@@ -80,7 +80,7 @@ def unconfirmed_end(stated: Bounds, recomputed: Bounds) -> str:
 
 
 def recompute_mu(
-    stated: Bounds, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float, requested: float = USUAL_RTOL
+    stated: Bounds, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float, requested: float | None = None
 ) -> RecomputedBounds:
     """Return recomputed bounds on mu, proved where that is possible; the stated worst direction counts, too."""
     y = stated.worst_direction

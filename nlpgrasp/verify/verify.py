@@ -113,21 +113,21 @@ def verify(
 
 
 def _verify_answer(
-    solution: GraspSolution, rtol: float, sources: SourceFolders, proof: ProofFile | None = None
+    solution: GraspSolution, rtol: float, sources: SourceFolders, proof: ProofFile | None = None, is_kept: bool = False
 ) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality of a solution's answer, and the checks of this answer."""
     grasp = solution.require_grasp()
-    quality, checks = _check_quality(solution, grasp, rtol, proof)
+    quality, checks = _check_quality(solution, grasp, rtol, proof, None if is_kept else requested_rtol(solution, rtol))
     return quality, [*checks, *recompute(solution, grasp, sources)]
 
 
 def _verify_kept_grasp(rtol: float, sources: SourceFolders, solution: GraspSolution) -> list[Check]:
     """Return the checks of a solution whose answer was replaced by another kept grasp."""
-    return [*_verify_answer(solution, rtol, sources)[1], *outcome_checks(solution)]
+    return [*_verify_answer(solution, rtol, sources, is_kept=True)[1], *outcome_checks(solution)]
 
 
 def _check_quality(
-    solution: GraspSolution, grasp: Grasp, rtol: float, proof: ProofFile | None
+    solution: GraspSolution, grasp: Grasp, rtol: float, proof: ProofFile | None, requested: float | None
 ) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality, and the checks of the quality measures and of what depends on them.
 
@@ -141,7 +141,7 @@ def _check_quality(
             quality, check = proof.check(grasp, task, budget)
             proof_check = [check]
         if quality is None and not is_sampled(task):
-            quality = recompute_mu(solution.mu, grasp, task, budget, rtol, requested_rtol(solution, rtol))
+            quality = recompute_mu(solution.mu, grasp, task, budget, rtol, requested)
     except BROKEN as error:
         return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {

@@ -180,7 +180,7 @@ def test_a_part_smaller_than_the_pad_is_held_by_what_of_the_pad_is_on_it(part, p
     points, normals = map(np.array, zip(*overlaps, strict=True))
     whole = ng.mu(ng.Grasp(points, normals, ng.FrictionContact(0.5), grasp.torque_origin), task, force_budget="shared")
     assert 0.5 / whole.upper <= solution.grip_force <= 1.4 * 0.5 / whole.lower
-    assert ng.verify(solution).passed
+    assert ng.verify(solution).passed, [str(c) for c in ng.verify(solution).checks if c.failed]
 
 
 def sides(part, point, first, second, extents, others):
@@ -213,7 +213,7 @@ def test_a_force_is_stated_only_for_a_contact_that_exists():
     assert max(solution.hand["pads"]) < 0.5
     assert solution.grip_force is None or not np.isfinite(solution.grip_force)
     assert re.search(r"no grip force is stated: 4\d % of a plane or line contact is on the face", solution.grip_line())
-    assert ng.verify(solution).passed
+    assert ng.verify(solution).passed, [str(c) for c in ng.verify(solution).checks if c.failed]
     force = {"lower": 2.0, "upper": 2.01}
     for lie in ({}, {"pads": [0.95, 0.95]}):
         data = solution.to_dict()
@@ -297,7 +297,7 @@ def test_an_answer_that_cannot_be_used_says_why_no_other_can(part, contacts, pad
     problem = ng.GraspProblem(part, contacts, TASK, hand=gripper, constraints=tables, force_budget="shared")
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
     assert re.search(words, solution.told)
-    assert ng.verify(solution).passed
+    assert ng.verify(solution).passed, [str(c) for c in ng.verify(solution).checks if c.failed]
     read = ng.GraspSolution.from_dict(solution.to_dict())
     assert read.told == solution.told
 
@@ -316,4 +316,4 @@ def test_kept_grasps_of_a_bar_from_its_side_are_free_before_blocked_ones():
     with pytest.warns(UserWarning, match="instead, as by ng.Approach"):
         solution = ng.solve(problem, starts=2, keep=4, options=ng.SolveOptions(workers=1, global_bound=False))
     assert [grasp.has_free_way for grasp in solution.grasps] == [True] * 4
-    assert ng.verify(solution).passed
+    assert ng.verify(solution).passed, [str(c) for c in ng.verify(solution).checks if c.failed]
