@@ -2,8 +2,8 @@
 // Checker of proof files, lower <= mu <= upper for one grasp and one task: docs/proof_format.md has the format and the reasons.
 
 /**
- * Returns what a proof file (Uint8Array) proves, { lower, upper, origin, contacts, task }, or throws an Error that names
- * the first step that does not hold. It uses nothing from outside, so its text can be handed to a worker.
+ * Returns what a proof file (Uint8Array) proves, { lower, upper, origin, contacts, lift, cones, task }, or throws an Error
+ * that names the first step that does not hold. It uses nothing from outside, so its text can be handed to a worker.
  */
 function checkProof(bytes) {
   const fail = (sentence) => { throw new Error(sentence); };
@@ -24,11 +24,11 @@ function checkProof(bytes) {
     const far = 1 / (Math.abs(a) - r), near = 1 / (Math.abs(a) + r);
     return [Math.sign(a) * far, (far - near + far * 8 * ROUNDING) * MORE + TINY];
   };
-  const root = ([a, r]) => { // whatever Math.sqrt gives: the squares of the ends decide
-    const top = (a + r) * MORE, bottom = Math.max((a - r) * LESS, 0);
-    let high = Math.sqrt(top) * MORE, low = Math.sqrt(bottom) * LESS;
-    if (!(top === 0 || high * high * LESS - TINY >= top)) high = Math.max(top, 1);
-    if (!(low * low * MORE + TINY <= bottom)) low = 0;
+  const root = ([a, r]) => { // [high, high - low]; whatever Math.sqrt gives, the squares of both decide
+    const out = 1 + 2 ** -51, back = 1 - 2 ** -51, top = (a + r) * out, bottom = Math.max((a - r) * back, 0);
+    let high = Math.sqrt(top) * out ** 2, low = Math.sqrt(bottom) * back ** 2;
+    if (!(top === 0 || high * high * back - TINY >= top)) high = Math.max(top, 1);
+    if (!(low * low * out + TINY <= bottom)) low = 0;
     return [high, (high - low) * MORE];
   };
   const sum = (terms) => terms.reduce(plus, ZERO);
@@ -81,12 +81,14 @@ function checkProof(bytes) {
   key("variables");
   const U = index(4097, "number of variables", 1), wrenches = list(U, () => used.map(() => ZERO)); // columns of G A
   key("lift");
-  for (const [i, v, x] of entries(columns.length, U)) wrenches[v] = wrenches[v].map((total, j) => plus(total, times(columns[i][j], x)));
+  const lift = entries(columns.length, U);
+  for (const [i, v, x] of lift) wrenches[v] = wrenches[v].map((total, j) => plus(total, times(columns[i][j], x)));
   key("cones");
   const sizes = list(count("number of blocks"), () => count("size of a block")), R = sizes.reduce((a, b) => a + b, 0);
   need(R < bytes.length / 2, "The blocks have more rows than the file.");
   const rows = list(R, () => []), holders = list(U + 1, () => []); // of M: entries of a row, and of a variable (U: constants)
-  for (const [i, v, x] of entries(R, U + 1)) {
+  const cones = entries(R, U + 1);
+  for (const [i, v, x] of cones) {
     rows[i].push([v, x]);
     holders[v].push([i, x]);
   }
@@ -94,7 +96,7 @@ function checkProof(bytes) {
     let start = 0;
     return sizes.every((size) => {
       const [first, ...others] = values.slice(start, (start += size));
-      return isAtLeast(first, norm(others));
+      return isAtLeast(first, exact(norm(others)[0]));
     });
   };
   key("task");
@@ -120,7 +122,7 @@ function checkProof(bytes) {
   }));
 
   key("bounds");
-  const lower = number(), upper = number(), proved = { lower, upper, origin, contacts, task };
+  const lower = number(), upper = number(), proved = { lower, upper, origin, contacts, lift, cones, task };
   need(0 <= lower && lower <= upper, "The bounds are not 0 <= lower <= upper.");
   key("upper");
   const y = chosen(list(6, number), "The direction of the upper bound"), s = list(R, () => exact(number()));
