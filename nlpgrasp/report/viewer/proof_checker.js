@@ -20,27 +20,25 @@ function checkProof(bytes) {
     if ((a === 0 && r === 0) || (b === 0 && s === 0)) return ZERO;
     return [a * b, (Math.abs(a) * s + Math.abs(b) * r + r * s + Math.abs(a * b) * ROUNDING) * MORE + 4 * TINY];
   };
-  const inverse = ([a, r]) => { // for |a| > r, around the end that is farther from 0
-    const far = 1 / (Math.abs(a) - r), near = 1 / (Math.abs(a) + r);
-    return [Math.sign(a) * far, (far - near + far * 8 * ROUNDING) * MORE + TINY];
-  };
-  const root = ([a, r]) => { // [high, high - low]; whatever Math.sqrt gives, the squares of both decide
-    const out = 1 + 2 ** -51, back = 1 - 2 ** -51, top = (a + r) * out, bottom = Math.max((a - r) * back, 0);
+  const inverse = (x) => [1 / x, Math.abs(1 / x) * ROUNDING + TINY];
+  const sum = (terms) => terms.reduce(plus, ZERO);
+  const norm = (terms) => { // [high, high - low]; whatever Math.sqrt gives, the squares of both decide
+    const [a, r] = sum(terms.map((x) => times(x, x))), out = 1 + 2 ** -51, back = 1 - 2 ** -51;
+    const top = (a + r) * out, bottom = Math.max((a - r) * back, 0);
     let high = Math.sqrt(top) * out ** 2, low = Math.sqrt(bottom) * back ** 2;
-    if (!(top === 0 || high * high * back - TINY >= top)) high = Math.max(top, 1);
+    if (!(top === 0 || high * high * back - TINY >= top)) high = top < 2 ** -1000 ? 2 ** -500 : Math.max(top, 1);
     if (!(low * low * out + TINY <= bottom)) low = 0;
     return [high, (high - low) * MORE];
   };
-  const sum = (terms) => terms.reduce(plus, ZERO);
-  const norm = (terms) => root(sum(terms.map((x) => times(x, x))));
-  const isPositive = ([m, r]) => m >= r && r < Infinity; // or 0
-  const isAtLeast = (ball, other) => isPositive(plus(ball, minus(other)));
+  const isAtLeast = (ball, other) => {
+    const [m, r] = plus(ball, minus(other));
+    return m >= r && r < Infinity;
+  };
 
   // Words of the file: no count may be larger than what the file can have of it.
   let at = 0;
   const isSpace = (byte) => byte === 32 || (byte >= 9 && byte <= 13);
-  const word = () => {
-    let text = "";
+  const word = (text = "") => {
     while (isSpace(bytes[at])) at++;
     while (at < bytes.length && !isSpace(bytes[at]) && text.length < 400) text += String.fromCharCode(bytes[at++]);
     return text;
@@ -126,16 +124,14 @@ function checkProof(bytes) {
   need(0 <= lower && lower <= upper, "The bounds are not 0 <= lower <= upper.");
   key("upper");
   const y = chosen(list(6, number), "The direction of the upper bound"), s = list(R, () => exact(number()));
-  const doneRows = new Set(), done = new Set();
+  const done = new Set(); // variables of earlier pairs
   for (let pair = 0; pair < U; pair++) {
     const r = index(R, "row of a pair"), v = index(U, "variable of a pair");
-    need(!doneRows.has(r) && !done.has(v), `Pair ${pair} has the row or the variable of an earlier pair.`);
     need(rows[r].every(([w]) => !done.has(w)), `The row of pair ${pair} holds the variable of an earlier pair.`);
     const [own, ...more] = holders[v].filter(([i]) => i === r), others = holders[v].filter(([i]) => i !== r);
     need(own && !more.length && own[1][0] !== 0, `Pair ${pair} has not a single entry, or it is 0.`);
     const b = wrenches[v].map((w, j) => times(w, exact(y[j])));
-    s[r] = minus(times(sum([...b, ...others.map(([i, x]) => times(x, s[i]))]), inverse(own[1])));
-    doneRows.add(r);
+    s[r] = minus(times(sum([...b, ...others.map(([i, x]) => times(x, s[i]))]), inverse(own[1][0])));
     done.add(v);
   }
   need(areInCones(s), "The multipliers of the upper bound are not in their cones.");
@@ -145,78 +141,77 @@ function checkProof(bytes) {
 
   key("lower");
   if (lower === 0) return need(word() === "", "The file goes on after its end.") && proved;
-  const centre = chosen(list(6, number), "The centre"), V = count("number of vertices"), C = count("number of cells");
-  need(bytes[at++] === 10 && V <= 65536 && 8 * V * U <= bytes.length - at, "The vertices are more than the file has, or than 65536.");
-  const work = [...rows, ...task.map((part) => part.points)].reduce((total, x) => total + x.length, R + d * U);
-  need((V + C * d) * work < 1e9, "The check takes more than 1e9 products.");
-  const data = new DataView(bytes.buffer, bytes.byteOffset), vertices = new Float64Array(V * d), radii = new Float64Array(V * d);
-  for (let p = 0; p < V; p++, at += 8 * U) {
-    const u = list(U, (v) => exact(data.getFloat64(at + 8 * v, true)));
+  const V = count("number of vertices", d + 1);
+  need(bytes[at++] === 10 && V <= 65536 && 8 * V * U === bytes.length - at, "The vertices are not those that the file has, or more than 65536.");
+  need(V * (R + cones.length + d * U) < 1e9, "The vertices take more than 1e9 products.");
+  const data = new DataView(bytes.buffer, bytes.byteOffset);
+  const exerted = list(V, (p) => { // wrenches of the vertices
+    const u = list(U, (v) => exact(data.getFloat64(at + 8 * (p * U + v), true)));
     need(u.every(([x]) => Number.isFinite(x)), `Vertex ${p} has forces that are not finite.`);
-    const values = rows.map((row) => sum(row.map(([v, x]) => (v < U ? times(x, u[v]) : x))));
-    need(areInCones(values), `Vertex ${p} has forces that are not admissible.`);
-    for (let j = 0; j < d; j++) {
-      [vertices[p * d + j], radii[p * d + j]] = plus(sum(wrenches.map((w, v) => times(w[j], u[v]))), exact(-centre[j]));
-    }
-  }
-  const byte = () => (at < bytes.length ? bytes[at++] : fail("The cells are cut off."));
-  const difference = () => {
-    let value = 0, group = 128;
-    for (let scale = 1; group >= 128 && scale < 2 ** 35; scale *= 128) value += ((group = byte()) % 128) * scale;
-    return value;
-  };
-  const ridges = new Set(), vertex = (a, p) => inner(a, vertices, radii, p * d); // ridges of an odd number of cells so far
-  let cell = [], name = "", ray = null;
-  for (let i = 0; i < C; i++) {
-    const before = name;
-    cell = cell.slice(0, i ? byte() : 0);
-    while (cell.length < d) cell.push(difference() + (cell.length ? cell.at(-1) + 1 : 0));
-    name = cell[d - 1] < V ? String.fromCharCode(...cell) : fail(`Cell ${i} has a vertex that is not in the file.`);
-    if (name <= before) fail(`Cell ${i} is not after the one before it.`);
-    for (let k = 0; k < d; k++) {
-      const ridge = name.slice(0, k) + name.slice(k + 1);
-      if (!ridges.delete(ridge)) ridges.add(ridge);
-    }
-    const duals = dualVectors(cell), a = used.map((_, j) => duals.reduce((total, z) => total + z[j], 0));
-    const h = Math.min(...cell.map((p) => vertex(a, p)).map(([m, r]) => (m - r) * LESS));
-    if (!(h > 0 && isAtLeast(plus(exact(h), inner(a, centre)), times(exact(lower), support(a))))) {
-      fail(`The task times the lower bound is not in the half-space of cell ${i}.`);
-    }
-    if (i === 0) { // products of duals and vertices with a dominant diagonal: the vertices are independent
-      const off = duals.map((z, k) => sum(cell.map((p, j) => plus(vertex(z, p), exact(j === k ? -1 : 0)).map(Math.abs))));
-      need(off.every((x) => isAtLeast([0.5, 0], x)), "The vertices of the first cell may be linearly dependent.");
-      const total = used.map((_, j) => sum(cell.map((p) => [vertices[p * d + j], radii[p * d + j]])));
-      ray = [total.map(([m]) => m), total.map(([, r]) => r)];
-      continue;
-    }
-    // the ray has a negative part of a vertex: its dual is 0 at the others, and a little of a makes that positive
-    const parts = duals.map((z) => inner(z, ...ray)[0]), least = Math.min(...parts), share = Math.abs(inner(a, ...ray)[0]);
-    const z = (duals[parts.indexOf(least)] || none).map((x, j) => x - (least / (2 * Math.max(share, -least))) * a[j]);
-    const [m, r] = inner(z, ...ray);
-    if (!(m < -r && cell.every((p) => isPositive(vertex(z, p))))) fail(`The ray through the first cell may meet cell ${i}.`);
-  }
-  need(ridges.size === 0, "The cells do not close: a ridge belongs to an odd number of them.");
-  return need(at === bytes.length, "The file goes on after its end.") && proved;
+    need(areInCones(rows.map((row) => sum(row.map(([v, x]) => (v < U ? times(x, u[v]) : x))))), `Vertex ${p} has forces that are not admissible.`);
+    return used.map((_, j) => sum(wrenches.map((w, v) => times(w[j], u[v]))));
+  });
+  const mean = used.map((_, j) => times(sum(list(d + 1, (p) => exerted[p][j])), inverse(d + 1)));
+  const [centre, off] = [0, 1].map((end) => mean.map((x) => x[end]));
+  const [vertices, radii] = [0, 1].map((end) => Float64Array.from(exerted.flatMap((w) => w.map((x, j) => plus(x, minus(mean[j]))[end]))));
 
-  /** Vectors whose products with the vertices of a cell are about 1 for its own and 0 for the others: Gauss-Jordan, in floating point. */
-  function dualVectors(cell) {
-    const full = cell.map((p, i) => {
-      const row = new Float64Array(2 * d);
-      row.set(vertices.subarray(p * d, p * d + d));
-      row[d + i] = 1;
-      return row;
+  // Cells around the centre: vertices, and a direction a whose products with them are at least h above 0.
+  const cells = [], directions = [], system = list(d, () => new Float64Array(d + 1)), productOf = (a, p) => inner(a, vertices, radii, p * d);
+  let looks = 0;
+  const add = (points) => {
+    need((looks += 1000) < 4e9, "There are too many cells.");
+    const a = solution(points), h = Math.min(...points.map((p) => productOf(a, p)).map(([m, r]) => (m - r) * LESS));
+    if (!(h > 0)) fail(`The cell of vertices ${points.join(", ")} may hold the centre.`);
+    cells.push({ points, h });
+    directions.push(...a); // apart, since the search looks at all of them
+  };
+  const simplex = list(d + 1, (p) => p);
+  for (const k of simplex) add(simplex.filter((p) => p !== k));
+  for (let p = d + 1; p < V; p++) {
+    looks += cells.length;
+    const ridges = new Map(), v = vertices.subarray(p * d, p * d + d); // ridges of an odd number of the cells that are replaced
+    for (let i = cells.length - 1; i >= 0; i--) {
+      let product = 0;
+      for (let j = 0; j < d; j++) product += directions[i * d + j] * v[j];
+      if (product <= 1 + 1e-9) continue;
+      const [m, r] = productOf(directions.slice(i * d, i * d + d), p);
+      if (!(m > r)) continue;
+      cells[i].points.forEach((_, k, points) => {
+        const ridge = points.filter((_, j) => j !== k), name = String.fromCharCode(...ridge);
+        if (!ridges.delete(name)) ridges.set(name, ridge);
+      });
+      directions.copyWithin(i * d, directions.length - d);
+      directions.length -= d;
+      cells[i] = cells.at(-1);
+      cells.pop();
+    }
+    for (const ridge of ridges.values()) add([...ridge, p]);
+  }
+  cells.forEach(({ points, h }, i) => {
+    const a = directions.slice(i * d, i * d + d);
+    if (!isAtLeast(plus(exact(h), inner(a, centre, off)), times(exact(lower), support(a)))) {
+      fail(`The task times the lower bound is not in the half-space of vertices ${points.join(", ")}.`);
+    }
+  });
+  return proved;
+
+  /** The vector whose products with d vertices are about 1: Gauss elimination, in floating point. */
+  function solution(points) {
+    points.forEach((p, i) => {
+      for (let k = 0; k < d; k++) system[i][k] = vertices[p * d + k];
+      system[i][d] = 1;
     });
     for (let j = 0; j < d; j++) {
       let pivot = j;
-      for (let i = j + 1; i < d; i++) if (Math.abs(full[i][j]) > Math.abs(full[pivot][j])) pivot = i;
-      const top = full[pivot], scale = 1 / top[j];
-      [full[pivot], full[j]] = [full[j], top];
-      for (let k = j; k < 2 * d; k++) top[k] *= scale;
-      for (const row of full) {
-        const factor = row[j];
-        if (row !== top && factor !== 0) for (let k = j; k < 2 * d; k++) row[k] -= factor * top[k];
+      for (let i = j + 1; i < d; i++) if (Math.abs(system[i][j]) > Math.abs(system[pivot][j])) pivot = i;
+      const top = system[pivot];
+      system[pivot] = system[j];
+      system[j] = top;
+      for (const row of system) {
+        const factor = row[j] / top[j];
+        if (row !== top) for (let k = j; k <= d; k++) row[k] -= factor * top[k];
       }
     }
-    return used.map((_, k) => full.map((row) => row[d + k]));
+    return system.map((row, j) => row[d] / row[j]);
   }
 }
