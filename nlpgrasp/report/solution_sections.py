@@ -240,12 +240,13 @@ def contacts(solution: GraspSolution) -> str:
 def proof(solution: GraspSolution) -> str:
     """Return the answer's proof as HTML, which the page checks when it is opened, or why there is none.
 
-    It is of the default width, so that it is small, and of a solve of that width it has both ends.
+    It reaches both ends of a solve of default width; of a narrower one it stays as small, and the page says so.
     """
     if solution.grasp is None:
         return ""
     try:
-        data = prove(solution.grasp, solution.task, force_budget=solution.budget).to_bytes()
+        y = solution.mu.worst_direction
+        data = prove(solution.grasp, solution.task, force_budget=solution.budget, direction=y).to_bytes()
     except InputError as error:
         return f'<p class="asked">Nothing is proved on this page. {escape(capitalise(str(error)))}.</p>'
     line = "A proof of the quality is in this page, for its script to check."

@@ -65,7 +65,7 @@ function sentenceOf({ proved, seconds, reason }, shown) {
   const differences = differencesOf(proved, shown);
   if (differences.length) return { holds: false, text: `NOT proved: the proof is not of what this page shows. ${differences.join("; ")}.` };
   const outwards = (x, sign) => {
-    const rounded = Number(x.toPrecision(4)), unit = 10 ** (Math.floor(Math.log10(x)) - 3);
+    const rounded = Number(x.toPrecision(4)), unit = x && 10 ** (Math.floor(Math.log10(x)) - 3);
     return sign * rounded >= sign * x ? rounded : Number((rounded + sign * unit).toPrecision(4));
   };
   const [least, most = least] = numbersIn(shown.quality).map((x) => x.value);
