@@ -26,11 +26,13 @@ from nlpgrasp.report import solution_sections as sections
 from nlpgrasp.report.grasp_scene import solution_scene
 from nlpgrasp.report.html_parts import Curve, Mark, chart, html_table
 from nlpgrasp.report.key_figures import verdict
-from nlpgrasp.report.page_builder import CARD, Heading, scene_page, scene_section
+from nlpgrasp.report.page_builder import CARD, VIEWER, Heading, scene_page, scene_section
 from nlpgrasp.report.solution_sections import colour_by_marginal_bound
 from nlpgrasp.report.start_charts import start_section
 from nlpgrasp.report.task_wrenches import FingerForce, choose_wrenches, finger_forces_of
 from nlpgrasp.solution.solution import GraspSolution
+
+SELF_CHECK = ("proof_checker.js", "self_check.js")  # scripts that check a page's proofs
 
 
 def complete_analyses(solution: GraspSolution) -> tuple[GraspSolution, str]:
@@ -216,7 +218,7 @@ def write_completed(completed: Mapping[str, tuple[GraspSolution, str]], path: st
     for i, (name, (solution, added)) in enumerate(completed.items()):
         note = f"Computed for this page: {added}." if added else ""
         parts.append(_solution_section(name, solution, i, level, note))
-    return write_text(path, scene_page(title, parts))
+    return write_text(path, scene_page(title, parts, scripts=(*VIEWER, *SELF_CHECK)))
 
 
 def write_solution(solution: GraspSolution, path: str | Path) -> Path:
@@ -248,6 +250,7 @@ def _solution_section(name: str, solution: GraspSolution, index: int, level: str
     strip = grasp_strip(views, index)
     parts = [
         f'<p class="asked">{escape(typeset(sections.problem_sentence(solution)))}</p>',
+        sections.proof(solution),
         '<div class="first">',
         sections.solution_scene_html(
             solution, answer.labels, index, answer.scene, strip, has_marginal_colours=marginal_colours is not None

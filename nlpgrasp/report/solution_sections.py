@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import shlex
@@ -22,6 +23,7 @@ from nlpgrasp.experiments.comparison import Comparison
 from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE
 from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.problem.problem import GraspProblem, problem_from_dict
+from nlpgrasp.quality.proof import prove
 from nlpgrasp.report.html_parts import Curve, Html, chart, html_table
 from nlpgrasp.report.key_figures import axis_end, gauge, solution_figures
 from nlpgrasp.report.page_builder import figure_panel, scene_html, switches
@@ -231,7 +233,27 @@ def contacts(solution: GraspSolution) -> str:
             ]
         )
     heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
-    return "<h3>Contacts</h3>" + html_table("In the body's frame.", heads, rows)
+    origin = _format_coordinates(scale * grasp.torque_origin, scale * size, least_decimals)
+    return "<h3>Contacts</h3>" + html_table(f"In the body's frame; moments are about ({origin}) {unit}.", heads, rows)
+
+
+def proof(solution: GraspSolution) -> str:
+    """Return the answer's proof as HTML, which the page checks when it is opened, or why there is none.
+
+    It reaches both ends of a solve of default width; of a narrower one it stays as small, and the page says so.
+    """
+    if solution.grasp is None:
+        return ""
+    try:
+        y = solution.mu.worst_direction
+        data = prove(solution.grasp, solution.task, force_budget=solution.budget, direction=y).to_bytes()
+    except InputError as error:
+        return f'<p class="asked">Nothing is proved on this page. {escape(capitalise(str(error)))}.</p>'
+    line = "A proof of the quality is in this page, for its script to check."
+    return (
+        f'<p class="proof asked" role="status" data-measure="{escape(solution.label)}">{line}</p>'
+        f'<script type="text/plain">{base64.b64encode(data).decode()}</script>'
+    )
 
 
 def wrench_space(solution: GraspSolution) -> str:

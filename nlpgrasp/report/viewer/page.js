@@ -39,6 +39,7 @@ for (const section of document.querySelectorAll("section[data-grasp]")) {
       told = data.grasps[number];
       section.querySelector(".panel").outerHTML = told.panel;
       section.querySelector(".of-grasp").outerHTML = told.tables;
+      section.querySelector(".proof")?.toggleAttribute("hidden", number > 0); // of the first grasp
       section.querySelectorAll("button[data-grasp-number]").forEach((b) => b.setAttribute("aria-pressed", String(b === button)));
       element.dataset.grasp = String(number);
       [slider.value, slider.max] = [0, told.labels.length - 1];

@@ -27,7 +27,10 @@ static I mul(I a, I b) {
 static I times(I a, double b) { return b == 0 || is_zero(a) ? pt(0) : b > 0 ? in(a.lo * b, a.hi * b) : in(a.hi * b, a.lo * b); }
 static I dot(const I *a, const double *b, int m) { I s = pt(0); EACH(i, m) s = add(s, times(a[i], b[i])); return s; }
 static I root(I a) { return is_zero(a) ? a : in(sqrt(high(0, a.lo)), sqrt(a.hi)); }
-static double number(void) { double x; need(scanf("%lf", &x) == 1 && isfinite(x), "a number is missing", -1); return x; }
+static double number(void) { /* decimal: strtod alone would read hexadecimal too */
+  char s[400] = ""; int is_read = scanf("%399s", s) == 1 && strlen(s) < 399 && strspn(s, "+-.0123456789eE") == strlen(s);
+  char *end = s; double x = is_read ? strtod(s, &end) : NAN; need(!*end && isfinite(x), "a number is missing", -1); return x;
+}
 static int count(int least, int most) {
   double x = number(); need(x >= least && x <= most && x == floor(x), "a count is out of range", -1); return (int)x;
 }
@@ -125,7 +128,7 @@ static void join(const int *border, int p) { /* a ridge and a later vertex to a 
   need(h > 0, "a cell is not proved off the centre", p); cell[cells++].h = h; need(cells < 1 << 22, "too many cells", p);
 }
 static void check_lower(double lower) {
-  int V = count(d + 1, 1 << 20), e[6]; getchar(); x = room(V, sizeof *x); v = room(V, sizeof *v);
+  int V = count(d + 1, 1 << 20), e[6]; need(getchar() == '\n', "no line feed", -1); x = room(V, sizeof *x); v = room(V, sizeof *v);
   double *u = room(U, sizeof *u); u[U] = 1; I *y = room(n + rows, sizeof *y), c[6] = {{0, 0}};
   EACH(p, V) { /* 1. every vertex is a wrench of admissible forces; the centre is the mean of the first d + 1 */
     need(fread(u, 8, U, stdin) == (size_t)U, "the file ends", p); EACH(i, U) need(isfinite(u[i]), "no number", p);
@@ -160,7 +163,8 @@ static void check_lower(double lower) {
 int main(void) {
   read_claim(); word("bounds"); double lower = number(), upper = number(); need(0 <= lower && lower <= upper, "bounds", -1);
   word("upper"); check_upper(upper);
-  word("lower"); if (lower > 0) { check_lower(lower); need(getchar() == EOF, "more than a proof", -1); }
+  word("lower"); if (lower > 0) check_lower(lower); else (void)!scanf(" ");
+  need(getchar() == EOF, "more than a proof", -1);
   printf("PROVED: %.17g <= mu <= %.17g\n", lower, upper);
   return 0;
 }

@@ -129,6 +129,7 @@ class _Proof:
         """Check the lower bound: the scaled task is inside a polytope of wrenches that admissible forces exert."""
         self._expect("lower")
         if self.lower == 0.0:
+            _require(next(self._words, None) is None and not self._binary.strip(), "more than a proof")
             return
         count = self._count(self.d + 1, 2**20)
         _require(len(self._binary) == 8 * count * self.count, "the file ends, or goes on")
@@ -175,11 +176,12 @@ class _Proof:
         _require(next(self._words, None) == word, f"expected '{word}'")
 
     def _number(self) -> Fraction:
+        word = next(self._words, "")
         try:
-            value = float(next(self._words, ""))
+            value = float(word)
         except ValueError:
             raise NotProvedError("no number") from None
-        _require(math.isfinite(value), "no number")
+        _require(math.isfinite(value) and "_" not in word, "no number")
         return Fraction(value)
 
     def _numbers(self, count: int) -> Vector:

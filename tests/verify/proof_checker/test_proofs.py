@@ -78,6 +78,9 @@ UPPER_ENDS = {  # entries of the cones, upper bound, direction, multipliers; whe
     "no direction": (ENTRIES, 0.0, "0 0", "0 0 0", False),
     "the pivot's entry in two": ("4 0 2 1 1 0 .5 1 0 .5 2 1 1", 0.001, "1 0", "1e-9 -2 0", False),
     "too large numbers": (ENTRIES, 2.001, "1e308 1e308", "1e308 0 0", False),
+    "hexadecimal": (ENTRIES, "0x3", "1 0", "1.0001 0 0", False),
+    "separated digits": (ENTRIES, "2_001", "1 0", "1.0001 0 0", False),
+    "more than a proof": (ENTRIES, 2.001, "1 0", "1.0001 0 0 1 0 2 1\nlower\n0", False),
 }
 
 
@@ -116,8 +119,8 @@ def test_edited_files_are_refused_with_the_step(tmp_path: Path) -> None:
         path.write_bytes(edited)
         checked = ng.check_proof(path, "c")
         assert checked.lower <= ng.mu(grasp, WHOLE, 0.01).upper
-    for end in (10, start - 3, start + 5, len(data) - 1):
-        path.write_bytes(data[:end])
+    for changed in (*(data[:end] for end in (10, start - 3, start + 5, len(data) - 1)), data.replace(b"\n", b" ")):
+        path.write_bytes(changed)
         for checker in ("c", "python"):
             assert not ng.check_proof(path, checker)
     path.write_bytes(data + b"\0")
