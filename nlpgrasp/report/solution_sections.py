@@ -233,7 +233,7 @@ def contacts(solution: GraspSolution) -> str:
             ]
         )
     heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
-    origin = _format_coordinates(scale * grasp.torque_origin, scale * size, least_decimals)
+    origin = _format_coordinates((scale * grasp.torque_origin).tolist(), scale * size, least_decimals)
     return "<h3>Contacts</h3>" + html_table(f"In the body's frame; moments are about ({origin}) {unit}.", heads, rows)
 
 
