@@ -15,7 +15,7 @@ from nlpgrasp.common.files import json_round_trip
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.hands import ParallelJaw, URDFHand
+from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -151,11 +151,16 @@ def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: H
     return add_squeezes(add_squeeze(changed, hand), hand)
 
 
+def add_friction(solution: GraspSolution) -> GraspSolution:
+    """Return a solution with the critical friction added; unchanged if it states one, or is not certified."""
+    if solution.friction is not None or not solution.is_certified:
+        return solution
+    return replace(solution, friction=_friction(solution.require_grasp(), solution.task, solution.holding))
+
+
 def requested_analyses(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
-    """Return the requested analyses that the solution does not yet contain; of parallel jaws the friction, too."""
+    """Return the requested analyses that the solution does not yet contain."""
     names = all_analyses(hand) if options.extras else options.analyses
-    if isinstance(hand, ParallelJaw):
-        names = (*names, *({"friction"} - {*names}))
     return tuple(name for name in names if not is_stated(solution, name))
 
 

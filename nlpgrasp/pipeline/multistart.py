@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_analyses
+from nlpgrasp.analysis.analyse import add_analyses_to, add_friction, analyses_of, requested_analyses
 from nlpgrasp.analysis.approaches import arrange_jaw_poses
 from nlpgrasp.analysis.grip_force import add_grips
 from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
@@ -474,6 +474,9 @@ class Multistart:
         options = self.runner.options.to_dict()
         solution = arrange_jaw_poses(solution, problem, self._keeping.count, options)
         solution = with_unusable_reason(solution, problem)
+        if isinstance(problem.hand, ParallelJaw) and not self.deadline.should_stop():
+            solution = add_friction(solution)
+            self._clock.mark("friction")
         effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
         record = solver_record(self.runner.options, self.seed, effort, seconds, solution.mu, self._clock.seconds)
         if self._keeping.count > 1:
