@@ -190,7 +190,9 @@ def test_the_slider_moves_the_arrows_and_says_so(browser, page):
     assert np.any(orange(drawn(browser, 1)) != orange(before))
     assert section.find_element("css selector", "output").text != words
     assert slider.get_attribute("aria-valuetext").startswith("End 1: ")
-    data = json.loads(section.find_element("css selector", 'script[type="application/json"]').get_attribute("textContent"))
+    data = json.loads(
+        section.find_element("css selector", 'script[type="application/json"]').get_attribute("textContent")
+    )
     texts = [row.get_attribute("textContent") for row in section.find_elements("css selector", ".finger .words")]
     assert texts == [f["words"] for f in data["fingers"][1]]
 
