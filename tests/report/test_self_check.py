@@ -152,7 +152,7 @@ def test_a_page_says_what_it_has_checked(page, solution):
     sentence = said(page.read_text(encoding="utf-8"))
     ends = re.fullmatch(
         r"This page has checked its own proof: (\S+) ≤ mu-tilde ≤ (\S+) \(0\.3 s, in your browser\), "
-        r"for the contacts, friction and task shown\.",
+        r"for the positions, normals, friction coefficients and task shown\.",
         sentence,
     )
     assert 0.999 * solution.mu.lower < float(ends[1]) <= solution.mu.lower
@@ -164,6 +164,11 @@ EDITS = {  # of a figure, and how the page's sentence begins about it
     "position": (r"(Inward normal(?:.*?<td>){3})[^,]*", r"\g<1>17.3", "Position of contact 0: "),
     "normal": (r"(Inward normal(?:.*?<td>){4})[^,]*", r"\g<1>0.3", "Normal of contact 0: "),
     "friction": (r"friction 0\.6", "friction 0.5", "Friction of contact 0: another in the proof, 0.5 on the page"),
+    "friction of another's 1": (
+        r"friction 0\.6",
+        "friction 1.0",
+        "Friction of contact 0: another in the proof, 1 on the page",
+    ),
     "origin": (r"moments are about \([^,]*", "moments are about (2.0", "Point of moments: 0, "),
     "task": ("±5", "±4", "f_x of the task: -5 to 5 in the proof, -4 to 4 on the page; f_y of the task"),
     "drawing": (r'("at":\[)[^,]*', r"\g<1>0.01", "Drawing of contact 0: "),

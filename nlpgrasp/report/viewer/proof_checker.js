@@ -2,7 +2,7 @@
 // Checker of proof files, lower <= mu <= upper for one grasp and one task: docs/proof_format.md has the format and the reasons.
 
 /**
- * Returns what a proof file (Uint8Array) proves, { lower, upper, origin, contacts, lift, cones, task }, or throws an Error
+ * Returns what a proof file (Uint8Array) proves, { lower, upper, origin, contacts, lift, sizes, cones, task }, or throws an Error
  * that names the first step that does not hold. It uses nothing from outside, so its text can be handed to a worker.
  */
 function checkProof(bytes) {
@@ -120,7 +120,7 @@ function checkProof(bytes) {
   }));
 
   key("bounds");
-  const lower = number(), upper = number(), proved = { lower, upper, origin, contacts, lift, cones, task };
+  const lower = number(), upper = number(), proved = { lower, upper, origin, contacts, lift, sizes, cones, task };
   need(0 <= lower && lower <= upper, "The bounds are not 0 <= lower <= upper.");
   key("upper");
   const y = chosen(list(6, number), "The direction of the upper bound"), s = list(R, () => exact(number()));

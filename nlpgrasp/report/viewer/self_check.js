@@ -19,6 +19,20 @@ function rangesOf({ task }) {
   return task[0].points[0].map((_, j) => [-largest(j, -1), largest(j, 1)]);
 }
 
+/** Friction coefficients of a contact whose first tangential force is a component: in its cones (f u_0, u_1, u_2), not the budget's. */
+function frictionsOf({ lift, sizes, cones }, component) {
+  const tangential = new Set(lift.filter(([i]) => i === component).map(([, v]) => v));
+  const constant = Math.max(...lift.map(([, v]) => v)) + 1, found = [];
+  sizes.reduce((first, size) => {
+    const block = cones.filter(([row]) => row >= first && row < first + size);
+    if (block.some(([, v]) => tangential.has(v)) && !block.some(([, v]) => v === constant)) {
+      found.push(...block.filter(([row, v]) => row === first && !tangential.has(v)).map(([, , [x]]) => x));
+    }
+    return first + size;
+  }, 0);
+  return found;
+}
+
 /** Sentences on where a page differs from what its proof is of; `shown` has the page's texts, as `shownIn` reads them. */
 function differencesOf(proved, shown) {
   const found = [];
@@ -40,9 +54,8 @@ function differencesOf(proved, shown) {
     compare(isOf(here.position, position, unit), `Position of contact ${i}`, say(position, unit), here.position);
     compare(here.drawn.every((x, j) => Math.abs(x - position[j]) < 1e-6), `Drawing of contact ${i}`, say(position), say(here.drawn));
     compare(isOf(here.normal, axes[0], 1, 1e-3), `Normal of contact ${i}`, say(axes[0]), here.normal);
-    end += components.length; // cones have friction among their entries, in the variables of the contact's force components
-    const variables = new Set(proved.lift.filter(([component]) => component >= start && component < end).map(([, v]) => v));
-    const entries = proved.cones.filter(([, v]) => variables.has(v)).map(([, , [x]]) => Math.abs(x));
+    end += components.length;
+    const entries = frictionsOf(proved, start + components.indexOf(1));
     const [friction] = numbersIn(/^friction (\S+)/.exec(here.coefficients)?.[1] || "");
     compare(!friction || entries.some((x) => isRounded(friction.value, x)), `Friction of contact ${i}`, "another", friction?.value);
   });
@@ -72,7 +85,7 @@ function sentenceOf({ proved, seconds, reason }, shown) {
   const isNarrower = least > proved.lower * (1 + 1e-9) || most < proved.upper * (1 - 1e-9);
   const note = isNarrower ? ` The quality shown, ${shown.quality}, is narrower than this proof.` : "";
   const claim = `${outwards(proved.lower, -1)} ≤ ${shown.measure} ≤ ${outwards(proved.upper, 1)}`, time = `${seconds.toFixed(1)} s, in your browser`;
-  return { holds: true, text: `This page has checked its own proof: ${claim} (${time}), for the contacts, friction and task shown.${note}` };
+  return { holds: true, text: `This page has checked its own proof: ${claim} (${time}), for the positions, normals, friction coefficients and task shown.${note}` };
 }
 
 /** The page's texts on what its proof is of. */
