@@ -9,6 +9,7 @@ second-order cone, which is how contacts and budgets state themselves.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import clarabel
 import numpy as np
@@ -91,7 +92,7 @@ class ForceCones:
                 np.maximum(row, (tail - (value[:, 0] - error[:, 0])) / gain, out=row)
         return outside[0], outside[1]
 
-    @property
+    @cached_property
     def inward(self) -> FloatArray:
         """Direction (l,) into the contacts' cones: the sum of their axes, along which pressing contacts' are wide."""
         axes = [M[0, :-1] / np.linalg.norm(M[0, :-1]) for M in self.cones if M[0, -1] == 0.0 and np.any(M[0, :-1])]
@@ -103,8 +104,7 @@ class ForceCones:
             cones, budget = self.missing(u)
             if np.all(cones <= 0.0) and np.all(budget <= 0.0):
                 break
-            u = u + 2.0 * cones[:, None] * self.inward
-            u = u * (1.0 - 2.0 * self.missing(u)[1])[:, None]
+            u = (u + 2.0 * cones[:, None] * self.inward) * (1.0 - 2.0 * budget)[:, None]
         return u
 
 

@@ -72,20 +72,19 @@ def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> 
 def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:
     """Return whether each triangle of a batch intersects its partner, by separating axes."""
     normals = normals_of(first), normals_of(second)
-    result = np.ones(len(first), dtype=bool)
-    for normal in normals:
-        result &= _gap(first, second, normal) <= slack
-    sides = np.roll(first, -1, axis=1) - first, np.roll(second, -1, axis=1) - second
-    axes = [np.cross(a, b) for a in np.moveaxis(sides[0], 1, 0) for b in np.moveaxis(sides[1], 1, 0)]
-    axes += [np.cross(n, s) for n, edges in zip(normals, sides, strict=True) for s in np.moveaxis(edges, 1, 0)]
+    result = np.all([_gap(first, second, normal) <= slack for normal in normals], axis=0)
+    remaining = np.flatnonzero(result)
+    sides = [np.moveaxis(np.roll(t[remaining], -1, axis=1) - t[remaining], 1, 0) for t in (first, second)]
+    axes = [np.cross(a, b) for a in sides[0] for b in sides[1]]
+    axes += [np.cross(n[remaining], side) for n, edges in zip(normals, sides, strict=True) for side in edges]
     for candidate in axes:
-        remaining = np.flatnonzero(result)
-        axis = candidate[remaining]
+        left = result[remaining]
+        indices, axis = remaining[left], candidate[left]
         length = np.linalg.norm(axis, axis=1)
         axis = axis / np.maximum(length, 1e-300)[:, None]
-        alignment = np.maximum(*(np.abs(np.einsum("ij,ij->i", axis, n[remaining])) for n in normals))
-        separated = (length > 0.0) & (alignment < PARALLEL) & (_gap(first[remaining], second[remaining], axis) > -slack)
-        result[remaining[separated]] = False
+        alignment = np.maximum(*(np.abs(np.einsum("ij,ij->i", axis, n[indices])) for n in normals))
+        separated = (length > 0.0) & (alignment < PARALLEL) & (_gap(first[indices], second[indices], axis) > -slack)
+        result[indices[separated]] = False
     return result
 
 
@@ -112,5 +111,5 @@ def normals_of(corners: FloatArray) -> FloatArray:
 
 def _gap(triangles: FloatArray, others: FloatArray, axis: FloatArray) -> FloatArray:
     """Return the gap between each triangle and its partner along a unit axis (p, 3), negative for overlap, (p,)."""
-    first, second = (np.einsum("pij,pj->pi", corners, axis) for corners in (triangles, others))
-    return np.asarray(np.maximum(second.min(axis=1) - first.max(axis=1), first.min(axis=1) - second.max(axis=1)))
+    first, second = (np.einsum("pij,pj->ip", corners, axis) for corners in (triangles, others))
+    return np.asarray(np.maximum(second.min(axis=0) - first.max(axis=0), first.min(axis=0) - second.max(axis=0)))
