@@ -67,6 +67,7 @@ class IncrementalHull:
         # the cell opposite a vertex has the others as corners; across the ridge opposite each is the cell opposite it
         self._cells: IntArray = np.array([[i for i in range(size) if i != j] for j in range(size)], dtype=np.intp)
         self._neighbours = self._cells.copy()
+        self._other_slots: IntArray = self._cells[:-1, :-1].copy()  # of each slot of a cell
         self.planes: FloatArray = np.linalg.solve(self._points[self._cells], np.ones((size, size - 1, 1)))[:, :, 0]
         self.values = reach(self.planes)
         self._marked = np.zeros(size, dtype=bool)
@@ -124,12 +125,12 @@ class IncrementalHull:
         The vertex is relative to the centre.
         """
         height = self.planes[: self._size] @ p
-        visible = np.flatnonzero(height > 1.0 + BEYOND)
+        visible = (height > 1.0 + BEYOND).nonzero()[0]
         if not visible.size:
             return False
         self._marked[visible] = True
         neighbours = self._neighbours[visible]
-        row, slot = np.nonzero(~self._marked[neighbours])
+        row, slot = (~self._marked[neighbours]).nonzero()
         self._marked[visible] = False
         if len(row) > MOST_NEW_CELLS:
             return False
@@ -139,13 +140,11 @@ class IncrementalHull:
         cells = self._cells[visible_cells]
         cells[index, slot] = self._count
         self._append(p)
-        inner = np.ones(cells.shape, dtype=bool)
-        inner[index, slot] = False
-        pairs = self._match_ridges(cells, inner)
+        pairs = self._match_ridges(cells, slot)
         if pairs is None:  # rounding tore the horizon: leave everything as it was
             self._count -= 1
             return False
-        back_slots = np.argmax(self._neighbours[hidden_cells] == visible_cells[:, None], axis=1)
+        back_slots = (self._neighbours[hidden_cells] == visible_cells[:, None]).nonzero()[1]
         planes = self._new_planes(height, visible_cells, hidden_cells, cells)
         new = self._slots(visible, len(visible_cells))
         rows, slots, partner = pairs
@@ -164,7 +163,7 @@ class IncrementalHull:
         drop = height[visible_cells] - height[hidden_cells]
         fraction = ((height[visible_cells] - 1.0) / drop)[:, None]
         planes = (1.0 - fraction) * self.planes[visible_cells] + fraction * self.planes[hidden_cells]
-        nearly_equal = np.flatnonzero(drop < LEAST_DROP)
+        nearly_equal = (drop < LEAST_DROP).nonzero()[0]
         if nearly_equal.size:  # the two planes hardly differ at the new point: solve for the vertices themselves
             with contextlib.suppress(np.linalg.LinAlgError):
                 corners = self._points[cells[nearly_equal]]
@@ -173,16 +172,18 @@ class IncrementalHull:
                 planes[nearly_equal[is_finite]] = solved[is_finite]
         return planes
 
-    def _match_ridges(self, cells: IntArray, inner: BoolArray) -> tuple[IntArray, IntArray, IntArray] | None:
-        """Return the pairs of cells that share a ridge; None if some ridge is unmatched.
+    def _match_ridges(self, cells: IntArray, outer: IntArray) -> tuple[IntArray, IntArray, IntArray] | None:
+        """Return the pairs of new cells that share a ridge; None if some ridge is unmatched.
 
-        For each ridge of each cell: row of the cell, slot of the vertex opposite, and row of the other cell.
+        For each ridge of each cell but the one opposite the slot ``outer``: row of the cell, slot of the vertex
+        opposite, and row of the other cell.
         """
         names = self._names[cells]
-        keys = names.sum(axis=1)[:, None] - names  # of the ridge opposite each vertex
-        rows, slots = np.nonzero(inner)
-        keys = keys[rows, slots]
-        order = np.argsort(keys)
+        slots = self._other_slots[outer]
+        rows = np.arange(len(cells)).repeat(slots.shape[1])
+        slots = slots.ravel()
+        keys = names.sum(axis=1)[rows] - names[rows, slots]  # of the ridge opposite each vertex
+        order = keys.argsort()
         first, second = order[0::2], order[1::2]
         if len(first) != len(second) or not np.array_equal(keys[first], keys[second]):
             return None

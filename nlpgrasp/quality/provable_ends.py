@@ -47,7 +47,7 @@ class ForceCones:
         """Return the cones of a wrench set's contacts and budget."""
         lift, own = conic_lift(wrenches.contacts, wrenches.space)
         budget = [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrenches.force_set.cones()]
-        return cls(lift, (*[np.pad(M, [(0, 0), (0, 1)]) for M in own], *budget))
+        return cls(lift, (*[np.concatenate([M, np.zeros((len(M), 1))], axis=1) for M in own], *budget))
 
     @property
     def is_lifted(self) -> bool:
@@ -288,10 +288,10 @@ def _pivots(domain: ForceCones) -> tuple[tuple[int, int], ...]:
     )
     of_one = np.sum(rows, axis=1) == 1
     is_later = np.any(rows[of_one], axis=0)
+    of_early = np.sum(rows[:, ~is_later], axis=1)
     pivots = []
     for variable in [*np.flatnonzero(~is_later), *np.flatnonzero(is_later)]:
-        others = np.delete(rows, variable, axis=1)
-        is_free = of_one if is_later[variable] else ~np.any(others[:, ~np.delete(is_later, variable)], axis=1)
+        is_free = of_one if is_later[variable] else of_early == 1
         options = np.flatnonzero(rows[:, variable] & is_free)
         if not len(options):
             raise InputError("force_budget", "cones without pivots", "cones in which each variable has a row")

@@ -36,7 +36,7 @@ OWN_SUPPORT = "a task's own support function"
 SUPPORT = "the support of the wrench set as computed"
 CORNERS = "forces at the corners of pads, to rounding"
 SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
-BATCH = 12  # most new points per round
+BATCH = 6  # most new points per round: of more, some lie inside the hull of the others
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
 # points, and share of the target below which rounding then limits the lower bound
 ROUNDING_LIMITS = ((250, 1e-6), (600, 0.3))
@@ -159,7 +159,9 @@ def tighten(
         if not cells.size or _is_limited_by_rounding(len(hull), shares[0]):
             break
         normals = hull.normals(cells)
-        ratios = problem.ratio(normals)[0]
+        values, forces = problem.wrenches.forces(normals)
+        reach = problem.task.support(normals)[0]
+        ratios = np.divide(values, reach, out=np.full(len(reach), np.inf), where=reach > 0.0)
         best = int(np.argmin(ratios))
         if ratios[best] < state.upper:
             state.upper, state.worst = float(ratios[best]), normals[best]
@@ -167,7 +169,7 @@ def tighten(
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - shares[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
-        if not hull.insert(*_inner_points(problem, normals[chosen], shrink, rng)):
+        if not hull.insert(*_inner_points(problem, forces[chosen], shrink, rng)):
             break
     return state
 
@@ -200,10 +202,10 @@ def _is_limited_by_rounding(points: int, share: float) -> bool:
 
 
 def _inner_points(
-    problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator
+    problem: Containment, forces: FloatArray, shrink: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return support points in directions u, shrunk towards the origin by small random factors, and their forces."""
-    forces = problem.wrenches.forces(u)[1] * (1.0 - shrink * rng.random((len(u), 1)))
+    """Return the wrenches of forces, shrunk towards the origin by small random factors, and the forces so shrunk."""
+    forces = forces * (1.0 - shrink * rng.random((len(forces), 1)))
     return forces @ problem.wrenches.G.T, forces
 
 
@@ -217,7 +219,7 @@ def _initial_hull(
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
-        points, forces = _inner_points(problem, u, shrink, rng)
+        points, forces = _inner_points(problem, problem.wrenches.forces(u)[1], shrink, rng)
         if with_origin:
             points, forces = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, forces))
         try:

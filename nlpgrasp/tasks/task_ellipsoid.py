@@ -177,7 +177,7 @@ class TaskEllipsoid(Task):
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support ``<c, y> + ||L^T y||`` (m,) along ``y`` (m, d), and the maximisers (m, d)."""
         local = y @ self.axes.T  # (m, axes)
-        size = np.linalg.norm(local, axis=1)
+        size = np.sqrt(np.einsum("ij,ij->i", local, local))
         maximisers = self.center + (local / np.where(size > 0.0, size, 1.0)[:, None]) @ self.axes
         return y @ self.center + size, maximisers
 
