@@ -35,6 +35,7 @@ SLOW = (
     "architecture",
     "cli",
     "certified_bounds",
+    "verification",
     "task_libraries",
     "gripper_and_part",
     "data_sets",
