@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 
 LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
 FLAT = 1e-13  # distance from the others' affine hull, relative to the first, below which points are flat

@@ -23,6 +23,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
 
+OWN_SUPPORT = "a task's own support function"
 EPS = float(np.finfo(float).eps)
 LOSS = 8.0 * EPS  # relative rounding error that is counted for each operation
 
@@ -98,6 +99,32 @@ class ForceCones:
         axes = [M[0, :-1] / np.linalg.norm(M[0, :-1]) for M in self.cones if M[0, -1] == 0.0 and np.any(M[0, :-1])]
         return np.asarray(np.sum(axes, axis=0)) if axes else np.zeros(self.lift.shape[1])
 
+    @cached_property
+    def pivots(self) -> tuple[tuple[int, int], ...]:
+        """Row of the stacked cones for each variable, in an order in which they determine each other.
+
+        A row of one variable determines its multiplier last; before, variables without one take a row in which all
+        others have one. Rows of the budget's cones are freest, then half-spaces, then other rows, the cones' axes last.
+        """
+        rows = np.concatenate(self.cones)[:, :-1] != 0.0
+        rank = np.concatenate(
+            [
+                np.r_[4.0 if M[0, -1] else 3.0 - 2.0 * (len(M) == 1), np.full(len(M) - 1, 0.0 if M[0, -1] else 2.0)]
+                for M in self.cones
+            ]
+        )
+        of_one = np.sum(rows, axis=1) == 1
+        is_later = np.any(rows[of_one], axis=0)
+        of_early = np.sum(rows[:, ~is_later], axis=1)
+        pivots = []
+        for variable in [*np.flatnonzero(~is_later), *np.flatnonzero(is_later)]:
+            is_free = of_one if is_later[variable] else of_early == 1
+            options = np.flatnonzero(rows[:, variable] & is_free)
+            if not len(options):
+                raise InputError("force_budget", "cones without pivots", "cones in which each variable has a row")
+            pivots.append((int(options[np.argmin(rank[options])]), int(variable)))
+        return tuple(pivots)
+
     def into(self, u: FloatArray) -> FloatArray:
         """Return variables (v, l) next to ``u`` that are inside all cones in spite of rounding."""
         for _ in range(4):
@@ -138,7 +165,7 @@ def provable_upper(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task:
     rows, constants, terms = M[:, :-1], M[:, -1], LOSS * (M.shape[1] + len(M))
     b = domain.lift.T @ (wrenches.G.T @ y)
     error_of_b = LOSS * (sum(wrenches.G.shape) + len(b)) * (np.abs(domain.lift).T @ (wrenches.sizes.T @ np.abs(y)))
-    size, pivots = max(float(np.max(np.abs(b))), 1e-300), _pivots(domain)
+    size = max(float(np.max(np.abs(b))), 1e-300)
     no_squares, left = sparse.csc_matrix((rows.shape[1],) * 2), sparse.csc_matrix(-rows)
     cones, settings = [cone_of(cone) for cone in domain.cones], quiet_settings(1e-11, 0.99)
 
@@ -152,7 +179,7 @@ def provable_upper(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task:
     is_constant = ~np.any(rows[starts], axis=1)  # cones whose axes are in no equation
     upper = np.inf
     for attempt in range(8):
-        for r, v in pivots:
+        for r, v in domain.pivots:
             column = rows[:, v].copy()
             column[r] = 0.0
             s[r] = -(b[v] + column @ s) / rows[r, v]
@@ -173,7 +200,7 @@ def provable_upper(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task:
             axes[starts] = 1.0
             inward = dual(-rows.T @ axes) + axes
         s += 4.0**attempt * float(np.max(missing)) * inward
-    return upper, UpperProof(y, s, pivots)
+    return upper, UpperProof(y, s, domain.pivots)
 
 
 def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: Task) -> tuple[float, UpperProof]:
@@ -249,6 +276,11 @@ def provable_lower(
     return held_multiple(offsets, reach, LOSS)
 
 
+def trust_in_task(task: Task) -> str:
+    """Return what bounds of a task rest on besides real arithmetic: functions that state the supports of its parts."""
+    return OWN_SUPPORT if any(part.support_rows() is None for part in parts_of(task)) else ""
+
+
 def held_multiple(offsets: FloatArray, reach: FloatArray, loss: float) -> float:
     """Return the largest multiple of a set that all half-spaces hold, less a share ``loss``; 0 if there is none.
 
@@ -271,29 +303,3 @@ def _reach_of_sizes(task: Task, size: FloatArray) -> FloatArray:
         work = size @ np.abs(rows).T
         total += np.max(work, axis=1) if is_polytope else np.sum(work, axis=1)
     return total
-
-
-def _pivots(domain: ForceCones) -> tuple[tuple[int, int], ...]:
-    """Return a row of the stacked cones for each variable, in an order in which they determine each other.
-
-    A row of one variable determines its multiplier last; before, variables without one take a row in which all others
-    have one. Rows of the budget's cones are freest, then half-spaces, then other rows, the cones' axes last.
-    """
-    rows = np.concatenate(domain.cones)[:, :-1] != 0.0
-    rank = np.concatenate(
-        [
-            np.r_[4.0 if M[0, -1] else 3.0 - 2.0 * (len(M) == 1), np.full(len(M) - 1, 0.0 if M[0, -1] else 2.0)]
-            for M in domain.cones
-        ]
-    )
-    of_one = np.sum(rows, axis=1) == 1
-    is_later = np.any(rows[of_one], axis=0)
-    of_early = np.sum(rows[:, ~is_later], axis=1)
-    pivots = []
-    for variable in [*np.flatnonzero(~is_later), *np.flatnonzero(is_later)]:
-        is_free = of_one if is_later[variable] else of_early == 1
-        options = np.flatnonzero(rows[:, variable] & is_free)
-        if not len(options):
-            raise InputError("force_budget", "cones without pivots", "cones in which each variable has a row")
-        pivots.append((int(options[np.argmin(rank[options])]), int(variable)))
-    return tuple(pivots)

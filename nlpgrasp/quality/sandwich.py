@@ -22,17 +22,15 @@ from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separate_wrench, separating_direction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper
+from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, trust_in_task
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
-from nlpgrasp.tasks.base import parts_of
 
 SHRINK = 1e-4  # largest relative shrinking of support points, which avoids degeneracy and keeps them inside W
 # what an interval rests on besides real arithmetic
 NO_WORK = "that no force of the contacts works along the worst direction, to rounding"
 FLAT_WRENCHES = "wrenches that are flat, to rounding"
-OWN_SUPPORT = "a task's own support function"
 SUPPORT = "the support of the wrench set as computed"
 CORNERS = "forces at the corners of pads, to rounding"
 SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
@@ -106,18 +104,15 @@ def sandwich(
 
 def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str]:
     """Return both ends as they hold in real arithmetic, and what they rest on besides."""
-    trust = []
     wrenches, task = problem.given
-    matrix = problem.matrix
-    if any(part.support_rows() is None for part in parts_of(task)):
-        trust.append(OWN_SUPPORT)
+    trust, matrix = [trust_in_task(task)], problem.matrix
     domain = ForceCones.of(wrenches)
     upper, _ = provable_upper(wrenches, domain, y, task)
     if not upper < np.inf:
         upper = state.upper * (1.0 + problem.rounding)
         trust.append(SUPPORT)
     if state.hull is None:
-        return 0.0, upper, "; ".join(trust)
+        return 0.0, upper, "; ".join(filter(None, trust))
     if problem.rank < len(wrenches.G):
         trust.append(FLAT_WRENCHES)
         wrenches, task, matrix = problem.wrenches, problem.task, np.eye(problem.rank)
@@ -127,7 +122,7 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
     else:
         forces = domain.into(forces)
     lower = provable_lower(wrenches, forces, cells, state.hull.cell_planes() @ matrix, task)
-    return min(lower, upper), upper, "; ".join(trust)
+    return min(lower, upper), upper, "; ".join(filter(None, trust))
 
 
 def _separate_task(problem: Containment, u: FloatArray) -> FloatArray | None:

@@ -71,7 +71,7 @@ def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
 
 def _descend(view: GraspBatch, task: Task, y: FloatArray) -> FloatArray:
     """Return the least support ratio of each grasp over directions and local descents from the weakest, (b,)."""
-    ratios = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
+    ratios = view.forces(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least_sampled = ratios.min(axis=1)
     weakest = np.argpartition(ratios, min(DESCENTS, ratios.shape[1]) - 1, axis=1)[:, :DESCENTS]
     value = minimise_by_inverse_iteration(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
@@ -122,7 +122,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
     view = GraspBatch(stack.G, fixed_force_set(stack, budget))
-    return np.asarray(view.support(np.broadcast_to(y, (len(stack), *y.shape)))[0] / reach)
+    return np.asarray(view.forces(np.broadcast_to(y, (len(stack), *y.shape)))[0] / reach)
 
 
 def screening_score(ratios: FloatArray) -> FloatArray:
@@ -169,11 +169,11 @@ class GraspBatch:
         """Return the batch of the grasps in a mask."""
         return GraspBatch(self.G[rows], self._set)
 
-    def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function (b, m) and maximisers (b, m, d) for directions of each grasp (b, m, d)."""
+    def forces(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (b, m) and maximising forces (b, m, n) for directions of each grasp (b, m, d)."""
         z = y @ self.G
         phi, x = self._set.support(z.reshape(-1, z.shape[2]))
-        return phi.reshape(z.shape[:2]), x.reshape(z.shape) @ self.G.transpose(0, 2, 1)
+        return phi.reshape(z.shape[:2]), x.reshape(z.shape)
 
     def positive_share(self, y: FloatArray) -> FloatArray:
         """Return ``force_closure.positive_share`` of each grasp, (b, m), for y (b, m, d)."""

@@ -4,8 +4,8 @@ The method is that of ``sandwich``: support points span an inner polytope whose 
 from below. All grasps of a chunk take a step together, as arrays of shape (grasps, cells, ...), and a step gives each
 of them one new vertex. Ridges are matched by keys, without neighbours, and the inverse of a cell's vertex matrix is
 kept, so that a new cell's plane is a rank-one update. As in ``convex_hull`` the bounds rely on neither: replacing cells
-by the cone of the new point over their boundary leaves the centre surrounded, and certified heights are computed anew
-from the cells' vertices. Grasps that are not settled here (flat or nearly degenerate wrench sets, closure that is
+by the cone of the new point over their boundary leaves the centre surrounded, and ``provable_ends`` computes heights
+anew from the cells' vertices. Grasps that are not settled here (flat or nearly degenerate wrench sets, closure that is
 nearly lost, many vertices) are left to ``sandwich``.
 """
 
@@ -24,9 +24,11 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.convex_hull import BEYOND
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, trust_in_task
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
-from nlpgrasp.quality.sandwich import SHRINK
+from nlpgrasp.quality.sandwich import NO_WORK, SHRINK
 from nlpgrasp.quality.screening import GraspBatch, second_moment
+from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 
 CHUNK = 256  # grasps side by side: enough to pay for calls of numpy, few enough for the processor's cache
@@ -37,11 +39,7 @@ TAIL_POINTS, TAIL = 50, 2  # vertices from which on this many remaining grasps a
 LEAST_QUALITY = 1e-6  # of the median: below it a grasp is left, as its closure is nearly lost
 LEAST_PIVOT = 1e-9  # coordinate of a new vertex below which a cell would be degenerate
 FLAT = 1e-12  # volume of a cell over that of a rectangular one below which it is flat
-LEAST_HEIGHT = 0.5  # least height of a cell over its plane's nominal height 1
 COMPACT = 0.75  # share of unfinished grasps below which finished ones are removed
-
-ROUNDING = 1e-9  # relative guard against rounding
-SIDE_BY_SIDE = "a guard of 1e-9 against rounding, as grasps of a stack are certified side by side"
 
 Mask = BoolArray
 
@@ -65,34 +63,36 @@ def certify_side_by_side(
     """
     moment = second_moment(stack, task)
     matrix = np.linalg.inv(np.linalg.cholesky(moment))  # of the coordinates in which the task is round
-    rounding = ROUNDING + 1e-14 * float(np.linalg.cond(moment)) ** 0.5
-    local_task, G = task.transformed(matrix), matrix @ stack.G
     result: list[Bounds | None] = []
-    for start in range(0, len(G), CHUNK):
-        chunk = _Chunk(GraspBatch(G[start : start + CHUNK], force_set), local_task, rtol, rounding, seed)
-        result += [
-            None if b is None else Bounds(b.lower, b.upper, _original_direction(b, matrix), trust=SIDE_BY_SIDE)
-            for b in chunk.certify()
-        ]
+    for start in range(0, len(stack), CHUNK):
+        rows = range(start, min(start + CHUNK, len(stack)))
+        result += _Chunk(stack, rows, force_set, task, matrix, rtol, np.random.default_rng(seed)).certify()
     return result
 
 
-def _original_direction(bounds: Bounds, matrix: FloatArray) -> FloatArray | None:
-    """Return the unit worst direction, (d,), in the original wrench coordinates; None without one."""
-    if bounds.worst_direction is None:
-        return None
-    y = bounds.worst_direction @ matrix
-    return np.asarray(y / np.linalg.norm(y))
-
-
 class _Chunk:
-    """Grasps that are certified side by side: their upper bounds, worst directions and inner hulls."""
+    """Grasps that are certified side by side: their upper bounds, worst directions and inner hulls.
 
-    def __init__(self, batch: GraspBatch, task: Task, rtol: float, rounding: float, seed: int) -> None:
-        self.batch, self.task, self.rtol, self.rounding = batch, task, rtol, rounding
-        self.shrink, self.random = min(SHRINK, 0.01 * rtol), np.random.default_rng(seed)
-        self.result: list[Bounds | None] = [None] * len(batch.G)
-        self.indices = np.arange(len(batch.G))  # of the remaining grasps
+    Wrenches and directions are in the coordinates of ``matrix``, those of the result as given.
+    """
+
+    def __init__(
+        self,
+        stack: GraspStack,
+        rows: range,
+        force_set: ForceSet,
+        task: Task,
+        matrix: FloatArray,
+        rtol: float,
+        random: np.random.Generator,
+    ) -> None:
+        self.grasps, self.force_set, self.given_task = [stack[i] for i in rows], force_set, task
+        self.domain = ForceCones.of(WrenchSet(self.grasps[0].G, force_set))
+        self.batch = GraspBatch(matrix @ stack.G[rows.start : rows.stop], force_set)
+        self.task, self.matrix, self.rtol = task.transformed(matrix), matrix, rtol
+        self.shrink, self.random, self.trust = min(SHRINK, 0.01 * rtol), random, trust_in_task(task)
+        self.result: list[Bounds | None] = [None] * len(rows)
+        self.indices = np.arange(len(rows))  # of the remaining grasps
         self.upper, self.worst = np.zeros(0), np.zeros((0, 0))
 
     def certify(self) -> list[Bounds | None]:
@@ -101,8 +101,7 @@ class _Chunk:
         self._settle_without_closure()
         d = low.shape[2]
         axes = np.broadcast_to(directions(d, 0), (len(self.indices), 2 * d, d))
-        points = self._inner_points(self.batch.support(np.concatenate([low[self.indices], axes], axis=1))[1])
-        hulls = StackedHulls(points)
+        hulls = StackedHulls(*self._inner_points(np.concatenate([low[self.indices], axes], axis=1))[1:])
         while len(self.indices):
             hulls.measure(self.task)
             least, normals = hulls.lowest()
@@ -117,9 +116,9 @@ class _Chunk:
                 normals, least, remaining = normals[remaining], least[remaining], remaining[remaining]
             if is_last:
                 break
-            ratio, wrenches = self._ratios(normals[:, None])
+            ratio, points, forces = self._inner_points(normals[:, None])
             self._improve(ratio[:, 0], normals)
-            is_inserted = hulls.insert(self._inner_points(wrenches)[:, 0], remaining)
+            is_inserted = hulls.insert(points[:, 0], forces[:, 0], remaining)
             hulls.failed |= remaining & ~is_inserted & (least < self._target())
         return self.result
 
@@ -128,11 +127,11 @@ class _Chunk:
         return np.asarray(self.upper / (1.0 + 0.8 * self.rtol))
 
     def _ratios(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``phi / phi_A``, (b, m), and support points, (b, m, d), for unit directions (b, m, d)."""
-        phi, wrenches = self.batch.support(u)
+        """Return ``phi / phi_A``, (b, m), and maximising forces, (b, m, n), for unit directions (b, m, d)."""
+        phi, forces = self.batch.forces(u)
         reach = self.task.support(u.reshape(-1, u.shape[2]))[0].reshape(phi.shape)
         is_positive = reach > 1e-12
-        return np.where(is_positive, phi / np.where(is_positive, reach, 1.0), np.inf), wrenches
+        return np.where(is_positive, phi / np.where(is_positive, reach, 1.0), np.inf), forces
 
     def _descend(self) -> FloatArray:
         """Set the first upper bounds by descents from the weakest sampled directions; return the descents' ends."""
@@ -154,14 +153,19 @@ class _Chunk:
         """
         is_separated = self.batch.positive_share(self.worst[:, None])[:, 0] <= ZERO_SUPPORT
         is_finite = np.isfinite(self.upper)
-        for i in np.flatnonzero(is_separated & is_finite):
-            self.result[i] = Bounds(0.0, 0.0, self.worst[i])
+        for i in np.flatnonzero(is_separated & is_finite).tolist():
+            self.result[i] = Bounds(0.0, 0.0, self._direction(i), trust=NO_WORK)
         middle = float(np.median(self.upper[is_finite])) if is_finite.any() else 0.0
         self._keep(is_finite & ~is_separated & (self.upper > LEAST_QUALITY * middle))
 
-    def _inner_points(self, wrenches: FloatArray) -> FloatArray:
-        """Return support points (b, m, d) shrunk towards the origin by small random factors."""
-        return np.asarray(wrenches * (1.0 - self.shrink * self.random.random((*wrenches.shape[:2], 1))))
+    def _inner_points(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return ratios (b, m), support points (b, m, d) and their forces (b, m, n) in unit directions (b, m, d).
+
+        Points and forces are shrunk towards the origin by small random factors.
+        """
+        ratio, forces = self._ratios(u)
+        forces = forces * (1.0 - self.shrink * self.random.random((*u.shape[:2], 1)))
+        return ratio, forces @ self.batch.G.transpose(0, 2, 1), forces
 
     def _improve(self, ratio: FloatArray, normals: FloatArray) -> None:
         is_better = ratio < self.upper
@@ -170,12 +174,25 @@ class _Chunk:
 
     def _settle(self, hulls: StackedHulls, is_done: Mask) -> None:
         """Certify the hulls of settled grasps, and record bounds that are as narrow as ``rtol``."""
-        lower = hulls.certified(self.task) * (1.0 - self.rounding)
-        upper = self.upper * (1.0 + self.rounding)
-        is_narrow = upper <= lower * (1.0 + self.rtol) * (1.0 + 2.0 * self.rounding)
-        for i in np.flatnonzero(is_done & is_narrow):
-            bounds = Bounds(float(min(lower[i], self.upper[i])), float(upper[i]), self.worst[i])
-            self.result[self.indices[i]] = bounds
+        done = np.flatnonzero(is_done)
+        forces = hulls.forces(done)
+        variables = self.domain.into(self.domain.variables(forces.reshape(-1, forces.shape[2])))
+        for row, u in zip(done.tolist(), variables.reshape(len(done), hulls.count, variables.shape[1]), strict=True):
+            grasp, y = self.grasps[self.indices[row]], self._direction(row)
+            if self.upper[row] == 0.0:
+                self.result[self.indices[row]] = Bounds(0.0, 0.0, y, trust=NO_WORK)
+                continue
+            wrenches = WrenchSet(grasp.G, self.force_set, grasp.G_sizes)
+            cells, planes = hulls.cells(row)
+            lower = provable_lower(wrenches, u, cells, planes @ self.matrix, self.given_task)
+            upper, _ = provable_upper(wrenches, self.domain, y, self.given_task)
+            if upper <= lower * (1.0 + self.rtol):
+                self.result[self.indices[row]] = Bounds(min(lower, upper), upper, y, trust=self.trust)
+
+    def _direction(self, row: int) -> FloatArray:
+        """Return a grasp's worst direction, (d,), as a unit vector in the coordinates as given."""
+        y = self.worst[row] @ self.matrix
+        return np.asarray(y / np.linalg.norm(y))
 
     def _keep(self, rows: Mask) -> None:
         self.indices, self.upper, self.worst = self.indices[rows], self.upper[rows], self.worst[rows]
@@ -197,8 +214,10 @@ class StackedHulls:
 
     Parameters
     ----------
-    points : (b, n, d) array
+    points : (b, m, d) array
         First vertices.
+    forces : (b, m, n) array
+        Finger forces that exert them.
 
     Attributes
     ----------
@@ -212,12 +231,14 @@ class StackedHulls:
         Hulls that are flat or degenerate.
     """
 
-    def __init__(self, points: FloatArray) -> None:
+    def __init__(self, points: FloatArray, forces: FloatArray) -> None:
         b, self.count, d = points.shape
         self.centre = points.mean(axis=1)
         self.failed = np.zeros(b, dtype=bool)
         self._points = np.zeros((b, MOST_POINTS + 1, d))
         self._points[:, : self.count] = points - self.centre[:, None]
+        self._forces = np.zeros((b, MOST_POINTS + 1, forces.shape[2]))
+        self._forces[:, : self.count] = forces
         random = np.random.default_rng(0)
         self._names = _random_keys(random, MOST_POINTS + 1)  # of vertices
         self._marks = _random_keys(random, b)  # of grasps: no two have a key in common
@@ -253,8 +274,8 @@ class StackedHulls:
         planes = self.planes[row, slot]
         return self.values[row, slot], planes / np.maximum(np.linalg.norm(planes, axis=1, keepdims=True), 1e-300)
 
-    def insert(self, points: FloatArray, chosen: Mask) -> Mask:
-        """Insert a vertex (b, d) into each chosen hull; return the mask of hulls whose vertex was outside."""
+    def insert(self, points: FloatArray, forces: FloatArray, chosen: Mask) -> Mask:
+        """Insert a vertex (b, d), exerted by forces (b, n), into each chosen hull; return where it was outside."""
         p = points - self.centre
         height = (self.planes @ p[:, :, None])[:, :, 0]
         removed_row, removed_slot = np.nonzero((height > 1.0 + BEYOND) & chosen[:, None])
@@ -271,7 +292,7 @@ class StackedHulls:
         coordinates[index, corner] -= 1.0
         planes = self.planes[row, horizon.slot] + (1.0 - height[row, horizon.slot])[:, None] * column
         horizon.cells[index, corner] = self.count
-        self._points[:, self.count] = p
+        self._points[:, self.count], self._forces[:, self.count] = p, forces
         self.count += 1
         slot = self._slots(removed, row)
         self._cells[row, slot] = horizon.cells
@@ -323,29 +344,28 @@ class StackedHulls:
 
     def keep(self, rows: Mask) -> None:
         """Keep the hulls in a mask, and remove the others."""
-        self.centre, self.failed, self._points = self.centre[rows], self.failed[rows], self._points[rows]
+        self.centre, self.failed = self.centre[rows], self.failed[rows]
+        self._points, self._forces = self._points[rows], self._forces[rows]
         self._marks, self._sizes = self._marks[rows], self._sizes[rows]
         most = int(np.max(self._sizes, initial=1))
         self._cells, self._inverses = self._cells[rows, :most], self._inverses[rows, :most]
         self.planes, self.values = self.planes[rows, :most], self.values[rows, :most]
 
-    def certified(self, task: Task) -> FloatArray:
-        """Return certified lower bounds on mu, (b,), with each cell's height computed anew from its vertices."""
-        row, slot = np.nonzero(np.any(self.planes != 0.0, axis=2))
-        planes, corners = self.planes[row, slot], self._points[row[:, None], self._cells[row, slot]]
-        heights = np.min((corners @ planes[:, :, None])[:, :, 0], axis=1)
-        offsets = np.minimum(heights, 1.0) + np.sum(planes * self.centre[row], axis=1)
-        values = _values(task, planes, offsets)
-        lower = np.full(len(self.planes), np.inf)
-        np.minimum.at(lower, row, np.where(heights > LEAST_HEIGHT, values, 0.0))
-        return np.where(self.failed | ~np.isfinite(lower), 0.0, lower)
+    def forces(self, rows: IntArray) -> FloatArray:
+        """Return the forces (len(rows), v, n) that exert the vertices of hulls."""
+        return self._forces[rows, : self.count]
+
+    def cells(self, row: int) -> tuple[IntArray, FloatArray]:
+        """Return the vertices (f, d) of a hull's cells, and their planes (f, d)."""
+        live = np.any(self.planes[row] != 0.0, axis=1)
+        return self._cells[row, live], self.planes[row, live]
 
 
 def _values(task: Task, planes: FloatArray, offsets: FloatArray) -> FloatArray:
     """Return the largest multiples of a task, (f,), that half-spaces contain with all smaller ones."""
     reach = task.support(planes)[0]
     is_beyond = reach > 0.0
-    beside = np.where(offsets < -ROUNDING, 0.0, np.inf)
+    beside = np.where(offsets < -BEYOND, 0.0, np.inf)
     return np.where(is_beyond, np.maximum(offsets, 0.0) / np.where(is_beyond, reach, 1.0), beside)
 
 

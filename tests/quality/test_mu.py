@@ -391,7 +391,7 @@ def test_what_else_an_interval_rests_on_is_said():
     assert "corners of pads" in ng.mu(pads, task, 0.1).trust
     points = corners + 0.1 * np.random.default_rng(0).standard_normal((60, 4, 3))
     stack = ng.GraspStack(points, np.broadcast_to(-corners, points.shape), grasp.contacts)
-    assert any("side by side" in bounds.trust for bounds in ng.mu(stack, task, 0.1))
+    assert not any(bounds.trust for bounds in ng.mu(stack, task, 0.1))
     opposed = ng.Grasp([[1, 0, 0], [-1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], ng.FrictionContact(0.5))
     assert "to rounding" in ng.mu(opposed, task).trust
     assert "flat" in ng.mu(opposed, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.1, 0.1])).trust
