@@ -34,7 +34,6 @@ NO_WORK = "that no force of the contacts works along the worst direction, to rou
 FLAT_WRENCHES = "wrenches that are flat, to rounding"
 OWN_SUPPORT = "a task's own support function"
 SUPPORT = "the support of the wrench set as computed"
-CORNERS = "forces at the corners of pads, to rounding"
 SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
 BATCH = 12  # most new points per round
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
@@ -121,12 +120,8 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
     if problem.rank < len(wrenches.G):
         trust.append(FLAT_WRENCHES)
         wrenches, task, matrix = problem.wrenches, problem.task, np.eye(problem.rank)
-    forces, cells = state.hull.vertices()
-    if domain.is_lifted:
-        trust.append(CORNERS)
-    else:
-        forces = domain.into(forces)
-    lower = provable_lower(wrenches, forces, cells, state.hull.cell_planes() @ matrix, task)
+    variables, cells = state.hull.vertices()
+    lower = provable_lower(wrenches, domain.into(variables), cells, state.hull.cell_planes() @ matrix, task)
     return min(lower, upper), upper, "; ".join(trust)
 
 
@@ -202,9 +197,9 @@ def _is_limited_by_rounding(points: int, share: float) -> bool:
 def _inner_points(
     problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return support points in directions u, shrunk towards the origin by small random factors, and their forces."""
-    forces = problem.wrenches.forces(u)[1] * (1.0 - shrink * rng.random((len(u), 1)))
-    return forces @ problem.wrenches.G.T, forces
+    """Return support points in directions u, shrunk towards the origin by small random factors, and their variables."""
+    variables = problem.wrenches.variables(u) * (1.0 - shrink * rng.random((len(u), 1)))
+    return problem.wrenches.exert(variables), variables
 
 
 def _initial_hull(
@@ -217,11 +212,11 @@ def _initial_hull(
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
-        points, forces = _inner_points(problem, u, shrink, rng)
+        points, variables = _inner_points(problem, u, shrink, rng)
         if with_origin:
-            points, forces = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, forces))
+            points, variables = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, variables))
         try:
-            return IncrementalHull(points, forces, lambda planes: problem.task.support(planes)[0])
+            return IncrementalHull(points, variables, lambda planes: problem.task.support(planes)[0])
         except np.linalg.LinAlgError:
             axes = np.linalg.svd(points - points.mean(axis=0))[2]
             start = np.concatenate([start, axes, -axes])
