@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import ClassVar
+
+import numpy as np
 
 from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, HandWithJacobians, JointedHand, Json, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import component_slices
+from nlpgrasp.contacts.product import component_slices, conic_lift, project_lifted
 from nlpgrasp.errors import InputError
 
 SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms
@@ -51,6 +54,21 @@ class ForceSet(ABC):
     @abstractmethod
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the exact support ``max <z, x>`` over x in B ∩ K, (m,), and maximisers (m, n), for z (m, n)."""
+
+    @cached_property
+    def lift(self) -> FloatArray:
+        """Matrix A (n, l) from variables in the contacts' cones to forces: the identity, but for corners of pads."""
+        return conic_lift(self.contacts, self.space)[0]
+
+    @cached_property
+    def is_lifted(self) -> bool:
+        """Whether the variables are not the force components themselves."""
+        return not np.array_equal(self.lift, np.eye(len(self.lift)))
+
+    def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support (m,), and variables (m, l) in the contacts' cones of maximisers A u, for z (m, n)."""
+        value, x = self.support(z)
+        return value, project_lifted(x, self.contacts, self.space) if self.is_lifted else x
 
     @abstractmethod
     def gauge(self, x: FloatArray) -> FloatArray:

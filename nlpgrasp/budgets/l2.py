@@ -12,7 +12,7 @@ from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import project
+from nlpgrasp.contacts.product import project, project_lifted
 
 
 class L2Set(ForceSet):
@@ -23,6 +23,14 @@ class L2Set(ForceSet):
         x = project(z, self.contacts, self.space)
         size = np.linalg.norm(x, axis=1)
         return size, x / np.where(size > 0.0, size, 1.0)[:, None]
+
+    def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the norms of ``P_K(z)``, and the variables (m, l) of ``P_K(z)`` over its norm."""
+        if not self.is_lifted:
+            return self.support(z)
+        u = project_lifted(z, self.contacts, self.space)
+        size = np.linalg.norm(u @ self.lift.T, axis=1)
+        return size, u / np.where(size > 0.0, size, 1.0)[:, None]
 
     def gauge(self, x: FloatArray) -> FloatArray:
         """Return the norms ``|x|``, (m,), of forces (m, n)."""

@@ -12,7 +12,7 @@ from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import project
+from nlpgrasp.contacts.product import project, project_lifted
 
 
 class PerFingerSizeSet(ForceSet):
@@ -29,6 +29,18 @@ class PerFingerSizeSet(ForceSet):
             total += size
             x[:, block] /= np.where(size > 0.0, size, 1.0)[:, None]
         return total, x
+
+    def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support (m,), and the variables (m, l) of each contact's ``P_Ki(z_i)`` over its norm."""
+        if not self.is_lifted:
+            return self.support(z)
+        u = project_lifted(z, self.contacts, self.space)
+        x, total = u @ self.lift.T, np.zeros(len(z))
+        for block in self.ranges:
+            size, own = np.linalg.norm(x[:, block], axis=1), np.any(self.lift[block] != 0.0, axis=0)
+            total += size
+            u[:, own] /= np.where(size > 0.0, size, 1.0)[:, None]
+        return total, u
 
     def gauge(self, x: FloatArray) -> FloatArray:
         """Return the largest finger force of each force vector (m, n), (m,)."""

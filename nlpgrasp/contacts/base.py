@@ -142,6 +142,13 @@ class ContactModel(ABC):
         """Return the projection of ``z`` (..., n_i) onto ``K_i``, moved inside if numerical errors leave it outside."""
         return self.project(z)
 
+    def project_lifted(self, z: FloatArray) -> FloatArray:
+        """Return variables u (..., m) in ``cones`` of which A u is the projection of ``z`` (..., n_i) onto ``K_i``.
+
+        They are the projection itself; models with ``generators`` A of their own have others.
+        """
+        return self.project(z)
+
     @abstractmethod
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of the matrix ``derivative``, row by row, (n_i (n_i + 1) / 2, ...)."""

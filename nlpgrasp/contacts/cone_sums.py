@@ -113,6 +113,20 @@ class FrictionConeSum:
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
+    def project_lifted(self, z: FloatArray) -> FloatArray:
+        """Return forces (..., 3 N) of the points, in their cones to rounding, that add up to the projection of z."""
+        flat, size = _unit_columns(z)
+        unit, divisor = self._scale_by_work(flat)
+        projections = self._project_polar(unit)
+        u = projections.forces.copy()
+        sticks, slips = projections.methods >= 0, projections.methods == SLIPS
+        u[..., sticks] = self._sticking.forces(unit[:, sticks], projections.methods[sticks])
+        v = (self.generators.T @ projections.q[:, slips]).reshape(len(self.arms), 3, int(np.sum(slips)))
+        u[:, :1, slips] = projections.weights[:, None, slips]
+        friction = self.friction * projections.weights[:, slips] / np.hypot(v[:, 1], v[:, 2]).clip(FLAT)
+        u[:, 1:, slips] = friction[:, None] * v[:, 1:]
+        return np.asarray((u * (divisor * size)).transpose(2, 0, 1).reshape(*z.shape[:-1], 3 * len(self.arms)))
+
     def projection_methods(self, z: FloatArray) -> IntArray:
         """Return the method that projects each z (m, n), (m,): a code such as ``SLIPS``, or a linear map's index."""
         return self._project_polar(self._scale_by_work(_unit_columns(z)[0])[0]).methods
@@ -137,7 +151,9 @@ class FrictionConeSum:
             full = self._newton.derivative(padded, projections.weights[:, slips])
             matrix[..., slips] = full[np.ix_(self.axes, self.axes)]
         if others.size:
-            matrix[..., others] = self._method.derivative(unit[:, others], projections.q[:, others], projections.forces)
+            matrix[..., others] = self._method.derivative(
+                unit[:, others], projections.q[:, others], projections.forces[..., others]
+            )
         return np.array([matrix[index].reshape(z.shape[:-1]) for index in upper_triangle(n)])
 
     @cached_property
@@ -191,6 +207,7 @@ class FrictionConeSum:
         points in the cone itself, which project to 0; Newton's method for slipping points; the method of multipliers.
         """
         q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
+        forces = np.zeros((len(self.arms), 3, z.shape[1]))
         methods = np.where(self._largest_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
         remaining = np.flatnonzero(methods == SLIPS)
         maps = self._sticking.find(z[:, remaining])
@@ -199,7 +216,7 @@ class FrictionConeSum:
         q[:, sticks] -= np.matmul(self._sticking.maps[methods[sticks]], z[:, sticks].T[..., None])[..., 0].T
         remaining = remaining[maps < 0]
         if len(self.arms) > 2:
-            is_inside = self._membership.inside(z[:, remaining])
+            forces[..., remaining], is_inside = self._membership.find(z[:, remaining])
             q[:, remaining[is_inside]] = 0.0
             methods[remaining[is_inside]] = INSIDE
             remaining = remaining[~is_inside]
@@ -209,10 +226,9 @@ class FrictionConeSum:
             slipping, weights[:, remaining], is_solved = self._newton.solve(padded)
             q[:, remaining] = slipping[list(self.axes)]
             remaining = remaining[~is_solved]
-        forces = np.zeros((len(self.arms), 3, remaining.size))
         if remaining.size:
             methods[remaining] = OTHER
-            q[:, remaining], forces = self._method.solve(z[:, remaining])
+            q[:, remaining], forces[..., remaining] = self._method.solve(z[:, remaining])
         return _ConeProjection(q, methods, weights, forces)
 
 
@@ -222,7 +238,7 @@ class _ConeProjection(NamedTuple):
     q: FloatArray
     methods: IntArray
     weights: FloatArray  # (N, m), where points slip
-    forces: FloatArray  # (N, 3, number solved by the method of multipliers)
+    forces: FloatArray  # (N, 3, m), inside the cone and where the method of multipliers solves
 
 
 def _unit_columns(z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -257,20 +273,21 @@ class StickingProjection:
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
         self._generators, self._arms, self._friction = generators, arms, friction
         single = [self._maps_of_one_point(i, sign, slipping) for i, sign, slipping in self._patterns()]
-        double = [
-            maps for pair in combinations(range(len(arms)), 2) if (maps := self._maps_of_two_points(*pair)) is not None
-        ]
+        pairs = [pair for pair in combinations(range(len(arms)), 2) if self._can_turn_about(*pair)]
+        double = [self._maps_of_two_points(*pair) for pair in pairs]
         rows = max(len(force) for force, _ in single)
         padded = [np.pad(force, [(0, rows - len(force)), (0, 0)]) for force, _ in single]
         self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in double])
-        self.maps = np.stack([projection for _, projection in (*single, *double)])  # z to z - q, each (n, n)
+        self._ends = np.array(pairs)
+        self._forces = np.stack([forces for _, forces in (*single, *double)])  # z to all points' forces, (3 N, n) each
+        self.maps = generators @ self._forces  # z to z - q, each (n, n)
 
     def find(self, z: FloatArray) -> IntArray:
         """Return the indices (m,) of the linear maps that project points (n, m); ``NONE`` where no map does."""
         mu, count = self._friction, z.shape[1]
         force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
         is_valid = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
-        is_valid &= force[:, 1] ** 2 + force[:, 2] ** 2 <= (mu * force[:, 0]) ** 2
+        is_valid &= force[:, 1] ** 2 + force[:, 2] ** 2 <= (mu * force[:, 0]) ** 2 * (1.0 + ROUNDING)
         force = (self._pairs.reshape(-1, len(z)) @ z).reshape(len(self._pairs), 5, count)
         normal_limits, transverse = mu * force[:, :2], np.abs(force[:, 2:4])
         capacity = np.sqrt(np.maximum((normal_limits - transverse) * (normal_limits + transverse), 0.0)).sum(axis=1)
@@ -284,6 +301,24 @@ class StickingProjection:
         result = np.full(count, NONE)
         result[columns[is_polar]] = maps[is_polar]
         return result
+
+    def forces(self, z: FloatArray, maps: IntArray) -> FloatArray:
+        """Return all points' forces (N, 3, m) that add up to the projections of points (n, m) by given maps (m,).
+
+        Where two points stick, they share the friction along the line between them as their capacities are.
+        """
+        u = np.matmul(self._forces[maps], z.T[..., None])[..., 0].reshape(len(maps), len(self._arms), 3)
+        both = np.flatnonzero(maps >= len(self._alone))
+        columns, ends = both[:, None], self._ends[maps[both] - len(self._alone)]  # (b, 1), (b, 2)
+        line = self._arms[ends[:, 1]] - self._arms[ends[:, 0]]
+        line = (line / np.linalg.norm(line, axis=1, keepdims=True))[:, None]
+        force = u[columns, ends]
+        along = np.sum(force[..., 1:] * line, axis=2)
+        across = force[..., 2] * line[..., 0] - force[..., 1] * line[..., 1]
+        capacity = np.sqrt(np.maximum((self._friction * force[..., 0]) ** 2 - across**2, 0.0)) + FLAT
+        share = capacity / np.sum(capacity, axis=1, keepdims=True) * np.sum(along, axis=1, keepdims=True)
+        u[columns, ends, 1:] += (share - along)[..., None] * line
+        return np.asarray(u.transpose(1, 2, 0))
 
     def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
         """Return all patterns of one sticking point and the points that slip about it.
@@ -304,43 +339,39 @@ class StickingProjection:
         return result
 
     def _maps_of_one_point(self, i: int, sign: float, slipping: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return the linear maps to the forces and the projection onto the cone where only point i sticks.
+        """Return the linear maps from z to ``(u_i, l_S)`` and to all points' forces where only point i sticks.
 
-        They map z to the forces ``(u_i, l_S)`` and to ``z - q``. The points S slip, as the body turns about point i in
-        the sense of ``sign``.
+        The points S slip, as the body turns about point i in the sense of ``sign``.
         """
-        columns = [self._part(i)]
+        columns = [np.eye(self._generators.shape[1])[:, 3 * i : 3 * i + 3]]
         for j in slipping:
             first, second = self._arms[j] - self._arms[i]
             slip = sign * self._friction / np.hypot(first, second)
-            columns.append(self._part(j) @ np.array([[1.0], [-slip * second], [slip * first]]))
-        span = np.concatenate(columns, axis=1)
-        force = np.asarray(np.linalg.pinv(span, rcond=RANK))
-        return force, span @ force
+            columns.append(np.zeros((self._generators.shape[1], 1)))
+            columns[-1][3 * j : 3 * j + 3, 0] = 1.0, -slip * second, slip * first
+        allowed = np.concatenate(columns, axis=1)
+        force = np.asarray(np.linalg.pinv(self._generators @ allowed, rcond=RANK))
+        return force, allowed @ force
 
-    def _maps_of_two_points(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the linear maps to the forces (5,) and the projection onto the cone where two points stick, or None.
+    def _can_turn_about(self, i: int, j: int) -> bool:
+        """Return whether the body can turn about the line through two points: no others lie on both sides of it."""
+        first, second = self._arms[j] - self._arms[i]
+        side = (self._arms - self._arms[i]) @ np.array([-second, first]) / (first**2 + second**2)
+        return bool(np.min(side) >= -RANK or np.max(side) <= RANK)
 
-        They map z to the forces and to ``z - q``. The forces are both normal forces, both across the line, and their
-        sum along it. None if other points lie on both sides of the line, about which the body then cannot turn.
+    def _maps_of_two_points(self, i: int, j: int) -> tuple[FloatArray, FloatArray]:
+        """Return the linear maps from z to five forces and to all points' forces where two points stick.
+
+        The five are both normal forces, both across the line, and their sum along it.
         """
-        middle = 0.5 * (self._arms[i] + self._arms[j])
-        difference = self._arms[j] - self._arms[i]
-        length = float(np.hypot(*difference))
-        e = difference / length
-        side = (self._arms - middle) @ np.array([-e[1], e[0]])
-        if np.min(side) < -RANK * length and np.max(side) > RANK * length:
-            return None
-        forces = np.concatenate([self._part(i), self._part(j)], axis=1)
-        inverse = np.asarray(np.linalg.pinv(forces, rcond=RANK))
+        e = (self._arms[j] - self._arms[i]) / np.hypot(*(self._arms[j] - self._arms[i]))
+        allowed = np.eye(self._generators.shape[1])[:, [*range(3 * i, 3 * i + 3), *range(3 * j, 3 * j + 3)]]
+        inverse = np.asarray(np.linalg.pinv(self._generators @ allowed, rcond=RANK))
         turn = np.zeros((5, 6))
         turn[0, 0] = turn[1, 3] = 1.0
         turn[2, 1:3] = turn[3, 4:6] = -e[1], e[0]
         turn[4, 1:3] = turn[4, 4:6] = e
-        return turn @ inverse, forces @ inverse
-
-    def _part(self, i: int) -> FloatArray:
-        return self._generators[:, 3 * i : 3 * i + 3]
+        return turn @ inverse, allowed @ inverse
 
 
 class ConeSumMembership:
@@ -362,9 +393,12 @@ class ConeSumMembership:
         free = self._free.reshape(self._count, 3, -1)
         self._squares = np.einsum("ipa,iqb->ipqab", free, free).reshape(9 * self._count, -1)
 
-    def inside(self, z: FloatArray) -> BoolArray:
-        """Return which wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
-        is_member = np.zeros(z.shape[1], dtype=bool)
+    def find(self, z: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return forces (N, 3, m) in the friction cones that add up to wrenches (n, m), and where any were found, (m,).
+
+        They are 0 elsewhere.
+        """
+        forces, is_member = np.zeros((self._count, 3, z.shape[1])), np.zeros(z.shape[1], dtype=bool)
         remaining = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
         u = (self._least @ z[:, remaining]).reshape(self._count, 3, -1)
         for step in range(MEMBERSHIP_STEPS):
@@ -372,10 +406,11 @@ class ConeSumMembership:
                 u = u + self._step(u)
             is_allowed = self._allowed(u)
             is_member[remaining[is_allowed]] = True
+            forces[..., remaining[is_allowed]] = u[..., is_allowed]
             remaining, u = remaining[~is_allowed], u[..., ~is_allowed]
             if not remaining.size:
                 break
-        return is_member
+        return forces, is_member
 
     def _allowed(self, u: FloatArray) -> BoolArray:
         return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))

@@ -92,6 +92,11 @@ class PadContact(RangeContact):
         points = self.points(z.shape[-1])
         return super().project(z) if points is None else points.project(z)
 
+    def project_lifted(self, z: FloatArray) -> FloatArray:
+        """Return the forces (..., m) at ends or corners that add up to the projection; itself for the box model."""
+        points = self.points(z.shape[-1])
+        return super().project_lifted(z) if points is None else points.project_lifted(z)
+
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of the projection's Jacobian, (n_i (n_i + 1) / 2, ...)."""
         points = self.points(z.shape[-1])

@@ -56,6 +56,16 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
     return np.concatenate(parts, axis=1)
 
 
+def project_lifted(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+    """Return variables (m, l) of ``conic_lift`` of which A u is the projection of finger forces (m, n) onto K."""
+    if have_one_domain(contacts, space):
+        shape = (len(z), len(contacts), contacts[0].components(space))
+        u = contacts[0].project_lifted(z.reshape(shape))
+        return u.reshape(len(z), u.shape[1] * u.shape[2])
+    slices = component_slices(contacts, space)
+    return np.concatenate([c.project_lifted(z[:, block]) for c, block in zip(contacts, slices, strict=True)], axis=1)
+
+
 def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
     """Return the diagonal blocks (m, n_i, n_i) of a generalised Jacobian of the projection of finger forces (m, n)."""
     if have_one_domain(contacts, space):

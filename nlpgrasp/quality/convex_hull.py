@@ -34,8 +34,8 @@ class IncrementalHull:
     ----------
     points : (m, d) array
         First vertices, d at least 2.
-    forces : (m, n) array
-        Finger forces that exert the first vertices.
+    variables : (m, l) array
+        Of the finger forces that exert the first vertices.
     reach : callable
         Support function of A: maps directions (f, d) to values (f,).
 
@@ -54,10 +54,10 @@ class IncrementalHull:
         When the first points are (nearly) flat.
     """
 
-    def __init__(self, points: FloatArray, forces: FloatArray, reach: Callable[[FloatArray], FloatArray]) -> None:
+    def __init__(self, points: FloatArray, variables: FloatArray, reach: Callable[[FloatArray], FloatArray]) -> None:
         self._reach = reach
         corners = _large_simplex(points)
-        self._forces = [forces[corners]]
+        self._variables = [variables[corners]]
         self._dimension: int = points.shape[1]
         self._count = size = len(corners)
         self.centre: FloatArray = np.mean(points[corners], axis=0)
@@ -73,7 +73,7 @@ class IncrementalHull:
         self._marked = np.zeros(size, dtype=bool)
         self._size = size
         self._free: IntArray = np.zeros(0, dtype=np.intp)
-        self.insert(np.delete(points, corners, axis=0), np.delete(forces, corners, axis=0))
+        self.insert(np.delete(points, corners, axis=0), np.delete(variables, corners, axis=0))
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -107,14 +107,14 @@ class IncrementalHull:
         return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
 
     def vertices(self) -> tuple[FloatArray, IntArray]:
-        """Return the finger forces (v, n) that exert the vertices, and each cell's vertices (f, d)."""
+        """Return the variables (v, l) of the forces that exert the vertices, and each cell's vertices (f, d)."""
         live = np.any(self.planes[: self._size] != 0.0, axis=1)
-        return np.concatenate(self._forces), self._cells[: self._size][live]
+        return np.concatenate(self._variables), self._cells[: self._size][live]
 
-    def insert(self, points: FloatArray, forces: FloatArray) -> bool:
-        """Insert vertices (m, d) exerted by finger forces (m, n); return whether any was outside."""
+    def insert(self, points: FloatArray, variables: FloatArray) -> bool:
+        """Insert vertices (m, d) exerted by forces of variables (m, l); return whether any was outside."""
         added = [self._insert(p) for p in points - self.centre]
-        self._forces.append(forces[added])
+        self._variables.append(variables[added])
         new = np.flatnonzero(np.isnan(self.values[: self._size]))
         self.values[new] = self._reach(self.planes[new])
         return any(added)

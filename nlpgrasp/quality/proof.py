@@ -124,9 +124,9 @@ def prove(
         state = tighten(problem, rtol)
         y = problem.to_wrench_direction(state.worst)
         if state.hull is not None and problem.rank == grasp.dimension:
-            forces, cells = state.hull.vertices()
-            variables = domain.into(domain.variables(forces))
-            lower = provable_lower(wrenches, variables @ domain.lift.T, cells, None, task)
+            variables, cells = state.hull.vertices()
+            variables = domain.into(variables)
+            lower = provable_lower(wrenches, variables, cells, None, task)
         if direction is not None and (reach := float(task.support(direction[None])[0][0])) > 0.0:
             y = direction if wrenches.support(direction[None])[0][0] < state.upper * reach else y
     if y is None:

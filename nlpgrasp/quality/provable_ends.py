@@ -50,30 +50,6 @@ class ForceCones:
         budget = [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrenches.force_set.cones()]
         return cls(lift, (*[np.concatenate([M, np.zeros((len(M), 1))], axis=1) for M in own], *budget))
 
-    @property
-    def is_lifted(self) -> bool:
-        """Whether the variables are not the force components themselves, but forces at the corners of pads."""
-        n, count = self.lift.shape
-        return n != count or not np.array_equal(self.lift, np.eye(n))
-
-    def variables(self, forces: FloatArray) -> FloatArray:
-        """Return variables (v, l) of finger forces (v, n): the forces themselves, or those at the corners of pads.
-
-        Corner forces are the solution of a small conic program a vertex. The forces they add up to may differ from the
-        given ones by the solver's tolerance: what is proved is of theirs.
-        """
-        if not self.is_lifted:
-            return forces
-        own = [M[:, :-1] for M in self.cones if M[0, -1] == 0.0]
-        square = sparse.csc_matrix(np.triu(self.lift.T @ self.lift))
-        rows, cones = sparse.csc_matrix(-np.concatenate(own)), [cone_of(M) for M in own]
-        settings = quiet_settings(1e-11, 0.99)
-        programs = (
-            clarabel.DefaultSolver(square, -self.lift.T @ x, rows, np.zeros(rows.shape[0]), cones, settings)
-            for x in forces
-        )
-        return np.array([program.solve().x for program in programs])
-
     def missing(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return by how much variables (v, l) are outside their contacts' cones, and the budget's, (v,) each.
 
@@ -239,7 +215,7 @@ def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: 
 
 
 def provable_lower(
-    wrenches: WrenchSet, forces: FloatArray, cells: IntArray, planes: FloatArray | None, task: Task
+    wrenches: WrenchSet, variables: FloatArray, cells: IntArray, planes: FloatArray | None, task: Task
 ) -> float:
     """Return the largest multiple of a task that provably fits the half-spaces of cells around a centre.
 
@@ -249,19 +225,20 @@ def provable_lower(
     Parameters
     ----------
     wrenches : WrenchSet
-    forces : (v, n) array
-        Admissible finger forces, which exert the vertices.
+    variables : (v, l) array
+        Of admissible finger forces A u, which exert the vertices.
     cells : (f, d) array
         Vertices of each cell.
     planes : (f, d) array or None
         Rows a, any; None for those of ``<a, v - c> = 1`` at the vertices.
     task : Task
     """
-    d, n = wrenches.G.shape
-    vertices = forces @ wrenches.G.T
+    d, lift = len(wrenches.G), wrenches.force_set.lift
+    vertices = wrenches.exert(variables)
     centre = np.mean(vertices[: d + 1], axis=0)
     vertices -= centre
-    error = LOSS * (d + n) * (np.abs(forces) @ wrenches.sizes.T + np.abs(centre)) + LOSS * d * np.abs(vertices)
+    sizes = np.abs(variables) @ (wrenches.sizes @ np.abs(lift)).T
+    error = LOSS * (d + sum(lift.shape)) * (sizes + np.abs(centre)) + LOSS * d * np.abs(vertices)
     corners = vertices[cells]
     if planes is None:
         unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(vertices), axis=0)))

@@ -32,7 +32,6 @@ SHRINK = 1e-4  # largest relative shrinking of support points, which avoids dege
 NO_WORK = "that no force of the contacts works along the worst direction, to rounding"
 FLAT_WRENCHES = "wrenches that are flat, to rounding"
 SUPPORT = "the support of the wrench set as computed"
-CORNERS = "forces at the corners of pads, to rounding"
 SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
 BATCH = 6  # most new points per round: of more, some lie inside the hull of the others
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
@@ -116,12 +115,8 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
     if problem.rank < len(wrenches.G):
         trust.append(FLAT_WRENCHES)
         wrenches, task, matrix = problem.wrenches, problem.task, np.eye(problem.rank)
-    forces, cells = state.hull.vertices()
-    if domain.is_lifted:
-        trust.append(CORNERS)
-    else:
-        forces = domain.into(forces)
-    lower = provable_lower(wrenches, forces, cells, state.hull.cell_planes() @ matrix, task)
+    variables, cells = state.hull.vertices()
+    lower = provable_lower(wrenches, domain.into(variables), cells, state.hull.cell_planes() @ matrix, task)
     return min(lower, upper), upper, "; ".join(filter(None, trust))
 
 
@@ -154,7 +149,7 @@ def tighten(
         if not cells.size or _is_limited_by_rounding(len(hull), shares[0]):
             break
         normals = hull.normals(cells)
-        values, forces = problem.wrenches.forces(normals)
+        values, variables = problem.wrenches.variables(normals)
         reach = problem.task.support(normals)[0]
         ratios = np.divide(values, reach, out=np.full(len(reach), np.inf), where=reach > 0.0)
         best = int(np.argmin(ratios))
@@ -164,7 +159,7 @@ def tighten(
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - shares[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
-        if not hull.insert(*_inner_points(problem, forces[chosen], shrink, rng)):
+        if not hull.insert(*_inner_points(problem, variables[chosen], shrink, rng)):
             break
     return state
 
@@ -197,11 +192,11 @@ def _is_limited_by_rounding(points: int, share: float) -> bool:
 
 
 def _inner_points(
-    problem: Containment, forces: FloatArray, shrink: float, rng: np.random.Generator
+    problem: Containment, variables: FloatArray, shrink: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the wrenches of forces, shrunk towards the origin by small random factors, and the forces so shrunk."""
-    forces = forces * (1.0 - shrink * rng.random((len(forces), 1)))
-    return forces @ problem.wrenches.G.T, forces
+    """Return wrenches of variables, shrunk towards the origin by small random factors, and the variables so shrunk."""
+    variables = variables * (1.0 - shrink * rng.random((len(variables), 1)))
+    return problem.wrenches.exert(variables), variables
 
 
 def _initial_hull(
@@ -214,11 +209,11 @@ def _initial_hull(
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
-        points, forces = _inner_points(problem, problem.wrenches.forces(u)[1], shrink, rng)
+        points, variables = _inner_points(problem, problem.wrenches.variables(u)[1], shrink, rng)
         if with_origin:
-            points, forces = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, forces))
+            points, variables = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, variables))
         try:
-            return IncrementalHull(points, forces, lambda planes: problem.task.support(planes)[0])
+            return IncrementalHull(points, variables, lambda planes: problem.task.support(planes)[0])
         except np.linalg.LinAlgError:
             axes = np.linalg.svd(points - points.mean(axis=0))[2]
             start = np.concatenate([start, axes, -axes])

@@ -71,7 +71,7 @@ def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
 
 def _descend(view: GraspBatch, task: Task, y: FloatArray) -> FloatArray:
     """Return the least support ratio of each grasp over directions and local descents from the weakest, (b,)."""
-    ratios = view.forces(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
+    ratios = view.support(np.broadcast_to(y, (len(view.G), *y.shape))) / task.support(y)[0]
     least_sampled = ratios.min(axis=1)
     weakest = np.argpartition(ratios, min(DESCENTS, ratios.shape[1]) - 1, axis=1)[:, :DESCENTS]
     value = minimise_by_inverse_iteration(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
@@ -122,7 +122,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
     view = GraspBatch(stack.G, fixed_force_set(stack, budget))
-    return np.asarray(view.forces(np.broadcast_to(y, (len(stack), *y.shape)))[0] / reach)
+    return np.asarray(view.support(np.broadcast_to(y, (len(stack), *y.shape))) / reach)
 
 
 def screening_score(ratios: FloatArray) -> FloatArray:
@@ -169,11 +169,20 @@ class GraspBatch:
         """Return the batch of the grasps in a mask."""
         return GraspBatch(self.G[rows], self._set)
 
-    def forces(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function (b, m) and maximising forces (b, m, n) for directions of each grasp (b, m, d)."""
+    def support(self, y: FloatArray) -> FloatArray:
+        """Return the support function (b, m) for directions of each grasp (b, m, d)."""
         z = y @ self.G
-        phi, x = self._set.support(z.reshape(-1, z.shape[2]))
-        return phi.reshape(z.shape[:2]), x.reshape(z.shape)
+        return np.asarray(self._set.support(z.reshape(-1, z.shape[2]))[0].reshape(z.shape[:2]))
+
+    def variables(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (b, m), and variables (b, m, l) of maximising forces, along y (b, m, d)."""
+        z = y @ self.G
+        phi, u = self._set.variables(z.reshape(-1, z.shape[2]))
+        return phi.reshape(z.shape[:2]), u.reshape(*z.shape[:2], u.shape[1])
+
+    def exert(self, u: FloatArray) -> FloatArray:
+        """Return the wrenches (b, m, d) of forces, given their variables (b, m, l)."""
+        return np.asarray(u @ (self.G @ self._set.lift).transpose(0, 2, 1))
 
     def positive_share(self, y: FloatArray) -> FloatArray:
         """Return ``force_closure.positive_share`` of each grasp, (b, m), for y (b, m, d)."""

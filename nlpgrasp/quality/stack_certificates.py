@@ -116,9 +116,9 @@ class _Chunk:
                 normals, least, remaining = normals[remaining], least[remaining], remaining[remaining]
             if is_last:
                 break
-            ratio, points, forces = self._inner_points(normals[:, None])
+            ratio, points, variables = self._inner_points(normals[:, None])
             self._improve(ratio[:, 0], normals)
-            is_inserted = hulls.insert(points[:, 0], forces[:, 0], remaining)
+            is_inserted = hulls.insert(points[:, 0], variables[:, 0], remaining)
             hulls.failed |= remaining & ~is_inserted & (least < self._target())
         return self.result
 
@@ -127,11 +127,11 @@ class _Chunk:
         return np.asarray(self.upper / (1.0 + 0.8 * self.rtol))
 
     def _ratios(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``phi / phi_A``, (b, m), and maximising forces, (b, m, n), for unit directions (b, m, d)."""
-        phi, forces = self.batch.forces(u)
+        """Return ``phi / phi_A`` (b, m), and variables (b, m, l) of maximising forces, along unit u (b, m, d)."""
+        phi, variables = self.batch.variables(u)
         reach = self.task.support(u.reshape(-1, u.shape[2]))[0].reshape(phi.shape)
         is_positive = reach > 1e-12
-        return np.where(is_positive, phi / np.where(is_positive, reach, 1.0), np.inf), forces
+        return np.where(is_positive, phi / np.where(is_positive, reach, 1.0), np.inf), variables
 
     def _descend(self) -> FloatArray:
         """Set the first upper bounds by descents from the weakest sampled directions; return the descents' ends."""
@@ -159,13 +159,13 @@ class _Chunk:
         self._keep(is_finite & ~is_separated & (self.upper > LEAST_QUALITY * middle))
 
     def _inner_points(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return ratios (b, m), support points (b, m, d) and their forces (b, m, n) in unit directions (b, m, d).
+        """Return ratios (b, m), support points (b, m, d) and their variables (b, m, l) in unit directions (b, m, d).
 
-        Points and forces are shrunk towards the origin by small random factors.
+        Points and variables are shrunk towards the origin by small random factors.
         """
-        ratio, forces = self._ratios(u)
-        forces = forces * (1.0 - self.shrink * self.random.random((*u.shape[:2], 1)))
-        return ratio, forces @ self.batch.G.transpose(0, 2, 1), forces
+        ratio, variables = self._ratios(u)
+        variables = variables * (1.0 - self.shrink * self.random.random((*u.shape[:2], 1)))
+        return ratio, self.batch.exert(variables), variables
 
     def _improve(self, ratio: FloatArray, normals: FloatArray) -> None:
         is_better = ratio < self.upper
@@ -175,9 +175,9 @@ class _Chunk:
     def _settle(self, hulls: StackedHulls, is_done: Mask) -> None:
         """Certify the hulls of settled grasps, and record bounds that are as narrow as ``rtol``."""
         done = np.flatnonzero(is_done)
-        forces = hulls.forces(done)
-        variables = self.domain.into(self.domain.variables(forces.reshape(-1, forces.shape[2])))
-        for row, u in zip(done.tolist(), variables.reshape(len(done), hulls.count, variables.shape[1]), strict=True):
+        variables = hulls.variables(done)
+        inside = self.domain.into(variables.reshape(-1, variables.shape[2])).reshape(variables.shape)
+        for row, u in zip(done.tolist(), inside, strict=True):
             grasp, y = self.grasps[self.indices[row]], self._direction(row)
             if self.upper[row] == 0.0:
                 self.result[self.indices[row]] = Bounds(0.0, 0.0, y, trust=NO_WORK)
@@ -216,8 +216,8 @@ class StackedHulls:
     ----------
     points : (b, m, d) array
         First vertices.
-    forces : (b, m, n) array
-        Finger forces that exert them.
+    variables : (b, m, l) array
+        Of the finger forces that exert them.
 
     Attributes
     ----------
@@ -231,14 +231,14 @@ class StackedHulls:
         Hulls that are flat or degenerate.
     """
 
-    def __init__(self, points: FloatArray, forces: FloatArray) -> None:
+    def __init__(self, points: FloatArray, variables: FloatArray) -> None:
         b, self.count, d = points.shape
         self.centre = points.mean(axis=1)
         self.failed = np.zeros(b, dtype=bool)
         self._points = np.zeros((b, MOST_POINTS + 1, d))
         self._points[:, : self.count] = points - self.centre[:, None]
-        self._forces = np.zeros((b, MOST_POINTS + 1, forces.shape[2]))
-        self._forces[:, : self.count] = forces
+        self._variables = np.zeros((b, MOST_POINTS + 1, variables.shape[2]))
+        self._variables[:, : self.count] = variables
         random = np.random.default_rng(0)
         self._names = _random_keys(random, MOST_POINTS + 1)  # of vertices
         self._marks = _random_keys(random, b)  # of grasps: no two have a key in common
@@ -274,8 +274,8 @@ class StackedHulls:
         planes = self.planes[row, slot]
         return self.values[row, slot], planes / np.maximum(np.linalg.norm(planes, axis=1, keepdims=True), 1e-300)
 
-    def insert(self, points: FloatArray, forces: FloatArray, chosen: Mask) -> Mask:
-        """Insert a vertex (b, d), exerted by forces (b, n), into each chosen hull; return where it was outside."""
+    def insert(self, points: FloatArray, variables: FloatArray, chosen: Mask) -> Mask:
+        """Insert a vertex (b, d) of variables (b, l) into each chosen hull; return where it was outside, (b,)."""
         p = points - self.centre
         height = (self.planes @ p[:, :, None])[:, :, 0]
         removed_row, removed_slot = np.nonzero((height > 1.0 + BEYOND) & chosen[:, None])
@@ -292,7 +292,7 @@ class StackedHulls:
         coordinates[index, corner] -= 1.0
         planes = self.planes[row, horizon.slot] + (1.0 - height[row, horizon.slot])[:, None] * column
         horizon.cells[index, corner] = self.count
-        self._points[:, self.count], self._forces[:, self.count] = p, forces
+        self._points[:, self.count], self._variables[:, self.count] = p, variables
         self.count += 1
         slot = self._slots(removed, row)
         self._cells[row, slot] = horizon.cells
@@ -345,15 +345,15 @@ class StackedHulls:
     def keep(self, rows: Mask) -> None:
         """Keep the hulls in a mask, and remove the others."""
         self.centre, self.failed = self.centre[rows], self.failed[rows]
-        self._points, self._forces = self._points[rows], self._forces[rows]
+        self._points, self._variables = self._points[rows], self._variables[rows]
         self._marks, self._sizes = self._marks[rows], self._sizes[rows]
         most = int(np.max(self._sizes, initial=1))
         self._cells, self._inverses = self._cells[rows, :most], self._inverses[rows, :most]
         self.planes, self.values = self.planes[rows, :most], self.values[rows, :most]
 
-    def forces(self, rows: IntArray) -> FloatArray:
-        """Return the forces (len(rows), v, n) that exert the vertices of hulls."""
-        return self._forces[rows, : self.count]
+    def variables(self, rows: IntArray) -> FloatArray:
+        """Return the variables (len(rows), v, l) of the forces that exert the vertices of hulls."""
+        return self._variables[rows, : self.count]
 
     def cells(self, row: int) -> tuple[IntArray, FloatArray]:
         """Return the vertices (f, d) of a hull's cells, and their planes (f, d)."""

@@ -86,6 +86,14 @@ class WrenchSet:
         """Return the support function ``phi(y | G(B ∩ K))`` (m,) and maximising finger forces (m, n)."""
         return self.force_set.support(y @ self.G)
 
+    def variables(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (m,), and variables (m, l) of maximising finger forces A u."""
+        return self.force_set.variables(y @ self.G)
+
+    def exert(self, u: FloatArray) -> FloatArray:
+        """Return the wrenches (m, d) of finger forces A u, given their variables (m, l)."""
+        return u @ (self.G @ self.force_set.lift).T
+
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function ``phi(y | G(B ∩ K))`` (m,) and maximising wrenches (m, d)."""
         phi, x = self.forces(y)

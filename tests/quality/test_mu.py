@@ -388,7 +388,7 @@ def test_what_else_an_interval_rests_on_is_said():
     own = ng.TaskSet(lambda y: np.linalg.norm(y, axis=-1), 6)
     assert "own support function" in ng.mu(grasp, own, 0.1).trust
     pads = ng.Grasp(corners[:, [1, 2, 0]], -corners[:, [1, 2, 0]], ng.LineContact(0.1, 0.5, direction=(1.0, 0.0, 0.0)))
-    assert "corners of pads" in ng.mu(pads, task, 0.1).trust
+    assert ng.mu(pads, task, 0.1).trust == ""
     points = corners + 0.1 * np.random.default_rng(0).standard_normal((60, 4, 3))
     stack = ng.GraspStack(points, np.broadcast_to(-corners, points.shape), grasp.contacts)
     assert not any(bounds.trust for bounds in ng.mu(stack, task, 0.1))
