@@ -17,7 +17,7 @@ from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
 from nlpgrasp.optimize.refine_on_body import PASSES, JointLimitMargins, missing_clearance, overestimated_clearance
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
-from nlpgrasp.quality import mu
+from nlpgrasp.quality.measures import certify
 
 DEPTH_ROUNDING = 1e-5  # metres
 DEEPER = "at the local optimum next to this grasp a link is deeper in something"  # reason against it
@@ -168,7 +168,7 @@ def _result_at_optimum(
     candidate, grasp = on_body.candidate, on_body.grasp
     rtol = compiled.options.final_rtol if on_body.is_feasible else compiled.options.rtol
     limit = deadline.certificate_deadline()
-    bounds = mu(grasp, problem.task, rtol, force_budget=compiled.budget(candidate), deadline=limit)
+    bounds = certify(grasp, problem.task, rtol, compiled.budget(candidate), deadline=limit)
     scales = np.array([constraint.scale for constraint in compiled.rows.named])
     multipliers = optimum.prices * compiled.scaling.beta * scales
     state = SearchState(candidate, multipliers=multipliers, effort=optimum.effort)

@@ -28,7 +28,9 @@ from nlpgrasp.optimize.refine_on_body import advance_on_body, refine_on_body, re
 from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
 from nlpgrasp.optimize.volume_ascent import largest_volumes, maximise_volume, sampled_volume
-from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality import Bounds
+from nlpgrasp.quality.measures import certify
+from nlpgrasp.quality.provable_ends import ForceCones, provable_upper
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
@@ -300,12 +302,12 @@ def _certify_grasp(
     if certificate is not None and certificate.belongs_to(on_body.grasp, budget):
         bounds = certificate.bounds(rtol, time_limit)
     else:
-        bounds = mu(on_body.grasp, compiled.problem.task, rtol, force_budget=budget, deadline=time_limit)
-    ratios = WrenchSet.of(on_body.grasp, budget).support(directions)[0] if len(directions) else np.array([np.inf])
-    least = int(np.argmin(ratios))
-    if not bounds.lower <= ratios[least] < bounds.upper:
-        return bounds
-    return replace(bounds, upper=float(ratios[least]), worst_direction=directions[least])
+        bounds = certify(on_body.grasp, compiled.problem.task, rtol, budget, deadline=time_limit)
+    wrenches = WrenchSet.of(on_body.grasp, budget)
+    ratios = wrenches.support(directions)[0] if len(directions) else np.array([np.inf])
+    y = directions[int(np.argmin(ratios))] if np.min(ratios) < bounds.upper else None
+    upper = np.inf if y is None else provable_upper(wrenches, ForceCones.of(wrenches), y, compiled.problem.task)[0]
+    return replace(bounds, upper=upper, worst_direction=y) if bounds.lower <= upper < bounds.upper else bounds
 
 
 def _best_of_results(results: Sequence[StartGrasp]) -> StartGrasp:

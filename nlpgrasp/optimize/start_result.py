@@ -18,7 +18,8 @@ from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, constraint_reports
 from nlpgrasp.optimize.kkt_point import LocalOptimum
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality import Bounds
+from nlpgrasp.quality.measures import certify
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import LinkPenetration
@@ -180,10 +181,11 @@ class StartGrasp(StartResult):
         previous, candidate = self.record.mu, self.on_body.candidate
         if previous.gap <= rtol:
             return self
-        budget = budget_at(problem, candidate)
-        tight = mu(self.on_body.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
-        upper = min(tight, previous, key=lambda bounds: bounds.upper)  # with the direction that it is of
-        bounds = replace(upper, lower=max(tight.lower, previous.lower), limit=tight.limit, trust=tight.trust)
+        grasp, budget = self.on_body.grasp, budget_at(problem, candidate)
+        tight = certify(grasp, problem.task, rtol, budget, seed, deadline)
+        above = min(tight, previous, key=lambda bounds: bounds.upper)  # with the direction that it is of
+        below = max(tight, previous, key=lambda bounds: bounds.lower)  # with the vertices that prove it
+        bounds = replace(above, lower=below.lower, vertices=below.vertices, limit=tight.limit, trust=tight.trust)
         return replace(self, record=replace(self.record, mu=bounds))
 
 

@@ -36,6 +36,9 @@ class Bounds:
         Reason why the interval is wider than the tolerance; empty otherwise.
     trust : str
         What the interval rests on besides real arithmetic, for example a user's own support function; else empty.
+    vertices : (v, l) array, optional
+        Variables of the finger forces behind the vertices of the polytope that proves ``lower``, as a proof file states
+        them (docs/proof_format.md); kept by a solve, so that its proof is not computed again.
     """
 
     lower: float
@@ -46,6 +49,7 @@ class Bounds:
     task_beta: float | None = field(default=None, compare=False, kw_only=True)
     limit: str = field(default="", compare=False, kw_only=True)
     trust: str = field(default="", compare=False, kw_only=True)
+    vertices: FloatArray | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     @property
     def beta(self) -> Bounds | None:

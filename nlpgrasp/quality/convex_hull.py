@@ -144,7 +144,7 @@ class IncrementalHull:
         if pairs is None:  # rounding tore the horizon: leave everything as it was
             self._count -= 1
             return False
-        back_slots = (self._neighbours[hidden_cells] == visible_cells[:, None]).nonzero()[1]
+        back_slots = (self._neighbours[hidden_cells] == visible_cells[:, None]).argmax(axis=1)
         planes = self._new_planes(height, visible_cells, hidden_cells, cells)
         new = self._slots(visible, len(visible_cells))
         rows, slots, partner = pairs

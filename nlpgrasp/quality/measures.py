@@ -16,7 +16,7 @@ from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp, GraspStack
-from nlpgrasp.quality.sandwich import NO_WORK, sandwich
+from nlpgrasp.quality.sandwich import no_work, sandwich
 from nlpgrasp.quality.screening import fixed_force_set
 from nlpgrasp.quality.stack_certificates import certify_side_by_side
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
@@ -91,14 +91,12 @@ def mu(
         When the task's dimension is not the grasp's, rtol is not positive, or the budget does not fit.
     """
     require_grasp(grasp, stack=True)
-    task = task_for(task, grasp)
     seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
     deadline = None if deadline is None else number("deadline", deadline)
     rtol = number("rtol", rtol, above=0.0)
     if isinstance(grasp, GraspStack):
-        return _certify_stack(grasp, task, rtol, force_budget, seed, deadline)
-    bounds = _certify(grasp, task, rtol, force_budget, seed, deadline)
-    return bounds.of_measure(task.measure, task.paper_beta)
+        return _certify_stack(grasp, task_for(task, grasp), rtol, force_budget, seed, deadline)
+    return replace(certify(grasp, task, rtol, force_budget, seed, deadline), vertices=None)
 
 
 def _certify_stack(
@@ -112,24 +110,31 @@ def _certify_stack(
     if is_alike and deadline is None and rtol >= FINEST and len(stack) > 1:
         bounds = certify_side_by_side(stack, task, rtol, fixed_force_set(stack, force_bound), seed)
     certified = [
-        _certify(stack[i], task, rtol, budget, seed, deadline) if known is None else known
+        certify(stack[i], task, rtol, budget, seed, deadline) if known is None else known
         for i, known in enumerate(bounds)
     ]
-    return StackBounds.of([b.of_measure(task.measure, task.paper_beta) for b in certified])
+    return StackBounds.of([replace(b, vertices=None, kind=task.measure, task_beta=task.paper_beta) for b in certified])
 
 
-def _certify(
-    grasp: Grasp, task: Task, rtol: float, force_budget: str | ForceBudget, seed: int, deadline: float | None
+def certify(
+    grasp: Grasp,
+    task: Task,
+    rtol: float,
+    force_budget: str | ForceBudget = "l2",
+    seed: int = 0,
+    deadline: float | None = None,
 ) -> Bounds:
-    """Return the certified bounds on mu of one grasp."""
+    """Return certified bounds on mu of one grasp, as ``mu``, with the vertices that prove the lower end."""
+    task = task_for(task, grasp)
     wrenches = WrenchSet.of(grasp, force_budget)
-    exact = bound_in_closed_form(wrenches, task)
-    if exact is not None:
-        return exact
-    problem, proof = make_containment(wrenches, task)
-    if problem is None:
-        return Bounds(0.0, 0.0, proof, trust=NO_WORK)
-    return sandwich(problem, rtol, seed, deadline)
+    bounds = bound_in_closed_form(wrenches, task)
+    if bounds is None:
+        problem, y = make_containment(wrenches, task)
+        if problem is not None:
+            bounds = sandwich(problem, rtol, seed, deadline)
+        else:
+            bounds = Bounds(0.0, 0.0) if y is None else no_work(wrenches, task, y)
+    return bounds.of_measure(task.measure, task.paper_beta)
 
 
 def bound_in_closed_form(wrenches: WrenchSet, task: Task) -> Bounds | None:

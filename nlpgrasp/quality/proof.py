@@ -9,7 +9,7 @@ themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -102,13 +102,13 @@ def prove(
     task: Task,
     rtol: float = 0.01,
     force_budget: str | ForceBudget = "l2",
-    direction: FloatArray | None = None,
+    known: Bounds | None = None,
 ) -> IntervalProof:
     """Return a proof of bounds on mu whose relative width is ``rtol``, or as near as rounding allows.
 
-    The lower bound is 0 where nothing better is provable: where mu is 0, or wrenches do not span wrench space.
-
-    The upper end is along the worst direction found, or along a known ``direction`` (d,) that is worse.
+    The lower bound is 0 where nothing better is provable: where mu is 0, or wrenches do not span wrench space. Known
+    bounds that have kept their vertices are proved as they are. The upper end is along the worst direction found, or
+    along that of the known bounds if it is worse.
 
     Raises
     ------
@@ -119,8 +119,11 @@ def prove(
     wrenches = WrenchSet.of(grasp, force_budget)
     domain = ForceCones.of(wrenches)
     problem, y = make_containment(wrenches, task)
+    direction = None if known is None else known.worst_direction
     lower, variables = 0.0, np.zeros((0, domain.lift.shape[1]))
-    if problem is not None:
+    if known is not None and known.vertices is not None:
+        lower, variables, y = known.lower, domain.into(known.vertices), direction
+    elif problem is not None:
         state = tighten(problem, rtol)
         y = problem.to_wrench_direction(state.worst)
         if state.hull is not None and problem.rank == grasp.dimension:
@@ -155,8 +158,11 @@ def prove_stated(
     if bound_in_closed_form(WrenchSet.of(grasp, force_budget), task) is not None:
         raise InputError("mu", "bounds by singular values, in closed form", allowed)
 
+    if stated.vertices is not None and stated.gap <= rtol:
+        return prove(grasp, task, rtol, force_budget, stated)
+
     def certify(gap: float) -> RecomputedBounds:
-        proofs.append(prove(grasp, task, gap, force_budget, stated.worst_direction))
+        proofs.append(prove(grasp, task, gap, force_budget, replace(stated, vertices=None)))
         return RecomputedBounds(proofs[-1].bounds.lower, proofs[-1].bounds.upper)
 
     bounds = recompute_bounds(stated, certify, rtol)

@@ -190,7 +190,8 @@ def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: 
     rows = np.concatenate([np.zeros((0, domain.lift.shape[1] + 1)), *own.cones])[:, :-1]
     if not np.all(np.any(rows, axis=0)):  # forces of either sign
         return np.inf, UpperProof(y, np.zeros(0), ())
-    unit = 1.0 / np.sqrt(np.sum(wrenches.G**2, axis=1) + np.diag(task.second_moment()))
+    size = np.sqrt(np.sum(wrenches.G**2, axis=1) + np.diag(task.second_moment()))
+    unit = 1.0 / np.where(size > 0.0, size, 1.0)
     (d, _), (m, count) = wrenches.G.shape, rows.shape
     axes = np.zeros((m, 1))
     axes[np.cumsum([0, *map(len, own.cones[:-1])])] = 1.0

@@ -22,7 +22,7 @@ from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separate_wrench, separating_direction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, trust_in_task
+from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, provable_zero, trust_in_task
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
@@ -90,19 +90,20 @@ def sandwich(
     state = tighten(problem, rtol, seed, deadline, warm_start)
     direction = problem.to_wrench_direction(state.worst)
     if state.upper == 0.0:
-        return Bounds(0.0, 0.0, direction, trust=NO_WORK)
+        return no_work(*problem.given, direction)
     if problem.rank == 1:
         ends = state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding)
         return Bounds(*ends, direction, trust=FLAT_WRENCHES)
-    lower, upper, trust = _ends(problem, state, direction)
+    lower, upper, trust, vertices = _ends(problem, state, direction)
     if lower <= 0.0 and (proof := _separate_task(problem, state.worst)) is not None:
-        return Bounds(0.0, 0.0, problem.to_wrench_direction(proof), trust=NO_WORK)
+        return no_work(*problem.given, problem.to_wrench_direction(proof))
     is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
-    return Bounds(lower, upper, direction, limit="" if is_narrow else state.limit, trust=trust)
+    limit = "" if is_narrow else state.limit
+    return Bounds(lower, upper, direction, limit=limit, trust=trust, vertices=vertices)
 
 
-def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str]:
-    """Return both ends as they hold in real arithmetic, and what they rest on besides."""
+def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str, FloatArray | None]:
+    """Return both ends as they hold in real arithmetic, what they rest on besides, and vertices of a proof."""
     wrenches, task = problem.given
     trust, matrix = [trust_in_task(task)], problem.matrix
     domain = ForceCones.of(wrenches)
@@ -111,13 +112,24 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
         upper = state.upper * (1.0 + problem.rounding)
         trust.append(SUPPORT)
     if state.hull is None:
-        return 0.0, upper, "; ".join(filter(None, trust))
-    if problem.rank < len(wrenches.G):
+        return 0.0, upper, "; ".join(filter(None, trust)), None
+    is_flat = problem.rank < len(wrenches.G)
+    if is_flat:
         trust.append(FLAT_WRENCHES)
         wrenches, task, matrix = problem.wrenches, problem.task, np.eye(problem.rank)
     variables, cells = state.hull.vertices()
-    lower = provable_lower(wrenches, domain.into(variables), cells, state.hull.cell_planes() @ matrix, task)
-    return min(lower, upper), upper, "; ".join(filter(None, trust))
+    variables = domain.into(variables)
+    lower = provable_lower(wrenches, variables, cells, state.hull.cell_planes() @ matrix, task)
+    proof = variables if lower > 0.0 and not is_flat else None
+    return min(lower, upper), upper, "; ".join(filter(None, trust)), proof
+
+
+def no_work(wrenches: WrenchSet, task: Task, y: FloatArray) -> Bounds:
+    """Return 0 as mu: no force does work along a direction (d,) that the task requires, proved where it can be."""
+    upper, above = provable_zero(wrenches, ForceCones.of(wrenches), y, task)
+    if upper > 0.0:
+        return Bounds(0.0, 0.0, y, trust=NO_WORK)
+    return Bounds(0.0, 0.0, above.direction / np.linalg.norm(above.direction), trust=trust_in_task(task))
 
 
 def _separate_task(problem: Containment, u: FloatArray) -> FloatArray | None:

@@ -7,6 +7,7 @@ import json
 import math
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 
 import numpy as np
@@ -237,16 +238,18 @@ def contacts(solution: GraspSolution) -> str:
     return "<h3>Contacts</h3>" + html_table(f"In the body's frame; moments are about ({origin}) {unit}.", heads, rows)
 
 
-def proof(solution: GraspSolution) -> str:
+def proof(solution: GraspSolution, largest: int = 100_000) -> str:
     """Return the answer's proof as HTML, which the page checks when it is opened, or why there is none.
 
-    It reaches both ends of a solve of default width; of a narrower one it stays as small, and the page says so.
+    It is that of the solve, if that has at most so many bytes; else one of 1 %, and the page says so.
     """
     if solution.grasp is None:
         return ""
     try:
-        y = solution.mu.worst_direction
-        data = prove(solution.grasp, solution.task, force_budget=solution.budget, direction=y).to_bytes()
+        known, vertices = solution.mu, solution.mu.vertices
+        if vertices is not None and vertices.nbytes > largest:
+            known = replace(known, vertices=None)
+        data = prove(solution.grasp, solution.task, force_budget=solution.budget, known=known).to_bytes()
     except InputError as error:
         return f'<p class="asked">Nothing is proved on this page. {escape(capitalise(str(error)))}.</p>'
     line = "A proof of the quality is in this page, for its script to check."

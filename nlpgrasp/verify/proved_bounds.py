@@ -69,7 +69,7 @@ def _prove_and_check(
     if grasp.space == 3 and compiled_checker() is None:
         return RecomputedBounds(0.0, np.inf, unproved=NO_COMPILER)
     try:
-        proof = prove(grasp, task, rtol, budget, direction)
+        proof = prove(grasp, task, rtol, budget, RecomputedBounds(0.0, np.inf, direction))
     except InputError as error:
         reason = error.given if isinstance(error.given, str) else "the task is given by a function"
         return RecomputedBounds(0.0, np.inf, unproved=reason)

@@ -156,7 +156,7 @@ def remembered(monkeypatch):
         poses = sorted((name, np.asarray(pose)) for name, pose in hand.poses.items())
         return poses, links.solution.problem, links.contacts, links.tolerance
 
-    remember("nlpgrasp.quality.measures", "_certify", key=wrenches)
+    remember("nlpgrasp.quality.measures", "certify", key=wrenches)
     remember("nlpgrasp.verify.proved_bounds", "_prove_and_check", key=wrenches)
     remember("nlpgrasp.verify.link_checks", "_penetration", "_LinkComparison", posture)
     remember("nlpgrasp.verify.numeric_urdf_hand", "link_shapes", key=lambda path, names, *more: (path, sorted(names)))
