@@ -80,7 +80,7 @@ def test_inside_is_where_forces_were_found(name, rng):
     middle[0] = 1.0
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
     z = np.concatenate([x + s * (middle - x) for s in (0.3, 0.05, 0.0, -0.05, -0.3)])
-    is_member = ConeSumMembership(points.generators, contact.friction).inside(z.T)
+    _, is_member = ConeSumMembership(points.generators, contact.friction).find(z.T)
     depth = np.array([slack(contact, wrench) for wrench in z])
     assert np.all(depth[is_member] <= 1e-9)
     assert np.all(is_member[depth < -0.01 * contact.friction])
