@@ -56,9 +56,14 @@ class ForceSet(ABC):
         """Return the exact support ``max <z, x>`` over x in B ∩ K, (m,), and maximisers (m, n), for z (m, n)."""
 
     @cached_property
+    def conic(self) -> tuple[FloatArray, list[FloatArray]]:
+        """A (n, l) and matrices M (r, l) with ``K = {A u : every M u in a second-order cone}``."""
+        return conic_lift(self.contacts, self.space)
+
+    @property
     def lift(self) -> FloatArray:
         """Matrix A (n, l) from variables in the contacts' cones to forces: the identity, but for corners of pads."""
-        return conic_lift(self.contacts, self.space)[0]
+        return self.conic[0]
 
     @cached_property
     def is_lifted(self) -> bool:

@@ -28,7 +28,7 @@ from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import component_slices, conic_lift, project
+from nlpgrasp.contacts.product import component_slices, conic_lift, press_into_cones, project
 from nlpgrasp.errors import InputError
 
 CONDITION_TOLERANCE = 1e-9  # relative tolerance of the conditions
@@ -78,6 +78,14 @@ class TorqueSet(ForceSet):
             value, forces[:, columns] = force_set.support(z[:, columns])
             total += value
         return total, forces
+
+    def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support (m,), and variables (m, l) in the contacts' cones of maximisers A u, for z (m, n)."""
+        total, u = np.zeros(len(z)), np.zeros((len(z), self.lift.shape[1]))
+        for columns, _, force_set in self._groups:
+            value, u[:, np.any(self.lift[columns] != 0.0, axis=0)] = force_set.variables(z[:, columns])
+            total += value
+        return total, u
 
     def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return maximisers along z (m, n), and the shadow prices of all limits, (m, number of limits).
@@ -176,6 +184,10 @@ class EnumeratedTorqueSet:
             is_better = section_value > value
             value, force = np.where(is_better, section_value, value), np.where(is_better[:, None], x, force)
         return value, force * self._units
+
+    def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support (m,) along z (m, n), and maximisers (m, n), which are their own variables."""
+        return self.support(z)
 
     def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return maximisers along z (b, n), and the shadow prices of the torque limits, (b, m).
@@ -296,10 +308,10 @@ class ConicTorqueSet:
 
     def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
         check_bounded(contacts, torques, space, name)
-        self._contacts, self._torques, self._space = contacts, torques, space
+        self._contacts, self._space = contacts, space
         self._lift, cones = conic_lift(contacts, space)
         n = self._lift.shape[1]
-        loads = torques @ self._lift
+        self._loads = loads = torques @ self._lift
         self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
         self._A = sparse.csc_matrix(np.concatenate([loads, -loads, *[-M for M in cones]]))
         self._b = np.zeros(self._A.shape[0])
@@ -309,27 +321,39 @@ class ConicTorqueSet:
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
-        force = self.maximise_with_prices(z)[0]
-        return np.maximum(0.0, np.sum(z * force, axis=1)) / SCALE_INSIDE, force
+        value, u = self.variables(z)
+        return value, u @ self._lift.T
+
+    def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support (m,), and variables (m, l) in the contacts' cones of maximisers A u, for z (m, n)."""
+        u = self._maximise(z)[0]
+        return np.maximum(0.0, np.sum(z * (u @ self._lift.T), axis=1)) / SCALE_INSIDE, u
 
     def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return maximisers along z (b, n), and the shadow prices of the torque limits, (b, m).
 
         Prices are positive at upper limits and negative at lower ones.
         """
-        force, prices = np.zeros_like(z), np.zeros((len(z), len(self._torques)))
-        m = len(self._torques)
+        u, prices = self._maximise(z)
+        return u @ self._lift.T, prices
+
+    def _maximise(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return variables of maximisers along z (b, n), (b, l), and the shadow prices of the torque limits, (b, m)."""
+        m = len(self._loads)
+        u, prices = np.zeros((len(z), self._lift.shape[1])), np.zeros((len(z), m))
         for i, direction in enumerate(z):
             size = float(np.linalg.norm(direction))
             if size == 0.0:
                 continue
             cost = -(direction / size) @ self._lift
             solution = clarabel.DefaultSolver(self._none, cost, self._A, self._b, self._cones, self._options).solve()
-            x = project((self._lift @ np.array(solution.x))[None, :], self._contacts, self._space)[0]
-            force[i] = x * SCALE_INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
-            dual = np.array(solution.z)
+            u[i], dual = np.array(solution.x), np.array(solution.z)
             prices[i] = size * (dual[:m] - dual[m : 2 * m])
-        return force, prices
+        # a projection changes less where friction is low, but not from corner forces
+        is_lifted = not np.array_equal(self._lift, np.eye(len(self._lift)))
+        u = (press_into_cones if is_lifted else project)(u, self._contacts, self._space)
+        load = np.max(np.abs(u @ self._loads.T), axis=1, initial=1.0)
+        return u * (SCALE_INSIDE / load)[:, None], prices
 
 
 def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:

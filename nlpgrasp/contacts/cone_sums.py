@@ -119,7 +119,9 @@ class FrictionConeSum:
         unit, divisor = self._scale_by_work(flat)
         projections = self._project_polar(unit)
         u = projections.forces.copy()
-        sticks, slips = projections.methods >= 0, projections.methods == SLIPS
+        sticks, slips, others = (projections.methods >= 0, *(projections.methods == m for m in (SLIPS, OTHER)))
+        if others.any():
+            u[..., others] = self._method.forces(unit[:, others], projections.q[:, others], u[..., others])
         u[..., sticks] = self._sticking.forces(unit[:, sticks], projections.methods[sticks])
         v = (self.generators.T @ projections.q[:, slips]).reshape(len(self.arms), 3, int(np.sum(slips)))
         u[:, :1, slips] = projections.weights[:, None, slips]
@@ -730,6 +732,17 @@ class AugmentedLagrangian:
             if not active.size:
                 break
         return q, u
+
+    def forces(self, z: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
+        """Return friction forces (N, 3, m) that add up to ``z - q`` more closely than those of ``solve``.
+
+        These add up to it to r times rounding. Updates with the root of that r lead from there to others.
+        """
+        r = float(np.sqrt(self._last))
+        for _ in range(LAST_UPDATES):
+            q = self._minimise(z, q, u, r, FINE)
+            u = self._evaluate(z, q, u, r).forces
+        return u
 
     def _minimise(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float, tolerance: float) -> FloatArray:
         """Return the minimisers (n, m) of one stage by Newton's method, started from q."""

@@ -61,7 +61,7 @@ def project_lifted(z: FloatArray, contacts: Sequence[ContactModel], space: int) 
     if have_one_domain(contacts, space):
         shape = (len(z), len(contacts), contacts[0].components(space))
         u = contacts[0].project_lifted(z.reshape(shape))
-        return u.reshape(len(z), u.shape[1] * u.shape[2])
+        return u.reshape(len(z), len(contacts) * u.shape[-1])
     slices = component_slices(contacts, space)
     return np.concatenate([c.project_lifted(z[:, block]) for c, block in zip(contacts, slices, strict=True)], axis=1)
 
@@ -81,7 +81,7 @@ def project_strictly(z: FloatArray, contacts: Sequence[ContactModel], space: int
 
 
 def press_into_cones(u: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-    """Return finger forces (m, n) in K from variables ``u`` (m, l) of ``conic_lift`` that a solver left near the cones.
+    """Return variables (m, l) of ``conic_lift`` in their cones from ``u`` (m, l), which a solver left near the cones.
 
     All normal forces of a contact, at its point or at the corners of its pad, grow by the least amount that puts the
     variables into their second-order cones. A projection of the forces instead has errors of its own.
@@ -96,5 +96,5 @@ def press_into_cones(u: FloatArray, contacts: Sequence[ContactModel], space: int
             if (gain := float(M[0] @ normal)) > 0.0:  # a cone that normal forces do not widen is left as it is
                 missing = np.linalg.norm(own @ M[1:].T, axis=1) - own @ M[0]
                 more = np.maximum(more, missing / gain)
-        parts.append((own + ROUNDED_UP * more[:, None] * normal) @ A.T)
+        parts.append(own + ROUNDED_UP * more[:, None] * normal)
     return np.concatenate(parts, axis=1)

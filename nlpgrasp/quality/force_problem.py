@@ -208,7 +208,8 @@ def _feasible_forces(wrench_set: WrenchSet, u: FloatArray, w: FloatArray) -> Flo
     contacts, space = wrench_set.contacts, wrench_set.space
     x = np.full((len(u), wrench_set.G.shape[1]), np.nan)
     solved = np.flatnonzero(np.all(np.isfinite(u), axis=1))
-    x[solved] = _correct_wrenches(wrench_set, press_into_cones(u[solved], contacts, space), w[solved])
+    forces = press_into_cones(u[solved], contacts, space) @ wrench_set.force_set.lift.T
+    x[solved] = _correct_wrenches(wrench_set, forces, w[solved])
     missed = solved[np.linalg.norm(x[solved] @ wrench_set.G.T - w[solved], axis=1) > PRODUCED]
     lifted = u[missed] @ conic_lift(contacts, space)[0].T
     x[missed] = _correct_wrenches(wrench_set, project_strictly(lifted, contacts, space), w[missed])

@@ -17,7 +17,6 @@ from scipy import sparse
 
 from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray, IntArray
-from nlpgrasp.contacts.product import conic_lift
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
@@ -46,7 +45,7 @@ class ForceCones:
     @classmethod
     def of(cls, wrenches: WrenchSet) -> ForceCones:
         """Return the cones of a wrench set's contacts and budget."""
-        lift, own = conic_lift(wrenches.contacts, wrenches.space)
+        lift, own = wrenches.force_set.conic
         budget = [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrenches.force_set.cones()]
         return cls(lift, (*[np.concatenate([M, np.zeros((len(M), 1))], axis=1) for M in own], *budget))
 

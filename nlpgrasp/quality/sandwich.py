@@ -11,7 +11,7 @@ direction y is an **upper** bound, and its maximiser is a new point of P.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ SHRINK = 1e-4  # largest relative shrinking of support points, which avoids dege
 NO_WORK = "that no force of the contacts works along the worst direction, to rounding"
 FLAT_WRENCHES = "wrenches that are flat, to rounding"
 SUPPORT = "the support of the wrench set as computed"
+COARSER = 10.0  # factor on the relative width with which bounds are computed again where rounding tore the hull
 SEEDS, DESCENT = 24, 12  # descents before the first hull, and their steps
 BATCH = 6  # most new points per round: of more, some lie inside the hull of the others
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
@@ -99,7 +100,11 @@ def sandwich(
         return no_work(*problem.given, problem.to_wrench_direction(proof))
     is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
     limit = "" if is_narrow else state.limit
-    return Bounds(lower, upper, direction, limit=limit, trust=trust, vertices=vertices)
+    bounds = Bounds(lower, upper, direction, limit=limit, trust=trust, vertices=vertices)
+    if limit == ROUNDING_LIMIT and COARSER * rtol < 1.0 and upper > lower * (1.0 + COARSER * rtol):
+        coarser = sandwich(problem, COARSER * rtol, seed, deadline)  # rounding tore a hull of so many points
+        return replace(coarser, limit=limit) if coarser.lower > lower else bounds
+    return bounds
 
 
 def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str, FloatArray | None]:

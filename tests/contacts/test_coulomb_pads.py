@@ -122,6 +122,20 @@ def test_projection_agrees_with_a_conic_solver(contact, rng):
 
 
 @every
+def test_corner_forces_add_up_to_the_projection(contact, rng):
+    z = samples(contact, rng, 1000)
+    A, x = contact.generators(3), contact.project(z)
+    u = contact.project_lifted(z)
+    error = np.linalg.norm(u @ A.T - x, axis=1)
+    assert np.quantile(error, 0.98) <= 1e-12
+    assert np.max(error) <= 1e-6  # of points that the method of multipliers projects
+    for M in contact.cones(3):
+        assert np.max(np.linalg.norm(u @ M[1:].T, axis=1) - u @ M[0]) <= 1e-14
+    x = contact.extreme(z)[1]  # the force of a single point, on its cone's edge
+    np.testing.assert_allclose(contact.project_lifted(x) @ A.T, x, atol=1e-13)
+
+
+@every
 def test_projecting_twice_is_projecting_once(contact, rng):
     """Points on the boundary of the cone, where the projection is hardest."""
     x = contact.project(samples(contact, rng, 40))

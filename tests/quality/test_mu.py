@@ -369,29 +369,3 @@ def test_rounding_noise_is_no_torque(centre):
     assert np.linalg.norm(asked.worst_direction[:3]) < 1e-6
     stack = ng.GraspStack([grasp.points] * 2, [grasp.normals] * 2, ng.PointContact(), torque_origin=centre)
     np.testing.assert_array_equal(stack.G[1], grasp.G)
-
-
-@pytest.mark.parametrize("budget", ["l2", "per_finger", "shared", "per_finger_size"])
-@pytest.mark.parametrize(
-    "model", [ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.01), ng.SoftContact(0.5, 0.01, model="elliptic")]
-)
-def test_an_interval_rests_on_real_arithmetic_alone(model, budget):
-    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
-    bounds = ng.mu(ng.Grasp(corners, -corners, model), ng.TaskEllipsoid([1.0] * 6), 0.1, force_budget=budget)
-    assert bounds.trust == ""
-    assert bounds.lower > 0.0
-
-
-def test_what_else_an_interval_rests_on_is_said():
-    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
-    grasp, task = ng.Grasp(corners, -corners, ng.FrictionContact(0.5)), ng.TaskEllipsoid([1.0] * 6)
-    own = ng.TaskSet(lambda y: np.linalg.norm(y, axis=-1), 6)
-    assert "own support function" in ng.mu(grasp, own, 0.1).trust
-    pads = ng.Grasp(corners[:, [1, 2, 0]], -corners[:, [1, 2, 0]], ng.LineContact(0.1, 0.5, direction=(1.0, 0.0, 0.0)))
-    assert ng.mu(pads, task, 0.1).trust == ""
-    points = corners + 0.1 * np.random.default_rng(0).standard_normal((60, 4, 3))
-    stack = ng.GraspStack(points, np.broadcast_to(-corners, points.shape), grasp.contacts)
-    assert not any(bounds.trust for bounds in ng.mu(stack, task, 0.1))
-    opposed = ng.Grasp([[1, 0, 0], [-1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], ng.FrictionContact(0.5))
-    assert "to rounding" in ng.mu(opposed, task).trust
-    assert "flat" in ng.mu(opposed, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.1, 0.1])).trust

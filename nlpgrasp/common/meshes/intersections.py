@@ -72,7 +72,7 @@ def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> 
 def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:
     """Return whether each triangle of a batch intersects its partner, by separating axes."""
     normals = normals_of(first), normals_of(second)
-    result = np.all([_gap(first, second, normal) <= slack for normal in normals], axis=0)
+    result: BoolArray = np.all([_gap(first, second, normal) <= slack for normal in normals], axis=0)
     remaining = np.flatnonzero(result)
     sides = [np.moveaxis(np.roll(t[remaining], -1, axis=1) - t[remaining], 1, 0) for t in (first, second)]
     axes = [np.cross(a, b) for a in sides[0] for b in sides[1]]
@@ -85,7 +85,7 @@ def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> Bo
         alignment = np.maximum(*(np.abs(np.einsum("ij,ij->i", axis, n[indices])) for n in normals))
         separated = (length > 0.0) & (alignment < PARALLEL) & (_gap(first[indices], second[indices], axis) > -slack)
         result[indices[separated]] = False
-    return result
+    return np.asarray(result)
 
 
 def is_covered(first: FloatArray, second: FloatArray, slack: float) -> BoolArray:

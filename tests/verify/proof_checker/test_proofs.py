@@ -56,6 +56,16 @@ def test_no_bound_is_proved_that_is_better(case, tmp_path: Path) -> None:
             assert not ng.check_proof(path, checker)
 
 
+@pytest.mark.parametrize("budget", ["l2", "shared"])
+def test_pads_are_proved_as_closely_as_asked(budget: str, tmp_path: Path) -> None:
+    pad = ng.LineContact(0.02, 0.5, direction=[0, 1, 0])
+    grasp = ng.Grasp(BOX, INWARD, [pad, *[ng.FrictionContact(0.6)] * 3])
+    bounds = ng.write_proof(grasp, LIFT, tmp_path / "g.proof", 1e-6, force_budget=budget)
+    assert bounds.upper <= bounds.lower * (1.0 + 1.01e-6)
+    for checker in ("c", "python"):
+        assert ng.check_proof(tmp_path / "g.proof", checker)
+
+
 def test_a_planar_grasp_is_proved(tmp_path: Path) -> None:
     grasp = ng.Grasp(*PLANAR, ng.FrictionContact(0.5))
     bounds = ng.write_proof(grasp, ng.TaskEllipsoid([1, 1, 0.5]), tmp_path / "g.proof", 0.01)
