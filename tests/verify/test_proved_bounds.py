@@ -148,7 +148,7 @@ EDITS = {
     "cut in its claim": (lambda c: c[:200], "the file ends before its bounds"),
     "cut in its forces": (lambda c: c[:-5], "NOT PROVED: the file ends"),
     "no proof at all": (lambda c: b"", "the file ends before its bounds"),
-    "forces changed": (lambda c: changed_byte(c, len(c) - 1), "NOT PROVED: forces of a vertex are not admissible"),
+    "forces changed": (lambda c: changed_byte(c, len(c) - 1), "outside the cone of contact 2"),
     "a better bound": (lambda c: c.replace(b"bounds 0.", b"bounds 0.9"), "NOT PROVED: bounds"),
     "other bytes behind": (lambda c: c + b"0", "NOT PROVED: more than a proof"),
 }

@@ -71,6 +71,11 @@ def check_proof(proof: str | Path | bytes, checker: Literal["c", "python"] | Non
     if checker not in (None, "c", "python"):
         raise InputError("checker", checker, '"c" or "python"')
     data = proof if isinstance(proof, bytes) else read_proof(proof)
+    header = re.match(rb"\s*nlpgrasp-proof\s+(\S+)", data)
+    version = "" if header is None else header[1][:20].decode("ascii", "replace")
+    if version != "1":
+        found = f"version {version}" if version else "a file that does not begin with nlpgrasp-proof"
+        return CheckedProof(0.0, float("inf"), f"{found}, expected a proof of version 1", checker or "c")
     program = None if checker == "python" else compiled_checker()
     if program is not None:
         try:

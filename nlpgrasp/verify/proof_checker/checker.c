@@ -44,19 +44,28 @@ static void product(const Entry *e, int m, const double *u, I *out) {
   EACH(i, m) out[e[i].row] = add(out[e[i].row], mul(pt(e[i].x), pt(u[e[i].col])));
 }
 
-static int d, used[6], n, U, cones, rows, first[16385], lifts, coned, parts, is_polytope[64], many[64];
+static int d, used[6], n, owner[4096], U, cones, rows, first[16385], lifts, coned, parts, is_polytope[64], many[64];
 static Entry *lift, *cone;                           /* x = lift u, with cone (u, 1) in second-order cones */
 static I G[4096][6]; static double *task[64]; /* wrenches of force components; rows of the task's parts */
 static void pick(const I *all, I *out) { /* the components of a wrench that are used */
   for (int j = 0, q = 0; j < 6; j++) if (q < d && used[q] == j) out[q++] = all[j]; else need(is_zero(all[j]), "an unused coordinate", j);
 }
 static void wrench(double *out) { I all[6], w[6]; EACH(j, 6) all[j] = pt(number()); pick(all, w); EACH(j, d) out[j] = w[j].lo; }
-static int are_in_cones(const I *y) {
+static int outside(const I *y) { /* the first block that is not in its cone, or -1 */
   EACH(c, cones) {
     I squares = pt(0); for (int i = first[c] + 1; i < first[c + 1]; i++) squares = add(squares, mul(y[i], y[i]));
-    if (y[first[c]].lo < root(squares).hi) return 0;
+    if (y[first[c]].lo < root(squares).hi) return c;
   }
-  return 1;
+  return -1;
+}
+static void need_forces(int c, int vertex) { /* block c of a vertex, if it is not -1, is the budget's or a contact's */
+  int contact = -1, is_budget = 0;
+  EACH(e, coned) if (c >= 0 && cone[e].row >= first[c] && cone[e].row < first[c + 1]) {
+    is_budget |= cone[e].col == U; EACH(i, lifts) if (lift[i].col == cone[e].col) contact = owner[lift[i].row];
+  }
+  if (c >= 0 && !is_budget) printf("NOT PROVED: forces of vertex %d are outside the cone of contact %d\n", vertex, contact);
+  if (c >= 0 && is_budget) printf("NOT PROVED: forces of vertex %d are beyond their budget\n", vertex);
+  if (c >= 0) exit(1);
 }
 static I reach(const double *y) { /* the task's support along y */
   I s = pt(0), v[6]; EACH(j, d) v[j] = pt(y[j]);
@@ -75,9 +84,10 @@ static void read_claim(void) {
   word("nlpgrasp-proof"); count(1, 1); word("coordinates"); d = count(2, 6); EACH(j, d) used[j] = count(j ? used[j - 1] + 1 : 0, 5);
   word("origin"); EACH(j, 3) o[j] = number();
   word("contacts");
-  for (int k = count(1, 512); k--;) {
+  int contacts = count(1, 512);
+  EACH(k, contacts) {
     I r[3], w[6]; EACH(j, 3) r[j] = add(pt(number()), pt(-o[j])); EACH(j, 9) e[j / 3][j % 3] = number();
-    for (int m = count(1, 6); m--; pick(w, G[n++])) { /* (2.3-6): a force along an axis of the frame, or a moment about one */
+    for (int m = count(1, 6); m--; owner[n] = k, pick(w, G[n++])) { /* (2.3-6): a force along an axis of the frame, or a moment about one */
       int c = count(0, 5); const double *f = e[c % 3];
       EACH(j, 3) w[j] = pt(c < 3 ? f[j] : 0);
       EACH(j, 3) w[3 + j] = c < 3 ? add(mul(r[(j + 1) % 3], pt(f[(j + 2) % 3])), mul(r[(j + 2) % 3], pt(-f[(j + 1) % 3]))) : pt(f[j]);
@@ -108,7 +118,7 @@ static void check_upper(double upper) {
     }
     need(own != 0, "a pivot of zero", p); done[v] = 1; s[r] = mul(b[v], in(-1 / own, -1 / own));
   }
-  need(are_in_cones(s), "a multiplier is outside its cone", 0);
+  int c = outside(s); need(c < 0, "a multiplier is outside its cone", c);
   EACH(e, coned) if (cone[e].col == U) total = add(total, mul(pt(cone[e].x), s[cone[e].row]));
   need(reach(y).lo > 0 && total.hi <= mul(pt(upper), reach(y)).lo, "the upper bound", 0);
 }
@@ -133,7 +143,7 @@ static void check_lower(double lower) {
   EACH(p, V) { /* 1. every vertex is a wrench of admissible forces; the centre is the mean of the first d + 1 */
     need(fread(u, 8, U, stdin) == (size_t)U, "the file ends", p); EACH(i, U) need(isfinite(u[i]), "no number", p);
     memset(y, 0, (n + rows) * sizeof *y); product(lift, lifts, u, y); product(cone, coned, u, y + n);
-    need(are_in_cones(y + n), "forces of a vertex are not admissible", p);
+    need_forces(outside(y + n), p);
     EACH(j, d) { EACH(i, n) v[p][j] = add(v[p][j], mul(G[i][j], y[i])); if (p <= d) c[j] = add(c[j], v[p][j]); }
   }
   EACH(j, d) c[j] = mul(c[j], in(1.0 / (d + 1), 1.0 / (d + 1)));

@@ -78,7 +78,8 @@ class _Proof:
         origin = self._numbers(3)
         self._expect("contacts")
         self.G: list[Vector] = []  # wrenches of the force components
-        for _ in range(self._count(1, 512)):
+        self.owners: list[int] = []  # their contacts
+        for k in range(self._count(1, 512)):
             arm = [a - b for a, b in zip(self._numbers(3), origin, strict=True)]
             frame = [self._numbers(3) for _ in range(3)]
             for _ in range(self._count(1, 6)):
@@ -86,6 +87,7 @@ class _Proof:
                 e = frame[axis % 3]
                 wrench = [*e, *_cross(arm, e)] if axis < 3 else [Fraction(0)] * 3 + e
                 self.G.append(self._restrict(wrench))
+                self.owners.append(k)
 
     def _read_cones(self) -> None:
         self._expect("variables")
@@ -121,7 +123,8 @@ class _Proof:
             _require(own != 0, "a pivot of zero")
             s[r] = -need[v] / own
             done.add(v)
-        _require(self._are_in_cones(s), "a multiplier is outside its cone")
+        outside = self._outside(s)
+        _require(outside is None, f"a multiplier is outside its cone ({outside})")
         total = sum((x * s[row] for row, column, x in self.cone if column == self.count), Fraction(0))
         _require(self._is_reached(y, total, self.upper), "the upper bound")
 
@@ -137,24 +140,37 @@ class _Proof:
         for p in range(count):
             u = struct.unpack_from(f"<{self.count}d", self._binary, 8 * p * self.count)
             _require(all(map(math.isfinite, u)), "no number")
-            points.append(self._vertex([*map(Fraction, u)]))
+            points.append(self._vertex([*map(Fraction, u)], p))
         centre = [sum(column, Fraction(0)) / (self.d + 1) for column in zip(*points[: self.d + 1], strict=True)]
         for a, height in _cells([[x - c for x, c in zip(point, centre, strict=True)] for point in points]):
             _require(self._holds(a, height + _dot(a, centre)), "the scaled task is not proved inside")
 
-    def _vertex(self, u: Vector) -> Vector:
+    def _vertex(self, u: Vector, p: int) -> Vector:
         y = [Fraction(0)] * self.blocks[-1][1]
         for row, column, x in self.cone:
             y[row] += x if column == self.count else x * u[column]
-        _require(self._are_in_cones(y), "forces of a vertex are not admissible")
+        outside = self._outside(y)
+        if outside is not None:
+            raise NotProvedError(f"forces of vertex {p} are {self._name(outside)}")
         vertex = [Fraction(0)] * self.d
         for row, column, x in self.lift:
             force = x * u[column]
             vertex = [a + force * g for a, g in zip(vertex, self.G[row], strict=True)]
         return vertex
 
-    def _are_in_cones(self, y: Sequence[Fraction]) -> bool:
-        return all(y[a] >= 0 and y[a] ** 2 >= sum(x * x for x in y[a + 1 : b]) for a, b in self.blocks)
+    def _outside(self, y: Sequence[Fraction]) -> int | None:
+        """Return the first block that is not in its cone, or None."""
+        holds = (y[a] >= 0 and y[a] ** 2 >= sum(x * x for x in y[a + 1 : b]) for a, b in self.blocks)
+        return next((i for i, held in enumerate(holds) if not held), None)
+
+    def _name(self, block: int) -> str:
+        """Return what forces are outside of: the cone of a contact, or the budget."""
+        a, b = self.blocks[block]
+        columns = {column for row, column, _ in self.cone if a <= row < b}
+        if self.count in columns:
+            return "beyond their budget"
+        contacts = [self.owners[row] for row, column, _ in self.lift if column in columns]
+        return f"outside the cone of contact {contacts[-1] if contacts else -1}"
 
     def _holds(self, a: Vector, offset: Fraction) -> bool:
         """Return whether ``lower * support(a) <= offset``, with square roots rounded up."""

@@ -171,3 +171,11 @@ def test_without_a_compiler_rational_arithmetic_checks(tmp_path: Path, monkeypat
     assert ng.check_proof(tmp_path / "g.proof").checker == "python"
     with pytest.raises(ng.InputError, match="a C compiler"):
         ng.check_proof(tmp_path / "g.proof", "c")
+
+
+@pytest.mark.parametrize("checker", [None, "python"])
+def test_a_file_of_another_kind_or_version_is_named(checker):
+    said = str(ng.check_proof(b"nlpgrasp-proof 2\n", checker))
+    assert said == "NOT PROVED: version 2, expected a proof of version 1"
+    assert "does not begin with nlpgrasp-proof" in str(ng.check_proof(b"{}", checker))
+    assert not ng.check_proof(b"nlpgrasp-proof \xff\xfe", checker)
