@@ -212,7 +212,12 @@ def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: 
 
 
 def provable_lower(
-    wrenches: WrenchSet, forces: FloatArray, cells: IntArray, planes: FloatArray | None, task: Task
+    wrenches: WrenchSet,
+    forces: FloatArray,
+    cells: IntArray,
+    planes: FloatArray | None,
+    task: Task,
+    losses: FloatArray | float = 0.0,
 ) -> float:
     """Return the largest multiple of a task that provably fits the half-spaces of cells around a centre.
 
@@ -229,6 +234,8 @@ def provable_lower(
     planes : (f, d) array or None
         Rows a, any; None for those of ``<a, v - c> = 1`` at the vertices.
     task : Task
+    losses : (f, d) array or float
+        Heights by which each cell's vertices may be lower than exerted, at least 0.
     """
     d, n = wrenches.G.shape
     vertices = forces @ wrenches.G.T
@@ -241,7 +248,7 @@ def provable_lower(
         planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
     size = np.abs(planes)
     # the largest error of all vertices is eightfold, and so counts for a vertex and for the centre
-    heights = np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1) - size @ np.max(error, axis=0)
+    heights = np.min(np.einsum("fvd,fd->fv", corners, planes) - losses, axis=1) - size @ np.max(error, axis=0)
     if not np.min(heights) > 0.0:
         return 0.0
     offsets = heights + planes @ centre - LOSS * (2 + d) * (size @ np.abs(centre) + 1.0)

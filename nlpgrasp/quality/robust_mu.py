@@ -1,42 +1,56 @@
-"""Least quality over all displacements of the contacts, tilts of their normals and losses of friction.
+"""Least quality over all displacements of the contacts, turns of their frames and losses of friction.
 
-With the sizes ``(|f_t| / f, |m| / f_m) <= r f_n`` of a force about the stated normal and
+A displaced contact is at ``p + d`` with d along its stated face, and its frame is turned by a rotation Q of an angle of
+at most a. Forces are chosen once, from narrower cones, and stay admissible in every displaced grasp:
 
-    r = (cos a - sin a / f) / (1 + f sin a),
+- *With friction* f, forces stay as they are in the body frame. With the sizes ``(|f_t| / f, |m| / f_m) <= r f_n`` about
+  the stated normal and
 
-the force is within the contact's own cone about every normal at an angle of at most a, also with a torsional moment m
-(|f_t| grows by at most f_n sin a, f_n falls by at most |f_t| sin a). So forces chosen once, in the body frame, from
-cones narrowed by r stay admissible. The contact exerts them at another point, ``p + d``, which adds ``d x f``.
-In the inner polytope of these forces (``quality.sandwich``) the plane ``<a, w - c> <= h`` of a cell keeps the height
+      r = (cos a - sin a / f) / (1 + f sin a),
 
-    h - max over its vertices of sum_i offset |t_i|,      t_i the part of f_i x a_m along the face,
+  a force is within the contact's own cone about every normal at an angle of at most a (|f_t| grows by at most
+  f_n sin a, f_n falls by at most |f_t| sin a). Those at the corners of a pad turn with it, from R c to Q R c. Moments
+  turn with the frame, and are exerted s-fold, ``s = cos a - r f sin a``, as the normal force falls by no more.
+- *Other contacts* exert the same components in the turned frame, which are admissible as they were.
 
-whatever the displacements. The cells stay closed, and while these heights are positive they never pass through the
-centre on the way from the stated places to others, so they still surround it: the scaled task that fits all half-spaces
-is exerted by every displaced grasp. Forces of contacts without friction, and torsional moments, turn with the normal,
-by ``2 sin(a / 2)`` of their size.
+So a displaced grasp exerts another wrench with the same forces x, linear in x. Along a plane (a_f, a_m) it is less by
+
+    -<a_m, d x F> - sum_j <(Q - I) r_j, b_j>   <=   offset |t| + sin a |sum_j r_j x b_j| + (1 - cos a) sum_j |r_j| |b_j|
+
+with t the part of ``F x a_m`` along the face and the vectors r_j that turn: arms R c with ``b = u_c x a_m`` for the force
+u_c at a corner, moments with ``b = a_m``, and forces about o with ``b = a_f + a_m x (p - o)`` (Rodrigues' formula
+``Q - I = sin k^ + (1 - cos) (k k^T - I)``; in the plane all of this is embedded in space).
+
+In the inner polytope of these forces (``quality.sandwich``) the half-space of a cell keeps its height less the largest
+of these losses at its vertices. While the heights are positive no cell passes through the centre on the straight way
+from its stated vertices to displaced ones, so that the displaced cells surround it as the stated ones do
+(docs/proof_format.md): the scaled task that fits all half-spaces is exerted by every displaced grasp.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets import force_budget as find_budget
-from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.spatial import cross, in_space
 from nlpgrasp.common.validation import FloatArray, IntArray, number
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.cones import RangeContact
+from nlpgrasp.contacts.pad import PadContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
-from nlpgrasp.quality.provable_ends import held_multiple
+from nlpgrasp.quality.provable_ends import LOSS, ForceCones, provable_lower
 from nlpgrasp.quality.sandwich import tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
-
-ROUNDING = 1e-9  # relative guard against rounding
 
 
 def robust_mu(
@@ -60,7 +74,8 @@ def robust_mu(
     offset : float
         Metres: largest displacement of each contact along its face's tangent plane.
     angle : float
-        Radians: largest angle of each normal to the stated one.
+        Radians: largest angle of the rotation of each contact's frame. Normals tilt by at most it; pads may also turn
+        on their faces by it.
     friction_loss : float
         Largest share of every friction coefficient that is lost, from 0 to below 1.
     force_budget : str or ForceBudget
@@ -90,9 +105,6 @@ def robust_mu(
     budget = find_budget(force_budget)
     if budget.depends_on_frames:
         raise InputError("force_budget", budget.kind, "one that does not depend on contact frames")
-    other = next((c for c in grasp.contacts if c.unilateral and max(c.axes(grasp.space)) > grasp.space), None)
-    if other is not None:
-        raise InputError("grasp.contacts", other.kind, "contacts at a point: point, friction or soft")
     weaker = grasp.with_friction(1.0 - loss)
     upper = _worst_found(weaker, task, offset, angle, budget, rtol)
     lower = min(_lower_end(weaker, task, offset, angle, budget, rtol), upper)
@@ -101,17 +113,14 @@ def robust_mu(
 
 def _lower_end(grasp: Grasp, task: Task, offset: float, angle: float, budget: ForceBudget, rtol: float) -> float:
     """Return a lower bound on mu for every displaced grasp."""
-    models, growth = [], 1.0
-    for contact in grasp.contacts:
-        friction = contact.coefficients.get("friction")
-        share = 1.0
-        if friction is not None:
-            share = (np.cos(angle) - np.sin(angle) / friction) / (1.0 + friction * np.sin(angle))
-            growth = max(growth, float(np.cos(angle) + share * friction * np.sin(angle)))
-        if share <= 0.0:
-            return 0.0
-        models.append(contact.with_friction(float(share)))
-    inner = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents, grasp.force_unit)
+    space, frames = grasp.space, grasp.frames
+    off_orthonormal = float(np.max(np.abs(frames.transpose(0, 2, 1) @ frames - np.eye(space))))
+    guard = 16.0 * (off_orthonormal + LOSS)  # radians, which also cover rounding of cones
+    narrower = [_narrow(contact, angle + guard, space) for contact in grasp.contacts]
+    models = [contact for contact, _, _ in narrower if contact is not None]
+    if len(models) < len(narrower):
+        return 0.0
+    inner = _with_frames(grasp, grasp.points, frames, models)
     wrenches = WrenchSet.of(inner, budget)
     problem, _ = make_containment(wrenches, task)
     if problem is None or problem.rank < grasp.dimension:
@@ -120,43 +129,96 @@ def _lower_end(grasp: Grasp, task: Task, offset: float, angle: float, budget: Fo
     if state.hull is None or state.upper == 0.0:
         return 0.0
     forces, cells = state.hull.vertices()
-    if budget.limited:  # a limit on normal forces, which are larger by this at most along another normal
-        forces = forces / growth
-    centre = np.asarray(np.linalg.solve(problem.matrix, state.hull.centre), dtype=np.float64)
-    vertices = forces @ wrenches.G.T - centre
-    unit = 1.0 / np.max(np.abs(vertices), axis=0)
-    planes = np.linalg.solve(vertices[cells] * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
-    heights = np.einsum("fvd,fd->fv", vertices[cells], planes) - _losses(inner, forces, planes, cells, offset, angle)
-    least = np.min(heights, axis=1)
-    if np.min(least) <= 0.0:
-        return 0.0
-    return held_multiple(least + planes @ centre, task.support(planes)[0], ROUNDING)
+    domain = ForceCones.of(wrenches)
+    variables = domain.into(domain.variables(forces))
+    variables *= _moment_shares(models, [share for _, share, _ in narrower], space)
+    variables /= max(growth for _, _, growth in narrower) * (1.0 + guard)
+    planes = state.hull.cell_planes() @ problem.matrix
+    losses = _losses(inner, variables, planes, cells, offset, angle + guard)
+    return provable_lower(wrenches, variables @ domain.lift.T, cells, planes, task, losses)
+
+
+def _moment_shares(contacts: Sequence[ContactModel], shares: Sequence[float], space: int) -> FloatArray:
+    """Return a factor for each variable: a contact's share of variables that are moments, 1 of those that are forces."""
+    factors = []
+    for contact, share in zip(contacts, shares, strict=True):
+        is_moment = np.array(contact.axes(space)) >= space
+        at_corners = np.ones(3 * len(_corners(contact, space)))
+        factors.append(at_corners if len(at_corners) else np.where(is_moment, share, 1.0))
+    return np.concatenate(factors)
+
+
+def _narrow(contact: ContactModel, angle: float, space: int) -> tuple[ContactModel | None, float, float]:
+    """Return a contact with narrower cones, the share s of its moments, and by how much budgets count its forces more.
+
+    Another normal makes normal forces larger, and turned arms of corners the moments about the contact. None instead
+    of a contact whose friction no force keeps under every normal.
+    """
+    if not _keeps_forces(contact):
+        return contact, 1.0, 1.0
+    f, cos, sin = contact.coefficients["friction"], float(np.cos(angle)), float(np.sin(angle))
+    share = (cos - sin / f) / (1.0 + f * sin)
+    if share <= 0.0:
+        return None, 1.0, 1.0
+    arm = max((float(np.hypot(*corner)) for corner in _corners(contact, space)), default=0.0)
+    turned = 1.0 + 2.0 * np.sin(0.5 * angle) * arm * np.hypot(1.0, share * f)
+    return contact.with_friction(share), cos - share * f * sin, max(cos + share * f * sin, float(turned))
+
+
+def _keeps_forces(contact: ContactModel) -> bool:
+    """Return whether a contact exerts the same forces in the body frame, whichever way its frame is turned."""
+    return isinstance(contact, RangeContact) and "friction" in contact.coefficients
+
+
+def _corners(contact: ContactModel, space: int) -> tuple[tuple[float, float], ...]:
+    """Return the positions along both tangents of the corners whose forces are a pad's variables; none of others."""
+    points = contact.points(contact.components(space)) if isinstance(contact, PadContact) else None
+    return () if points is None else points.arms
 
 
 def _losses(
-    grasp: Grasp, forces: FloatArray, planes: FloatArray, cells: IntArray, offset: float, angle: float
+    grasp: Grasp, variables: FloatArray, planes: FloatArray, cells: IntArray, offset: float, angle: float
 ) -> FloatArray:
-    """Return by how much displacements lower each vertex of each cell along the cell's plane, (f, v)."""
-    turn = 2.0 * np.sin(0.5 * angle)
-    wrenches = grasp.contact_wrenches(forces)  # (v, k, d), moments about the contacts
-    space, total = grasp.space, np.zeros(cells.shape)
-    a_force, a_moment = planes[:, :space], planes[:, space:]
-    for i, (contact, normal) in enumerate(zip(grasp.contacts, grasp.normals, strict=True)):
-        force, moment = wrenches[cells, i, :space], wrenches[cells, i, space:]  # (f, v, space or 1)
-        if space == 3:
-            slope = np.cross(force, a_moment[:, None])  # of <a_m, d x f> with d
-            arm = np.cross(a_moment, grasp.points[i] - grasp.torque_origin)
+    """Return by how much displacements lower each vertex of each cell along the cell's plane, (f, d)."""
+    space, start, total = grasp.space, 0, np.zeros(cells.shape)
+    a_force, a_moment = in_space(planes[:, :space])[:, None], planes[:, space:]
+    a_moment = np.pad(a_moment, ((0, 0), (3 - a_moment.shape[1], 0)))[:, None]  # in the plane about the third axis
+    points, origin = in_space(grasp.points), in_space(grasp.torque_origin[None])[0]
+    moment_size = np.linalg.norm(a_moment, axis=-1)
+    for contact, p, axes in zip(grasp.contacts, points, grasp.frames, strict=True):
+        frame = np.eye(3)
+        frame[:space, :space] = axes
+        count = contact.generators(space).shape[1]
+        u = grasp.force_unit * variables[:, start : start + count]
+        start += count
+        # forces and moments of the vertices, (v, 3) each, and what turns with the frame, and along which gradients
+        turning: list[tuple[FloatArray, FloatArray, FloatArray]] = []  # r_j, b_j, size of b_j
+        corners = _corners(contact, space)
+        if corners:
+            parts = u.reshape(len(u), len(corners), 3) @ frame.T
+            force, size = np.sum(parts, axis=1), np.sum(np.linalg.norm(parts, axis=2), axis=1)[cells]
+            for (a, b), part in zip(corners, parts.transpose(1, 0, 2), strict=True):
+                across = cross(part[cells], a_moment)
+                turning.append(
+                    (a * frame[:, 1] + b * frame[:, 2], across, np.linalg.norm(part, axis=1)[cells] * moment_size)
+                )
         else:
-            slope = a_moment[:, None] * np.stack([force[..., 1], -force[..., 0]], axis=-1)
-            r = grasp.points[i] - grasp.torque_origin
-            arm = a_moment * np.array([-r[1], r[0]])
-        along_face = slope - np.sum(slope * normal, axis=-1, keepdims=True) * normal
-        total += offset * np.linalg.norm(along_face, axis=-1)
-        size = np.linalg.norm(a_moment, axis=1)[:, None]
-        total += turn * np.linalg.norm(moment, axis=-1) * size
-        if "friction" not in contact.coefficients:
-            reach = np.linalg.norm(a_force + arm, axis=1)[:, None] + offset * size
-            total += turn * np.linalg.norm(force, axis=-1) * reach
+            local = np.zeros((len(u), 6))
+            local[:, [(0, 1, 5)[axis] if space == 2 else axis for axis in contact.axes(space)]] = u
+            force, moment = local[:, :3] @ frame.T, local[:, 3:] @ frame.T
+            size = np.linalg.norm(force, axis=1)[cells]
+            turning.append((moment[cells], a_moment, moment_size))
+            if not _keeps_forces(contact):
+                arm = a_force + cross(a_moment, p - origin)
+                arm_size = np.linalg.norm(a_force, axis=-1) + moment_size * (np.linalg.norm(p) + np.linalg.norm(origin))
+                turning.append((force[cells], arm, arm_size))
+                total += offset * 2.0 * np.sin(0.5 * angle) * size * moment_size
+        slope = cross(force[cells], a_moment)  # of the moment with the displacement
+        total += offset * np.linalg.norm(slope - (slope @ frame[:, :1]) * frame[:, 0], axis=-1)
+        sizes = sum(np.linalg.norm(r, axis=-1) * b_size for r, _, b_size in turning)
+        axial = sum(cross(r, b) for r, b, _ in turning)
+        total += np.sin(angle) * np.linalg.norm(axial, axis=-1) + (1.0 - np.cos(angle)) * sizes
+        total += 32.0 * LOSS * (sizes + offset * size * moment_size)
     return total
 
 
@@ -171,28 +233,39 @@ def _worst_found(grasp: Grasp, task: Task, offset: float, angle: float, budget: 
     for _ in range(8):
         if bounds.worst_direction is None or best == 0.0:
             break
-        points, normals = grasp.points.copy(), grasp.normals.copy()
+        places, frames = grasp.points.copy(), grasp.frames.copy()
         for i, contact in enumerate(grasp.contacts):
-            p, n = _displacements(grasp.points[i], grasp.normals[i], offset, angle)
-            single = Grasp(p, n, [contact] * len(p), grasp.torque_origin)
+            p, R = _displacements(grasp.points[i], grasp.frames[i], offset, angle)
+            single = _with_frames(grasp, p, R, [contact] * len(p))
             work = (bounds.worst_direction @ single.G).reshape(len(p), -1)
             worst = int(np.argmin(np.linalg.norm(contact.project(work), axis=1)))
-            points[i], normals[i] = p[worst], n[worst]
-        bounds = mu(Grasp(points, normals, grasp.contacts, grasp.torque_origin), task, rtol, force_budget=budget)
+            places[i], frames[i] = p[worst], R[worst]
+        bounds = mu(_with_frames(grasp, places, frames, grasp.contacts), task, rtol, force_budget=budget)
         if bounds.upper >= best:
             break
         best = bounds.upper
     return best
 
 
-def _displacements(point: FloatArray, normal: FloatArray, offset: float, angle: float) -> tuple[FloatArray, FloatArray]:
-    """Return places and inward normals of a displaced contact, (m, space) each: all of both rings, and none."""
-    axes = tangents(normal[None])[0]
-    if len(axes) == 1:
-        ring = np.concatenate([np.zeros((1, 2)), axes, -axes])
+def _with_frames(grasp: Grasp, points: FloatArray, frames: FloatArray, contacts: Sequence[ContactModel]) -> Grasp:
+    """Return a grasp with contacts at other points, in other frames."""
+    tangents = frames[:, :, 1:].transpose(0, 2, 1)
+    return Grasp(points, frames[:, :, 0], contacts, grasp.torque_origin, tangents, grasp.force_unit)
+
+
+def _displacements(point: FloatArray, frame: FloatArray, offset: float, angle: float) -> tuple[FloatArray, FloatArray]:
+    """Return places (m, space) and frames (m, space, space) of a displaced contact: all of both, and none.
+
+    Places are on a ring around the stated one; frames are turned about axes along the face, and about the normal.
+    """
+    space = len(point)
+    if space == 2:
+        ring = np.concatenate([np.zeros((1, 2)), frame[:, 1:].T, -frame[:, 1:].T])
+        axes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     else:
         turns = 2.0 * np.pi * np.arange(12) / 12
-        ring = np.concatenate([np.zeros((1, 3)), np.cos(turns)[:, None] * axes[0] + np.sin(turns)[:, None] * axes[1]])
-    places, tilts = (grid.ravel() for grid in np.meshgrid(np.arange(len(ring)), np.arange(len(ring))))
-    tilted = np.where(tilts[:, None] > 0, np.cos(angle) * normal + np.sin(angle) * ring[tilts], normal)
-    return point + offset * ring[places], tilted
+        ring = np.concatenate([np.zeros((1, 3)), np.stack([np.cos(turns), np.sin(turns)], axis=1) @ frame[:, 1:].T])
+        axes = np.concatenate([ring, frame[:, :1].T, -frame[:, :1].T])
+    rotations = Rotation.from_rotvec(angle * axes).as_matrix()[:, :space, :space]
+    places, turned = (grid.ravel() for grid in np.meshgrid(np.arange(len(ring)), np.arange(len(axes))))
+    return point + offset * ring[places], (rotations @ frame)[turned]
