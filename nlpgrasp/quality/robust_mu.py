@@ -52,11 +52,13 @@ from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.quality.provable_ends import LOSS, ForceCones, provable_lower
-from nlpgrasp.quality.sandwich import tighten
+from nlpgrasp.quality.sandwich import SHRINK, inner_points, tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid
 
-AIM = 0.8  # of the worst mu found: the multiple of the task at which the inner polytope is refined
+AIM = 0.7  # share of mu at the stated place at which the first inner polytope is refined
+FIRST_WIDTH = 0.1  # relative width of its certificate
+BATCH = 24  # new vertices per round
 
 
 def robust_mu(
@@ -100,9 +102,11 @@ def robust_mu(
         On a negative offset or angle, or a force budget that depends on contact frames.
     """
     displaced = _DisplacedGrasps.of(grasp, task, offset, angle, friction_loss, force_budget)
-    upper = displaced.worst_found(rtol)
-    lower = min(displaced.lower_end(AIM * upper, rtol), upper)
-    return Bounds(lower, upper, kind="robust_mu")
+    stated = mu(displaced.weaker, displaced.task, rtol, force_budget=displaced.budget)
+    lower, direction = displaced.lower_end(stated.upper, rtol)
+    starts = [y for y in (stated.worst_direction, direction) if y is not None]
+    upper = min([stated.upper, *(displaced.worst_found(y, rtol) for y in starts)])
+    return Bounds(min(lower, upper), upper, kind="robust_mu")
 
 
 def robust_claim(
@@ -223,26 +227,47 @@ class _DisplacedGrasps:
             enlarged = enlarged + TaskEllipsoid.from_axes(axes).given_about(given.torque_origin)
         return grasp, enlarged
 
-    def lower_end(self, aim: float, rtol: float) -> float:
-        """Return a lower bound on mu of every displaced grasp, by an inner polytope that is fine where ``aim`` ends."""
-        claim = self.claim(aim) if aim > 0.0 else None
+    def lower_end(self, stated: float, rtol: float, rounds: int = 8) -> tuple[float, FloatArray | None]:
+        """Return a lower bound on mu of every displaced grasp, and the direction (d,) of the cell that limits it.
+
+        The inner polytope of an ordinary certificate is refined where its cells' heights less their losses are least
+        for the task. ``stated`` is about mu at the stated place.
+        """
+        claim = self.claim(AIM * stated) if stated > 0.0 else None
         if claim is None or self.narrowed is None:
-            return 0.0
+            return 0.0, None
         grasp, enlarged = claim
         wrenches = WrenchSet.of(grasp, self.budget)
         problem, _ = make_containment(wrenches, enlarged)
         if problem is None or problem.rank < grasp.dimension:
-            return 0.0
-        state = tighten(problem, rtol)
+            return 0.0, None
+        state = tighten(problem, FIRST_WIDTH)
         if state.hull is None or state.upper == 0.0:
-            return 0.0
-        forces, cells = state.hull.vertices()
-        domain = ForceCones.of(wrenches)
-        variables = domain.into(domain.variables(forces))
-        variables *= np.concatenate([c.moment_shares(grasp.space) for c in self.narrowed])
-        planes = state.hull.cell_planes() @ problem.matrix
-        losses = self._losses(grasp, variables, planes, cells)
-        return provable_lower(wrenches, variables @ domain.lift.T, cells, planes, self.task, losses)
+            return 0.0, None
+        domain, rng = ForceCones.of(wrenches), np.random.default_rng(0)
+        factors = np.concatenate([c.moment_shares(grasp.space) for c in self.narrowed])
+        variables, best, direction = np.zeros((0, len(factors))), 0.0, None
+        for _ in range(rounds):
+            forces, cells = state.hull.vertices()
+            new = domain.into(domain.variables(forces[len(variables) :])) * factors
+            variables = np.concatenate([variables, new])
+            exerted = variables @ domain.lift.T
+            planes = state.hull.cell_planes() @ problem.matrix
+            losses = self._losses(grasp, variables, planes, cells)
+            lower = provable_lower(wrenches, exerted, cells, planes, self.task, losses)
+            offsets = np.min(np.einsum("fvd,fd->fv", (exerted @ wrenches.G.T)[cells], planes) - losses, axis=1)
+            reach = self.task.support(planes)[0]
+            beside = np.where(offsets < 0.0, -np.inf, np.inf)
+            multiples = np.where(reach > 0.0, offsets / np.where(reach > 0.0, reach, 1.0), beside)
+            order = np.argsort(multiples)[:BATCH]
+            is_settled = 0.0 < lower <= best * (1.0 + 0.1 * rtol)
+            if lower > best:
+                best, direction = lower, planes[order[0]]
+            if is_settled or not state.hull.insert(
+                *inner_points(problem, state.hull.cell_planes()[order], SHRINK, rng)
+            ):
+                break
+        return best, direction
 
     def _losses(self, grasp: Grasp, variables: FloatArray, planes: FloatArray, cells: IntArray) -> FloatArray:
         """Return by how much displacements lower each vertex of each cell along the cell's plane, (f, d)."""
@@ -285,33 +310,29 @@ class _DisplacedGrasps:
             total += (1.0 - np.cos(angle)) * products + 32.0 * LOSS * (products + offset * size * moment_size)
         return total
 
-    def worst_found(self, rtol: float) -> float:
-        """Return an upper bound on mu of the worst displaced grasp that is found.
+    def worst_found(self, y: FloatArray, rtol: float) -> float:
+        """Return an upper bound on mu of the worst displaced grasp that is found from a direction y (d,).
 
         Along one direction of wrench space the frame, then the place, that leaves each contact the least support is
         found by trying all; the weakest direction of the grasp so displaced is the next one.
         """
-        given = self.weaker
-        bounds = mu(given, self.task, rtol, force_budget=self.budget)
-        best = bounds.upper
+        given, best = self.weaker, np.inf
         for _ in range(8):
-            if bounds.worst_direction is None or best == 0.0:
-                break
             places, frames = given.points.copy(), given.frames.copy()
             for i, contact in enumerate(given.contacts):
                 p, R = given.points[i], given.frames[i]
                 turned = _turned_frames(R, self.angle)
-                weakest = self._weakest(bounds.worst_direction, contact, np.tile(p, (len(turned), 1)), turned)
+                frames[i] = turned[self._weakest(y, contact, np.tile(p, (len(turned), 1)), turned)]
                 moved = _displaced_places(p, R, self.offset)
-                frames[i] = turned[weakest]
-                places[i] = moved[
-                    self._weakest(bounds.worst_direction, contact, moved, np.tile(frames[i], (len(moved), 1, 1)))
-                ]
+                places[i] = moved[self._weakest(y, contact, moved, np.tile(frames[i], (len(moved), 1, 1)))]
             displaced = _with_frames(given, places, frames, given.contacts)
             bounds = mu(displaced, self.task, rtol, force_budget=self.budget)
             if bounds.upper >= best:
                 break
             best = bounds.upper
+            if bounds.worst_direction is None or best == 0.0:
+                break
+            y = bounds.worst_direction
         return best
 
     def _weakest(self, y: FloatArray, contact: ContactModel, places: FloatArray, frames: FloatArray) -> int:

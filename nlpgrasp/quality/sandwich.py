@@ -167,7 +167,7 @@ def tighten(
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - shares[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
-        if not hull.insert(*_inner_points(problem, normals[chosen], shrink, rng)):
+        if not hull.insert(*inner_points(problem, normals[chosen], shrink, rng)):
             break
     return state
 
@@ -199,7 +199,7 @@ def _is_limited_by_rounding(points: int, share: float) -> bool:
     return any(points > largest_count and share < least_share for largest_count, least_share in ROUNDING_LIMITS)
 
 
-def _inner_points(
+def inner_points(
     problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Return support points in directions u, shrunk towards the origin by small random factors, and their forces."""
@@ -217,7 +217,7 @@ def _initial_hull(
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
-        points, forces = _inner_points(problem, u, shrink, rng)
+        points, forces = inner_points(problem, u, shrink, rng)
         if with_origin:
             points, forces = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, forces))
         try:
