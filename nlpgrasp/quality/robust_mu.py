@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -52,13 +52,16 @@ from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.quality.provable_ends import LOSS, ForceCones, provable_lower
+from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.quality.sandwich import SHRINK, inner_points, tighten
+from nlpgrasp.quality.screening import GraspBatch
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid
 
 AIM = 0.7  # share of mu at the stated place at which the first inner polytope is refined
 FIRST_WIDTH = 0.1  # relative width of its certificate
 BATCH = 24  # new vertices per round
+WEAKEST = 7  # directions in which the worst displaced grasp is sought, besides that of the stated place
 
 
 def robust_mu(
@@ -102,10 +105,16 @@ def robust_mu(
         On a negative offset or angle, or a force budget that depends on contact frames.
     """
     displaced = _DisplacedGrasps.of(grasp, task, offset, angle, friction_loss, force_budget)
-    stated = mu(displaced.weaker, displaced.task, rtol, force_budget=displaced.budget)
-    lower, direction = displaced.lower_end(stated.upper, rtol)
-    starts = [y for y in (stated.worst_direction, direction) if y is not None]
-    upper = min([stated.upper, *(displaced.worst_found(y, rtol) for y in starts)])
+    stated = mu(displaced.weaker, displaced.task, max(rtol, FIRST_WIDTH), force_budget=displaced.budget)
+    if stated.worst_direction is None or stated.upper == 0.0:
+        return Bounds(0.0, stated.upper, kind="robust_mu")
+    lower, limiting = displaced.lower_end(stated.upper, rtol)
+    upper, directions = stated.upper, np.concatenate([stated.worst_direction[None], limiting])
+    for _ in range(2):
+        bounds = mu(displaced.worst_found(directions), displaced.task, rtol, force_budget=displaced.budget)
+        if not bounds.upper < upper or bounds.worst_direction is None:
+            break
+        upper, directions = bounds.upper, bounds.worst_direction[None]
     return Bounds(min(lower, upper), upper, kind="robust_mu")
 
 
@@ -227,26 +236,26 @@ class _DisplacedGrasps:
             enlarged = enlarged + TaskEllipsoid.from_axes(axes).given_about(given.torque_origin)
         return grasp, enlarged
 
-    def lower_end(self, stated: float, rtol: float, rounds: int = 8) -> tuple[float, FloatArray | None]:
-        """Return a lower bound on mu of every displaced grasp, and the direction (d,) of the cell that limits it.
+    def lower_end(self, stated: float, rtol: float, rounds: int = 6) -> tuple[float, FloatArray]:
+        """Return a lower bound on mu of every displaced grasp, and directions (m, d) of the cells that limit it.
 
         The inner polytope of an ordinary certificate is refined where its cells' heights less their losses are least
         for the task. ``stated`` is about mu at the stated place.
         """
-        claim = self.claim(AIM * stated) if stated > 0.0 else None
+        claim, directions = self.claim(AIM * stated), np.zeros((0, self.weaker.dimension))
         if claim is None or self.narrowed is None:
-            return 0.0, None
+            return 0.0, directions
         grasp, enlarged = claim
         wrenches = WrenchSet.of(grasp, self.budget)
         problem, _ = make_containment(wrenches, enlarged)
         if problem is None or problem.rank < grasp.dimension:
-            return 0.0, None
+            return 0.0, directions
         state = tighten(problem, FIRST_WIDTH)
         if state.hull is None or state.upper == 0.0:
-            return 0.0, None
+            return 0.0, directions
         domain, rng = ForceCones.of(wrenches), np.random.default_rng(0)
         factors = np.concatenate([c.moment_shares(grasp.space) for c in self.narrowed])
-        variables, best, direction = np.zeros((0, len(factors))), 0.0, None
+        variables, best, stalled = np.zeros((0, len(factors))), 0.0, 0
         for _ in range(rounds):
             forces, cells = state.hull.vertices()
             new = domain.into(domain.variables(forces[len(variables) :])) * factors
@@ -260,86 +269,98 @@ class _DisplacedGrasps:
             beside = np.where(offsets < 0.0, -np.inf, np.inf)
             multiples = np.where(reach > 0.0, offsets / np.where(reach > 0.0, reach, 1.0), beside)
             order = np.argsort(multiples)[:BATCH]
-            is_settled = 0.0 < lower <= best * (1.0 + 0.1 * rtol)
-            if lower > best:
-                best, direction = lower, planes[order[0]]
-            if is_settled or not state.hull.insert(
+            stalled = stalled + 1 if 0.0 < lower <= best * (1.0 + 0.1 * rtol) else 0
+            if lower > best or not len(directions):
+                best, directions = lower, planes[order[:WEAKEST]]
+            if stalled == 2 or not state.hull.insert(
                 *inner_points(problem, state.hull.cell_planes()[order], SHRINK, rng)
             ):
                 break
-        return best, direction
+        return best, directions
 
     def _losses(self, grasp: Grasp, variables: FloatArray, planes: FloatArray, cells: IntArray) -> FloatArray:
         """Return by how much displacements lower each vertex of each cell along the cell's plane, (f, d)."""
         space, start, total = grasp.space, 0, np.zeros(cells.shape)
         offset, angle = self.offset, self.angle + self.guard
-        a_force = in_space(planes[:, :space])[:, None]
+        a_force = in_space(planes[:, :space])
         a_moment = np.zeros_like(a_force)
-        a_moment[:, 0, 3 - (grasp.dimension - space) :] = planes[:, space:]  # in the plane about the third axis
+        a_moment[:, 3 - (grasp.dimension - space) :] = planes[:, space:]  # in the plane about the third axis
+        a_size = np.linalg.norm(a_moment, axis=1)[:, None]
         points, origin = in_space(grasp.points), in_space(grasp.torque_origin[None])[0]
-        moment_size = np.linalg.norm(a_moment, axis=-1)
         for contact, p, stated in zip(self.narrowed or (), points, grasp.frames, strict=True):
             frame = np.eye(3)
             frame[:space, :space] = stated
             factors = contact.moment_shares(space)
             u = grasp.force_unit * variables[:, start : start + len(factors)]  # (v, l)
             start += len(factors)
-            turning = list[tuple[FloatArray, FloatArray, FloatArray]]()  # r_j, b_j, and |b_j| or more
+            # of each vertex: sum_j r_j x b_j = turning a_m, and sum_j |r_j| |b_j| = size |a_m| but for turned forces
             if contact.corners:
-                at_corners = u.reshape(len(u), -1, 3) @ frame.T
+                arms = np.array(contact.corners) @ frame[:, 1:].T
+                at_corners = u.reshape(len(u), -1, 3) @ frame.T  # (v, corners, 3)
                 force, sizes = np.sum(at_corners, axis=1), np.linalg.norm(at_corners, axis=2)
-                size = np.sum(sizes, axis=1)[cells]
-                for i, (along, across) in enumerate(contact.corners):
-                    arm = along * frame[:, 1] + across * frame[:, 2]
-                    turning.append((arm, cross(at_corners[cells, i], a_moment), sizes[cells, i] * moment_size))
+                turning = np.einsum("vci,cj->vij", at_corners, arms)  # r x (u x a) = u <r, a> - a <r, u>
+                turning -= np.trace(turning, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+                force_size, size = np.sum(sizes, axis=1), sizes @ np.linalg.norm(arms, axis=1)
             else:
                 local = np.zeros((len(u), 6))
                 local[:, [(0, 1, 5)[c] if space == 2 else c for c in contact.model.axes(space)]] = u
                 force, moment = local[:, :3] @ frame.T, local[:, 3:] @ frame.T
-                size = np.linalg.norm(force, axis=1)[cells]
-                turning.append((moment[cells], a_moment, moment_size))
+                turning, force_size = cross_matrix(moment), np.linalg.norm(force, axis=1)
+                size = np.linalg.norm(moment, axis=1)
+            axial = np.einsum("fvij,fj->fvi", turning[cells], a_moment)
+            products = size[cells] * a_size
             if not contact.keeps_forces:
                 b = a_force + cross(a_moment, p - origin)
-                b_size = np.linalg.norm(a_force, axis=-1) + moment_size * (np.linalg.norm(p) + np.linalg.norm(origin))
-                turning.append((force[cells], b, b_size))
-                total += offset * 2.0 * np.sin(0.5 * angle) * size * moment_size
-            slope = cross(force[cells], a_moment)  # of the work with the displacement
+                b_size = np.linalg.norm(a_force, axis=1)[:, None] + a_size * (
+                    np.linalg.norm(p) + np.linalg.norm(origin)
+                )
+                axial = axial + cross(force[cells], b[:, None])
+                products = products + force_size[cells] * b_size
+                total += offset * 2.0 * np.sin(0.5 * angle) * force_size[cells] * a_size
+            slope = cross(force[cells], a_moment[:, None])  # of the work with the displacement
             total += offset * np.linalg.norm(slope - (slope @ frame[:, :1]) * frame[:, 0], axis=-1)
-            products = sum(np.linalg.norm(r, axis=-1) * b_size for r, _, b_size in turning)
-            total += np.sin(angle) * np.linalg.norm(sum(cross(r, b) for r, b, _ in turning), axis=-1)
-            total += (1.0 - np.cos(angle)) * products + 32.0 * LOSS * (products + offset * size * moment_size)
+            total += np.sin(angle) * np.linalg.norm(axial, axis=-1) + (1.0 - np.cos(angle)) * products
+            total += 32.0 * LOSS * (products + offset * force_size[cells] * a_size)
         return total
 
-    def worst_found(self, y: FloatArray, rtol: float) -> float:
-        """Return an upper bound on mu of the worst displaced grasp that is found from a direction y (d,).
+    def worst_found(self, y: FloatArray, rounds: int = 8, steps: int = 4) -> Grasp:
+        """Return the worst displaced grasp that is found from directions y (b, d).
 
-        Along one direction of wrench space the frame, then the place, that leaves each contact the least support is
-        found by trying all; the weakest direction of the grasp so displaced is the next one.
+        Along each the frame, then the place, that leaves each contact the least support is found by trying all; the
+        weakest direction nearby of the grasp so displaced is the next one.
         """
         given, best = self.weaker, np.inf
-        for _ in range(8):
-            places, frames = given.points.copy(), given.frames.copy()
+        force_set, worst = WrenchSet.of(given, self.budget).force_set, given
+        for _ in range(rounds):
+            points, frames = (np.repeat(rows[None], len(y), axis=0) for rows in (given.points, given.frames))
             for i, contact in enumerate(given.contacts):
-                p, R = given.points[i], given.frames[i]
-                turned = _turned_frames(R, self.angle)
-                frames[i] = turned[self._weakest(y, contact, np.tile(p, (len(turned), 1)), turned)]
-                moved = _displaced_places(p, R, self.offset)
-                places[i] = moved[self._weakest(y, contact, moved, np.tile(frames[i], (len(moved), 1, 1)))]
-            displaced = _with_frames(given, places, frames, given.contacts)
-            bounds = mu(displaced, self.task, rtol, force_budget=self.budget)
-            if bounds.upper >= best:
+                turned = np.repeat(_turned_frames(given.frames[i], self.angle)[None], len(y), axis=0)
+                places = np.broadcast_to(given.points[i], turned.shape[:3])
+                frames[:, i] = self._weakest(y, contact, places, turned)[1]
+                places = np.repeat(
+                    _displaced_places(given.points[i], given.frames[i], self.offset)[None], len(y), axis=0
+                )
+                turned = np.broadcast_to(frames[:, i, None], (*places.shape, given.space))
+                points[:, i] = self._weakest(y, contact, places, turned)[0]
+            grasps = [_with_frames(given, p, R, given.contacts) for p, R in zip(points, frames, strict=True)]
+            batch = GraspBatch(np.stack([g.G for g in grasps]), force_set)
+            weakest, ratios = minimise_by_inverse_iteration(partial(batch.quadratic, task=self.task), y[:, None], steps)
+            if np.min(ratios) >= best:
                 break
-            best = bounds.upper
-            if bounds.worst_direction is None or best == 0.0:
-                break
-            y = bounds.worst_direction
-        return best
+            best, worst, y = float(np.min(ratios)), grasps[int(np.argmin(ratios))], weakest[:, 0]
+        return worst
 
-    def _weakest(self, y: FloatArray, contact: ContactModel, places: FloatArray, frames: FloatArray) -> int:
-        """Return the index of the place and frame of a contact with the least support along y (d,)."""
-        single = _with_frames(self.weaker, places, frames, [contact] * len(places))
-        work = (y @ single.G).reshape(len(places), -1)
-        return int(np.argmin(np.linalg.norm(contact.project(work), axis=1)))
+    def _weakest(
+        self, y: FloatArray, contact: ContactModel, places: FloatArray, frames: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return those of a contact's places (b, m, space) and frames with the least support along each y (b, d)."""
+        b, m, space = places.shape
+        single = _with_frames(
+            self.weaker, places.reshape(-1, space), frames.reshape(-1, space, space), [contact] * (b * m)
+        )
+        work = np.einsum("bd,dbmn->bmn", y, single.G.reshape(len(single.G), b, m, -1))
+        least = np.argmin(np.linalg.norm(contact.project(work), axis=2), axis=1)
+        return places[np.arange(b), least], frames[np.arange(b), least]
 
 
 @dataclass(frozen=True)
