@@ -59,7 +59,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid
 
 AIM = 0.7  # share of mu at the stated place at which the first inner polytope is refined
-FIRST_WIDTH = 0.1  # relative width of its certificate
+COARSE = 0.1  # relative width of the bounds at the stated place
 BATCH = 24  # new vertices per round
 WEAKEST = 7  # directions in which the worst displaced grasp is sought, besides that of the stated place
 
@@ -105,7 +105,7 @@ def robust_mu(
         On a negative offset or angle, or a force budget that depends on contact frames.
     """
     displaced = _DisplacedGrasps.of(grasp, task, offset, angle, friction_loss, force_budget)
-    stated = mu(displaced.weaker, displaced.task, max(rtol, FIRST_WIDTH), force_budget=displaced.budget)
+    stated = mu(displaced.weaker, displaced.task, max(rtol, COARSE), force_budget=displaced.budget)
     if stated.worst_direction is None or stated.upper == 0.0:
         return Bounds(0.0, stated.upper, kind="robust_mu")
     lower, limiting = displaced.lower_end(stated.upper, rtol)
@@ -236,7 +236,7 @@ class _DisplacedGrasps:
             enlarged = enlarged + TaskEllipsoid.from_axes(axes).given_about(given.torque_origin)
         return grasp, enlarged
 
-    def lower_end(self, stated: float, rtol: float, rounds: int = 6) -> tuple[float, FloatArray]:
+    def lower_end(self, stated: float, rtol: float, rounds: int = 5) -> tuple[float, FloatArray]:
         """Return a lower bound on mu of every displaced grasp, and directions (m, d) of the cells that limit it.
 
         The inner polytope of an ordinary certificate is refined where its cells' heights less their losses are least
@@ -250,7 +250,7 @@ class _DisplacedGrasps:
         problem, _ = make_containment(wrenches, enlarged)
         if problem is None or problem.rank < grasp.dimension:
             return 0.0, directions
-        state = tighten(problem, FIRST_WIDTH)
+        state = tighten(problem, rtol)
         if state.hull is None or state.upper == 0.0:
             return 0.0, directions
         domain, rng = ForceCones.of(wrenches), np.random.default_rng(0)
