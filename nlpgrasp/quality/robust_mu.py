@@ -58,11 +58,6 @@ from nlpgrasp.quality.screening import GraspBatch
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid
 
-AIM = 0.7  # share of mu at the stated place at which the first inner polytope is refined
-COARSE = 0.1  # relative width of the bounds at the stated place
-BATCH = 24  # new vertices per round
-WEAKEST = 7  # directions in which the worst displaced grasp is sought, besides that of the stated place
-
 
 def robust_mu(
     grasp: Grasp,
@@ -105,10 +100,10 @@ def robust_mu(
         On a negative offset or angle, or a force budget that depends on contact frames.
     """
     displaced = _DisplacedGrasps.of(grasp, task, offset, angle, friction_loss, force_budget)
-    stated = mu(displaced.weaker, displaced.task, max(rtol, COARSE), force_budget=displaced.budget)
+    stated = mu(displaced.weaker, displaced.task, max(rtol, 0.1), force_budget=displaced.budget)
     if stated.worst_direction is None or stated.upper == 0.0:
         return Bounds(0.0, stated.upper, kind="robust_mu")
-    lower, limiting = displaced.lower_end(stated.upper, rtol)
+    lower, limiting = displaced.lower_end(0.7 * stated.upper, rtol)
     upper, directions = stated.upper, np.concatenate([stated.worst_direction[None], limiting])
     for _ in range(2):
         bounds = mu(displaced.worst_found(directions), displaced.task, rtol, force_budget=displaced.budget)
@@ -128,11 +123,11 @@ def robust_claim(
     *,
     force_budget: str | ForceBudget = "l2",
 ) -> tuple[Grasp, Task]:
-    """Return a grasp and a task with mu at least 1 only if every displaced grasp has mu of at least ``lower``.
+    """Return a grasp and a task whose mu is at least 1 only if every displaced grasp has mu of at least ``lower``.
 
-    It is the grasp with narrower cones, and the ``lower``-fold task plus all changes of its wrenches. So
-    ``ng.write_proof(*ng.robust_claim(grasp, task, lower), path)`` proves ``lower`` if the interval it returns is above
-    1. This proves some 10 % less than ``robust_mu``, with pads up to a third.
+    They are the grasp with narrower cones, and the ``lower``-fold task plus all changes of wrenches by displacements.
+    So ``ng.write_proof(*ng.robust_claim(grasp, task, lower), path, force_budget=...)`` proves ``lower`` if the interval
+    that it returns is above 1. The lower end of ``robust_mu`` itself has no such file: this reaches less.
 
     Parameters
     ----------
@@ -223,6 +218,7 @@ class _DisplacedGrasps:
             arm = max((float(np.hypot(*corner)) for corner in contact.corners), default=0.0)
             error = self.offset * force + turn * (moment if not contact.corners else arm * force)
             error += (1.0 - contact.share) * moment
+            error += LOSS * force * float(np.linalg.norm(p) + np.linalg.norm(origin))  # rounding of moments
             axes = np.pad(error * np.eye(3), ((0, 0), (3, 0)))
             if not contact.keeps_forces:  # Q F - F at p; a sum of two ellipsoids is within one of both, sqrt(2)-fold
                 turned = turn * force * np.concatenate([np.eye(3), cross_matrix(p - origin).T], axis=1)
@@ -231,18 +227,20 @@ class _DisplacedGrasps:
         # sizes of forces whose squares, or which themselves, add up to 1 at most
         is_one_ellipsoid = self.budget.kind in ("l2", "shared")
         parts = [np.concatenate(errors)] if is_one_ellipsoid else errors
-        enlarged = self.task * lower
+        enlarged = self.task * (lower * (1.0 + self.guard))
         for axes in filter(np.any, parts):
             enlarged = enlarged + TaskEllipsoid.from_axes(axes).given_about(given.torque_origin)
         return grasp, enlarged
 
-    def lower_end(self, stated: float, rtol: float, rounds: int = 5) -> tuple[float, FloatArray]:
+    def lower_end(
+        self, aim: float, rtol: float, rounds: int = 5, batch: int = 24, weakest: int = 7
+    ) -> tuple[float, FloatArray]:
         """Return a lower bound on mu of every displaced grasp, and directions (m, d) of the cells that limit it.
 
-        The inner polytope of an ordinary certificate is refined where its cells' heights less their losses are least
-        for the task. ``stated`` is about mu at the stated place.
+        The inner polytope of the ordinary claim that ``aim`` is held is refined in some rounds, each by a batch of
+        vertices beyond the cells whose heights less their losses are least for the task.
         """
-        claim, directions = self.claim(AIM * stated), np.zeros((0, self.weaker.dimension))
+        claim, directions = self.claim(aim), np.zeros((0, self.weaker.dimension))
         if claim is None or self.narrowed is None:
             return 0.0, directions
         grasp, enlarged = claim
@@ -268,10 +266,10 @@ class _DisplacedGrasps:
             reach = self.task.support(planes)[0]
             beside = np.where(offsets < 0.0, -np.inf, np.inf)
             multiples = np.where(reach > 0.0, offsets / np.where(reach > 0.0, reach, 1.0), beside)
-            order = np.argsort(multiples)[:BATCH]
+            order = np.argsort(multiples)[:batch]
             stalled = stalled + 1 if 0.0 < lower <= best * (1.0 + 0.1 * rtol) else 0
             if lower > best or not len(directions):
-                best, directions = lower, planes[order[:WEAKEST]]
+                best, directions = lower, planes[order[:weakest]]
             if stalled == 2 or not state.hull.insert(
                 *inner_points(problem, state.hull.cell_planes()[order], SHRINK, rng)
             ):
