@@ -105,11 +105,12 @@ def robust_mu(
         return Bounds(0.0, stated.upper, kind="robust_mu")
     lower, limiting = displaced.lower_end(0.7 * stated.upper, rtol)
     upper, directions = stated.upper, np.concatenate([stated.worst_direction[None], limiting])
-    for _ in range(2):
-        bounds = mu(displaced.worst_found(directions), displaced.task, rtol, force_budget=displaced.budget)
-        if not bounds.upper < upper or bounds.worst_direction is None:
+    for width in (max(rtol, 0.1), rtol):
+        bounds = mu(displaced.worst_found(directions), displaced.task, width, force_budget=displaced.budget)
+        upper = min(upper, bounds.upper)
+        if bounds.worst_direction is None or upper == 0.0:
             break
-        upper, directions = bounds.upper, bounds.worst_direction[None]
+        directions = bounds.worst_direction[None]
     return Bounds(min(lower, upper), upper, kind="robust_mu")
 
 
@@ -233,7 +234,7 @@ class _DisplacedGrasps:
         return grasp, enlarged
 
     def lower_end(
-        self, aim: float, rtol: float, rounds: int = 5, batch: int = 24, weakest: int = 7
+        self, aim: float, rtol: float, rounds: int = 4, batch: int = 24, weakest: int = 7
     ) -> tuple[float, FloatArray]:
         """Return a lower bound on mu of every displaced grasp, and directions (m, d) of the cells that limit it.
 
@@ -321,7 +322,7 @@ class _DisplacedGrasps:
             total += 32.0 * LOSS * (products + offset * force_size[cells] * a_size)
         return total
 
-    def worst_found(self, y: FloatArray, rounds: int = 8, steps: int = 4) -> Grasp:
+    def worst_found(self, y: FloatArray, rounds: int = 4, steps: int = 4) -> Grasp:
         """Return the worst displaced grasp that is found from directions y (b, d).
 
         Along each the frame, then the place, that leaves each contact the least support is found by trying all; the
