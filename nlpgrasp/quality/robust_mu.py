@@ -13,6 +13,10 @@ most a. Forces are chosen once, from narrower cones, and remain admissible in ev
   the frame; those that a pad's shape limits are exerted s-fold, ``s = cos a - r f sin a``, as f_n falls by no more.
 - *Contacts without* exert the same components in the turned frame, which remain admissible.
 
+All forces are divided by what budgets may count them more in a displaced grasp: f_n grows to at most
+``cos b + r f sin b`` times itself, at the tilt ``b = min(a, arctan r f)``, and the moment of forces u_c at the corners
+of a pad by at most ``2 sin(a / 2) max |c| sum |u_c|``.
+
 So a displaced grasp exerts ``(G + D) x`` with the same x. Along (a_f, a_m) it is less than ``G x`` by at most
 
     -<a_m, d x F> - sum_j <(Q - I) r_j, b_j>  <=  offset |t| + sin a |sum_j r_j x b_j| + (1 - cos a) sum_j |r_j| |b_j|
@@ -400,7 +404,8 @@ class _NarrowedContact:
         arm = max((float(np.hypot(*corner)) for corner in corners), default=0.0)
         turned = 1.0 + 2.0 * float(np.sin(0.5 * angle)) * arm * float(np.hypot(1.0, r * f))
         share = cos - r * f * sin if isinstance(contact, PadContact) and not corners else 1.0
-        growth = cos + r * f * sin if is_normal_limited else turned
+        tilt = min(angle, float(np.arctan(r * f)))  # about the normal of which normal forces are largest
+        growth = float(np.cos(tilt) + r * f * np.sin(tilt)) if is_normal_limited else turned
         return cls(contact.with_friction(r), True, corners, share, growth)
 
     def largest(self, space: int, is_normal_limited: bool) -> tuple[float, float]:

@@ -124,6 +124,19 @@ def test_the_claim_is_proved_by_a_checker(seed: int, share: float, tmp_path: Pat
     assert ng.mu(*more, force_budget=case.budget).lower < 1.0
 
 
+@pytest.mark.parametrize("angle", [0.09, 0.3, 0.4])
+def test_forces_of_the_claim_are_within_cone_and_limit_about_every_normal(angle: float) -> None:
+    friction = 0.9
+    grasp = ng.Grasp(-0.03 * FOUR, FOUR, ng.FrictionContact(friction), np.zeros(3))
+    narrow, _ = ng.robust_claim(grasp, TASK, 0.1, angle=angle, friction_loss=LOSS, force_budget="shared")
+    tilts = np.linspace(0.0, angle, 100)[:, None]
+    edges = narrow.contacts[0].coefficients["friction"] * np.array([1.0, -1.0])  # of the cone, in the tilt's plane
+    normal = narrow.force_unit * (np.cos(tilts) + np.sin(tilts) * edges)
+    tangential = narrow.force_unit * (np.cos(tilts) * edges - np.sin(tilts))
+    assert np.all(normal <= 1.0)
+    assert np.all(np.abs(tangential) <= (1.0 - LOSS) * friction * normal)
+
+
 def test_without_displacement_it_is_mu() -> None:
     normals = unit(np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]))
     grasp = ng.Grasp(-0.03 * normals, normals, ng.FrictionContact(0.5))
