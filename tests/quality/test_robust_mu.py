@@ -109,7 +109,7 @@ def test_forces_that_turn_with_their_contacts(model: ng.PlaneContact | ng.Bilate
     case = Case(ng.Grasp(points, normals, model, np.zeros(3)), TASK, "l2", 0.01)
     robust = case.robust()
     assert robust.lower > 0.0
-    for points, frames in zip(*case.displacements(8, np.random.default_rng(1)), strict=True):
+    for points, frames in zip(*case.displacements(3, np.random.default_rng(1)), strict=True):
         assert ng.mu(case.displaced(points, frames), TASK, 0.05).upper >= robust.lower
 
 
