@@ -9,6 +9,8 @@ from scipy import sparse
 import nlpgrasp as ng
 from benchmarks.starts import run_starts
 from tests.quality.test_critical_friction import Case, contradictions
+from tests.quality.test_robust_mu import LOSS, OFFSET
+from tests.quality.test_robust_mu import Case as RobustCase
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
@@ -140,9 +142,78 @@ def friction(count):
     print(f"    contradicted by conic programs: {contradicted}")
 
 
+def support_ratios(case, points, frames, directions):
+    """Return upper bounds on mu of displaced grasps (m,): support ratios along directions, from wrenches anew."""
+    directions = directions / case.task.support(directions)[0][:, None]
+    force, moment = directions[:, :3], directions[:, 3:]
+    squares, supports = [], []
+    for i, contact in enumerate(case.grasp.contacts):
+        contact = contact.with_friction(1.0 - LOSS)
+        arms = points[:, i] - case.grasp.torque_origin
+        # work of a force f at p on a twist (force, moment): <f, force + moment x p>
+        at_point = force[None] + np.cross(moment[None], arms[:, None])
+        local = np.concatenate(
+            [at_point @ frames[:, i], np.broadcast_to(moment, at_point.shape) @ frames[:, i]], axis=2
+        )[..., list(contact.axes(3))]
+        if case.budget in ("l2", "per_finger_size"):
+            squares.append(np.sum(contact.project(local) ** 2, axis=2))
+        else:
+            supports.append(contact.extreme(local)[0])
+    if case.budget == "l2":
+        total = np.sqrt(np.sum(squares, axis=0))
+    elif case.budget == "per_finger_size":
+        total = np.sum(np.sqrt(squares), axis=0)
+    else:
+        total = np.max(supports, axis=0) if case.budget == "shared" else np.sum(supports, axis=0)
+    return np.min(total, axis=1)
+
+
+def robust(count, displaced, claimed):
+    """Print the lower end of robust mu over the worst mu found, and random displaced grasps that are below it.
+
+    Of the first ``claimed`` grasps also the share that an ordinary proof reaches.
+    """
+    shares, seconds, claims, below = [], [], [], 0
+    for seed in range(count):
+        case = RobustCase.random(seed)
+        start_time = time.process_time()
+        bounds = case.robust()
+        seconds.append(time.process_time() - start_time)
+        points, frames = case.displacements(displaced, np.random.default_rng(seed))
+        worst, chosen, directions = bounds.upper, range(4), []
+        for _ in range(3):  # along the weakest directions of the worst displaced grasps so far
+            grasps = [case.displaced(points[j], frames[j]) for j in chosen]
+            graded = [ng.mu(g, case.task, 0.1, force_budget=case.budget) for g in grasps]
+            directions += [b.worst_direction for b in graded]
+            ratios = support_ratios(case, points, frames, np.array(directions))
+            worst, chosen = min(worst, np.min(ratios), *(b.upper for b in graded)), np.argsort(ratios)[:4]
+        below += int(np.sum(ratios < bounds.lower))
+        shares.append(bounds.lower / worst if worst > 0.0 else 1.0)
+        if shares[-1] < 0.7:
+            print(f"seed {seed}: lower end {bounds.lower:.3g}, worst found {worst:.3g}", flush=True)
+        if seed < claimed:
+            steps = np.arange(1.0, 0.0, -0.05)
+            claims.append(next((s for s in steps if is_claimed(case, s * bounds.lower)), 0.0) * shares[-1])
+    least, twentieth, median = np.quantile(shares, [0.0, 0.05, 0.5])
+    print(f"robust mu of {count} grasps of fingertips, hands and grippers: lower end over the worst mu found")
+    print(f"    {median:.2f} in the median, {twentieth:.2f} of the lowest twentieth, {least:.2f} at least;")
+    print(f"    by an ordinary proof {np.median(claims):.2f} in the median of {claimed}, {min(claims):.2f} at least")
+    print(f"    of {count * displaced} random displaced grasps, {below} are below the lower end")
+    print(f"    CPU seconds {np.median(seconds):.2f} in the median, {max(seconds):.2f} at most")
+
+
+def is_claimed(case, lower):
+    """Return whether the ordinary claim that implies a lower end of robust mu is certified."""
+    claim = ng.robust_claim(case.grasp, case.task, lower, OFFSET, case.angle, LOSS, force_budget=case.budget)
+    return ng.mu(*claim, 0.03, force_budget=case.budget).lower >= 1.0
+
+
 def run(part=None):
     if part == "friction":
         friction(1000)
+        return
+    if part == "robust":
+        robust(100, 10_000, 30)
         return
     grasps = random_grasps()
     certificates(grasps)

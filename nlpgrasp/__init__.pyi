@@ -98,7 +98,7 @@ from nlpgrasp.quality.critical_friction import critical_friction, force_curve
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measure_table import Columns, measure
 from nlpgrasp.quality.proof import write_proof
-from nlpgrasp.quality.robust_mu import robust_mu
+from nlpgrasp.quality.robust_mu import robust_claim, robust_mu
 from nlpgrasp.report.parts import PartResult, PartsSolved, solve_parts
 from nlpgrasp.report.pictures import draw_fit, draw_wrenches
 from nlpgrasp.sets.grasp_set import GraspSet, SetVerification, open_set
@@ -317,6 +317,7 @@ __all__ = [
     "pyramid_volume",
     "read_grasps",
     "robot_poses",
+    "robust_claim",
     "robust_mu",
     "rotate_body_frame",
     "run_experiment",

@@ -215,12 +215,19 @@ def provable_zero(wrenches: WrenchSet, domain: ForceCones, y: FloatArray, task: 
 
 
 def provable_lower(
-    wrenches: WrenchSet, variables: FloatArray, cells: IntArray, planes: FloatArray | None, task: Task
+    wrenches: WrenchSet,
+    variables: FloatArray,
+    cells: IntArray,
+    planes: FloatArray | None,
+    task: Task,
+    losses: FloatArray | None = None,
 ) -> float:
     """Return the largest multiple of a task that provably fits the half-spaces of cells around a centre.
 
     The centre c is the mean of the first d + 1 vertices; a cell's half-space is ``<a, w - c> <= h``, where h is the
-    least ``<a, v - c>`` of its vertices.
+    least ``<a, v - c>`` of its vertices. Vertices that may be elsewhere have lower heights, at which the cells surround
+    a point of the scaled task as they surround c if all half-spaces contain it in their interior: on the straight way
+    from c to that point, and of the vertices then, no cell is passed.
 
     Parameters
     ----------
@@ -232,6 +239,8 @@ def provable_lower(
     planes : (f, d) array or None
         Rows a, any; None for those of ``<a, v - c> = 1`` at the vertices.
     task : Task
+    losses : (f, d) array, optional
+        Products ``<a, .>`` by which each cell's vertices may be lower than exerted, at least 0.
     """
     d, lift = len(wrenches.G), wrenches.force_set.lift
     vertices = wrenches.exert(variables)
@@ -243,14 +252,22 @@ def provable_lower(
     if planes is None:
         unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(vertices), axis=0)))
         planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
-    size = np.abs(planes)
+    size, products = np.abs(planes), np.einsum("fvd,fd->fv", corners, planes)
     # the largest error of all vertices is eightfold, and so counts for a vertex and for the centre
-    heights = np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1) - size @ np.max(error, axis=0)
+    rounding = size @ np.max(error, axis=0)
+    heights = np.min(products, axis=1) - rounding
     if not np.min(heights) > 0.0:
         return 0.0
+    if losses is not None:
+        heights = np.min(products - losses, axis=1) - rounding
     offsets = heights + planes @ centre - LOSS * (2 + d) * (size @ np.abs(centre) + 1.0)
     reach = task.support(planes)[0] + LOSS * 4 * d * _reach_of_sizes(task, size)
-    return held_multiple(offsets, reach, LOSS)
+    largest = held_multiple(offsets, reach, LOSS)
+    if np.min(heights) > 0.0:
+        return largest
+    middle = largest * np.mean(task.ends(), axis=0)
+    is_around = offsets - planes @ middle > LOSS * (2 + d) * (size @ np.abs(middle))
+    return largest if np.all(is_around) else 0.0
 
 
 def trust_in_task(task: Task) -> str:

@@ -176,7 +176,7 @@ def tighten(
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - shares[0], rtol)
         chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
-        if not hull.insert(*_inner_points(problem, variables[chosen], shrink, rng)):
+        if not hull.insert(*inner_points(problem, variables[chosen], shrink, rng)):
             break
     return state
 
@@ -208,7 +208,7 @@ def _is_limited_by_rounding(points: int, share: float) -> bool:
     return any(points > largest_count and share < least_share for largest_count, least_share in ROUNDING_LIMITS)
 
 
-def _inner_points(
+def inner_points(
     problem: Containment, variables: FloatArray, shrink: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Return wrenches of variables, shrunk towards the origin by small random factors, and the variables so shrunk."""
@@ -226,7 +226,7 @@ def _initial_hull(
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
-        points, variables = _inner_points(problem, problem.wrenches.variables(u)[1], shrink, rng)
+        points, variables = inner_points(problem, problem.wrenches.variables(u)[1], shrink, rng)
         if with_origin:
             points, variables = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, variables))
         try:
