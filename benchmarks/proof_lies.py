@@ -151,7 +151,8 @@ class Claim:
         self.map = np.array(wrenches).T @ matrix(len(wrenches), variables)
         next(words)
         sizes = take(int(take(1)[0])).astype(int)
-        self.cones = np.split(matrix(int(sizes.sum()), variables + 1), np.cumsum(sizes)[:-1])
+        blocks = np.split(matrix(int(sizes.sum()), variables + 1), np.cumsum(sizes)[:-1])
+        self.cones = [M / max(np.max(np.abs(M)), 1e-300) for M in blocks]  # of any size, for the solver
         next(words)
         self.task = []
         for _ in range(int(take(1)[0])):

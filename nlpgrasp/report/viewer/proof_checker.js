@@ -37,7 +37,7 @@ function checkProof(bytes) {
 
   // Words of the file: no count may be larger than what the file can have of it.
   let at = 0;
-  const isSpace = (byte) => byte === 32 || (byte >= 9 && byte <= 13);
+  const isSpace = (byte) => byte === 32 || byte === 9 || byte === 10 || byte === 13;
   const word = (text = "") => {
     while (isSpace(bytes[at])) at++;
     while (at < bytes.length && !isSpace(bytes[at]) && text.length < 400) text += String.fromCharCode(bytes[at++]);

@@ -27,14 +27,21 @@ static I mul(I a, I b) {
 static I times(I a, double b) { return b == 0 || is_zero(a) ? pt(0) : b > 0 ? in(a.lo * b, a.hi * b) : in(a.hi * b, a.lo * b); }
 static I dot(const I *a, const double *b, int m) { I s = pt(0); EACH(i, m) s = add(s, times(a[i], b[i])); return s; }
 static I root(I a) { return is_zero(a) ? a : in(sqrt(high(0, a.lo)), sqrt(a.hi)); }
+static const char *text(void) { /* the next word, of printable characters alone */
+  static char s[400]; int c, m = 0;
+  do c = getchar(); while (c == ' ' || c == '\n' || c == '\t' || c == '\r');
+  for (; c > ' ' && c < 127 && m < 399; c = getchar()) s[m++] = (char)c;
+  s[m] = 0; need(c == EOF || c == ' ' || c == '\n' || c == '\t' || c == '\r', "a word that is no text", -1);
+  ungetc(c, stdin); return s;
+}
 static double number(void) { /* decimal: strtod alone would read hexadecimal too */
-  char s[400] = ""; int is_read = scanf("%399s", s) == 1 && strlen(s) < 399 && strspn(s, "+-.0123456789eE") == strlen(s);
-  char *end = s; double x = is_read ? strtod(s, &end) : NAN; need(!*end && isfinite(x), "a number is missing", -1); return x;
+  const char *s = text(); char *end; double x = strspn(s, "+-.0123456789eE") == strlen(s) ? strtod(s, &end) : NAN;
+  need(isfinite(x) && end != s && !*end, "a number is missing", -1); return x;
 }
 static int count(int least, int most) {
   double x = number(); need(x >= least && x <= most && x == floor(x), "a count is out of range", -1); return (int)x;
 }
-static void word(const char *w) { char s[32]; need(scanf("%31s", s) == 1 && !strcmp(s, w), w, -1); }
+static void word(const char *w) { need(!strcmp(text(), w), w, -1); }
 static void *room(size_t m, size_t size) { void *p = calloc(m + 1, size); need(p != 0, "no memory", 0); return p; }
 static int matrix(Entry **out, int last_row, int last_col) {
   int m = count(0, 1 << 22); *out = room(m, sizeof **out);
@@ -173,7 +180,7 @@ static void check_lower(double lower) {
 int main(void) {
   read_claim(); word("bounds"); double lower = number(), upper = number(); need(0 <= lower && lower <= upper, "bounds", -1);
   word("upper"); check_upper(upper);
-  word("lower"); if (lower > 0) check_lower(lower); else (void)!scanf(" ");
+  word("lower"); if (lower > 0) check_lower(lower); else need(!*text(), "more than a proof", -1);
   need(getchar() == EOF, "more than a proof", -1);
   printf("PROVED: %.17g <= mu <= %.17g\n", lower, upper);
   return 0;

@@ -51,10 +51,8 @@ class _Proof:
         end = data.find(b"\n", end + 1) if end >= 0 else -1
         if end < 0:
             raise NotProvedError("the file ends")
-        try:
-            self._words: Iterator[str] = iter(data[:end].decode("ascii").split())
-        except UnicodeDecodeError:
-            raise NotProvedError("text that is not ASCII") from None
+        _require(all(32 <= byte < 127 or byte in b" \n\t\r" for byte in data[:end]), "a word that is no text")
+        self._words: Iterator[str] = iter(data[:end].decode("ascii").split())
         self._binary = data[end + 1 :]
         self._expect("nlpgrasp-proof")
         self._count(1, 1)

@@ -179,3 +179,14 @@ def test_a_file_of_another_kind_or_version_is_named(checker):
     assert said == "NOT PROVED: version 2, expected a proof of version 1"
     assert "does not begin with nlpgrasp-proof" in str(ng.check_proof(b"{}", checker))
     assert not ng.check_proof(b"nlpgrasp-proof \xff\xfe", checker)
+
+
+@pytest.mark.parametrize("checker", ["c", "python"])
+@pytest.mark.parametrize("hidden", [b"\x00", b"\x00\xca7", b"\x0b", b"\xa0"])
+def test_no_byte_that_is_no_text_is_read_over(checker, hidden, tmp_path: Path) -> None:
+    """A number is what every reader takes it for: nothing hides behind a zero byte or an odd kind of space."""
+    ng.write_proof(ng.Grasp(*PLANAR, ng.FrictionContact(0.6)), ng.TaskEllipsoid([1, 1, 0.5]), tmp_path / "g.proof", 0.3)
+    data = (tmp_path / "g.proof").read_bytes()
+    assert ng.check_proof(data, checker)
+    checked = ng.check_proof(data.replace(b"variables 6", b"variables 6" + hidden + b" ", 1), checker)
+    assert "no text" in checked.reason
