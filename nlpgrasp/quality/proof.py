@@ -24,8 +24,8 @@ from nlpgrasp.quality.confirmation import RecomputedBounds, reaches, recompute_b
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import bound_in_closed_form
-from nlpgrasp.quality.provable_ends import ForceCones, UpperProof, provable_lower, provable_upper, provable_zero
-from nlpgrasp.quality.sandwich import tighten
+from nlpgrasp.quality.provable_ends import ForceCones, UpperProof, provable_upper, provable_zero
+from nlpgrasp.quality.sandwich import sandwich
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
@@ -118,20 +118,16 @@ def prove(
     claim = state_claim(grasp, task, force_budget)
     wrenches = WrenchSet.of(grasp, force_budget)
     domain = ForceCones.of(wrenches)
-    problem, y = make_containment(wrenches, task)
-    direction = None if known is None else known.worst_direction
+    bounds, y = known, None if known is None else known.worst_direction
+    if bounds is None or bounds.vertices is None:
+        problem, direction = make_containment(wrenches, task)
+        bounds = Bounds(0.0, np.inf, direction) if problem is None else sandwich(problem, rtol)
+        reach = 0.0 if y is None else float(task.support(y[None])[0][0])
+        if y is None or reach <= 0.0 or wrenches.support(y[None])[0][0] >= bounds.upper * reach:
+            y = bounds.worst_direction
     lower, variables = 0.0, np.zeros((0, domain.lift.shape[1]))
-    if known is not None and known.vertices is not None:
-        lower, variables, y = known.lower, domain.into(known.vertices), direction
-    elif problem is not None:
-        state = tighten(problem, rtol)
-        y = problem.to_wrench_direction(state.worst)
-        if state.hull is not None and problem.rank == grasp.dimension:
-            variables, cells = state.hull.vertices()
-            variables = domain.into(variables)
-            lower = provable_lower(wrenches, variables, cells, None, task)
-        if direction is not None and (reach := float(task.support(direction[None])[0][0])) > 0.0:
-            y = direction if wrenches.support(direction[None])[0][0] < state.upper * reach else y
+    if bounds.vertices is not None:
+        lower, variables = bounds.lower, domain.into(bounds.vertices)
     if y is None:
         raise InputError("grasp", "no force and no task along any direction", "a task in a proof")
     ends = [provable_upper(wrenches, domain, y, task)]

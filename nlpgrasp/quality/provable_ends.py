@@ -218,7 +218,7 @@ def provable_lower(
     wrenches: WrenchSet,
     variables: FloatArray,
     cells: IntArray,
-    planes: FloatArray | None,
+    planes: FloatArray,
     task: Task,
     losses: FloatArray | None = None,
 ) -> float:
@@ -236,8 +236,8 @@ def provable_lower(
         Of admissible finger forces A u, which exert the vertices.
     cells : (f, d) array
         Vertices of each cell.
-    planes : (f, d) array or None
-        Rows a, any; None for those of ``<a, v - c> = 1`` at the vertices.
+    planes : (f, d) array
+        Rows a, any: those of ``<a, v - c> = 1`` at the vertices lose least.
     task : Task
     losses : (f, d) array, optional
         Products ``<a, .>`` by which each cell's vertices may be lower than exerted, at least 0.
@@ -249,9 +249,6 @@ def provable_lower(
     sizes = np.abs(variables) @ (wrenches.sizes @ np.abs(lift)).T
     error = LOSS * (d + sum(lift.shape)) * (sizes + np.abs(centre)) + LOSS * d * np.abs(vertices)
     corners = vertices[cells]
-    if planes is None:
-        unit = 2.0 ** -np.ceil(np.log2(np.max(np.abs(vertices), axis=0)))
-        planes = np.linalg.solve(corners * unit, np.ones((*cells.shape, 1)))[:, :, 0] * unit
     size, products = np.abs(planes), np.einsum("fvd,fd->fv", corners, planes)
     # the largest error of all vertices is eightfold, and so counts for a vertex and for the centre
     rounding = size @ np.max(error, axis=0)
