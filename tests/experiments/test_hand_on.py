@@ -159,7 +159,10 @@ def test_bodies_are_told_apart_by_what_they_state():
 
 @pytest.mark.slow
 def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
-    """The rougher sphere takes the grasp with palm and joints, which verify checks against the hand's own limits."""
+    """The rougher sphere takes the grasp with palm and joints, which verify checks against the hand's own limits.
+
+    Contacts stay within a micrometre; joints follow links that are off their clearance by as little.
+    """
     contacts = [ng.FrictionContact(0.5)] * 4
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     ball = ng.GraspProblem(ng.Sphere(0.03), contacts, task, hand=four_finger_hand(), name="ball")
@@ -169,7 +172,8 @@ def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
     assert result.notes == ()
     smooth, rough = result.solution("smooth"), result.solution("rough")
     assert result["rough"].best.origin == "smooth, seed 0"
-    assert rough.hand["joint_positions"] == pytest.approx(smooth.hand["joint_positions"], abs=1e-9)
+    assert np.max(np.abs(rough.grasp.points - smooth.grasp.points)) < 1e-6
+    assert rough.hand["joint_positions"] == pytest.approx(smooth.hand["joint_positions"], abs=1e-3)
     assert rough.mu.upper >= smooth.mu.lower
     assert ng.verify(result.folder / "solves" / "rough--seed0.json")
 

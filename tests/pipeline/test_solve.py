@@ -93,8 +93,8 @@ def test_another_seed_is_another_search():
 @pytest.mark.slow
 def test_one_start_leads_to_the_best_grasp_of_an_ellipsoid():
     options = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.05, global_bound=False)
-    found = ng.solve(ellipsoid(), starts=1, options=options).mu.upper
-    assert found == pytest.approx(0.73193, rel=1e-4)
+    solution = ng.solve(ellipsoid(), starts=1, options=options)
+    assert ng.mu(solution.grasp, solution.task, 1e-4).upper == pytest.approx(0.73193, rel=1e-4)
 
 
 @pytest.mark.slow
