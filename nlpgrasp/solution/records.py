@@ -171,6 +171,10 @@ def read_starts(data: Json, name: str) -> tuple[tuple[StartRecord, ...], int | N
         On an invalid start, or an answer of no start; ``name`` is shown in the message.
     """
     solver = data.get("solver", {})
+    if not isinstance(solver, dict):
+        raise InputError(f"{name}: solver", solver, "a JSON object")
+    if not isinstance(solver.get("options", {}), dict):
+        raise InputError(f"{name}: solver.options", solver["options"], "a JSON object")
     starts = tuple(
         StartRecord.from_dict(start, f"{name}: solver.starts.{i}") for i, start in enumerate(solver.get("starts", ()))
     )
