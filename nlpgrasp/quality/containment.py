@@ -108,6 +108,8 @@ def make_containment(wrenches: WrenchSet, task: Task) -> tuple[Containment | Non
     if spread[0] <= FLAT_CONDITION * spread[-1]:
         gram = reduction @ wrenches.G @ wrenches.G.T @ reduction.T
         shape = shape + 0.1 * np.trace(shape) / np.trace(gram) * gram
+        least = 1e-14 * float(np.trace(shape))  # wrenches may be as flat as the task, from far away
+        shape = shape + max(0.0, least - float(np.linalg.eigvalsh(shape)[0])) * np.eye(rank)
     matrix = np.linalg.solve(np.linalg.cholesky(shape), reduction)
     rounding = ROUNDING + 1e-14 * float(np.linalg.cond(shape)) ** 0.5
     return Containment(wrenches.transformed(matrix), task.transformed(matrix), (wrenches, task), matrix, rounding), None

@@ -369,3 +369,12 @@ def test_rounding_noise_is_no_torque(centre):
     assert np.linalg.norm(asked.worst_direction[:3]) < 1e-6
     stack = ng.GraspStack([grasp.points] * 2, [grasp.normals] * 2, ng.PointContact(), torque_origin=centre)
     np.testing.assert_array_equal(stack.G[1], grasp.G)
+
+
+def test_a_task_and_wrenches_that_are_both_flat_from_far_away_are_certified():
+    points = 1e-3 * np.array([[1.0, 0.2, 0.0], [-1.0, 0.1, 0.1], [0.0, 1.0, -0.1], [0.1, -1.0, 0.2]])
+    normals = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    for far in (1.0, 1e2, 1e4, 1e5):
+        grasp = ng.Grasp(points, normals, ng.FrictionContact(0.5), [far, 0.5 * far, -far])
+        bounds = ng.mu(grasp, ng.TaskPolytope([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]]), 0.1)
+        assert 0.0 <= bounds.lower <= bounds.upper
