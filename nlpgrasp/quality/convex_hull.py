@@ -19,6 +19,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
 FLAT = 1e-13  # distance from the others' affine hull, relative to the first, below which points are flat
 AT_ORIGIN = 1e-9  # offset of a plane, relative to the centre's distance, below which it passes through the origin
+LEAST_HEIGHT = 0.5  # least height of a cell over its plane's nominal height 1
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
 MOST_NEW_CELLS = (
     8_000  # cells per new vertex above which rounding has failed (in 6 dimensions some hundreds are normal)
@@ -38,6 +39,8 @@ class IncrementalHull:
         Of the finger forces that exert the first vertices.
     reach : callable
         Support function of A: maps directions (f, d) to values (f,).
+    sizes : (l, d) array
+        Rounding errors of a vertex for unit variables.
 
     Attributes
     ----------
@@ -47,6 +50,9 @@ class IncrementalHull:
         Rows a; zero for removed cells.
     values : (f,) array
         ``phi_A(a)`` of the cells' planes; zero for removed cells; those of new cells are set when ``insert`` returns.
+    is_sound : bool
+        Whether all cells that were ever made are off the centre in spite of rounding. Only then do the cells surround
+        the centre: a vertex may replace those alone (docs/proof_format.md).
 
     Raises
     ------
@@ -54,8 +60,15 @@ class IncrementalHull:
         When the first points are (nearly) flat.
     """
 
-    def __init__(self, points: FloatArray, variables: FloatArray, reach: Callable[[FloatArray], FloatArray]) -> None:
-        self._reach = reach
+    def __init__(
+        self,
+        points: FloatArray,
+        variables: FloatArray,
+        reach: Callable[[FloatArray], FloatArray],
+        sizes: FloatArray,
+    ) -> None:
+        self._reach, self._sizes = reach, sizes
+        self._error: FloatArray = np.max(np.abs(variables), axis=0) @ sizes
         corners = _large_simplex(points)
         self._variables = [variables[corners]]
         self._dimension: int = points.shape[1]
@@ -70,6 +83,7 @@ class IncrementalHull:
         self._other_slots: IntArray = self._cells[:-1, :-1].copy()  # of each slot of a cell
         self.planes: FloatArray = np.linalg.solve(self._points[self._cells], np.ones((size, size - 1, 1)))[:, :, 0]
         self.values = reach(self.planes)
+        self.is_sound, self._made = True, [(self._cells.copy(), self.planes.copy())]
         self._marked = np.zeros(size, dtype=bool)
         self._size = size
         self._free: IntArray = np.zeros(0, dtype=np.intp)
@@ -115,9 +129,19 @@ class IncrementalHull:
         """Insert vertices (m, d) exerted by forces of variables (m, l); return whether any was outside."""
         added = [self._insert(p) for p in points - self.centre]
         self._variables.append(variables[added])
+        if any(added):
+            self._check_heights(np.max(np.abs(variables), axis=0) @ self._sizes)
         new = np.flatnonzero(np.isnan(self.values[: self._size]))
         self.values[new] = self._reach(self.planes[new])
         return any(added)
+
+    def _check_heights(self, error: FloatArray) -> None:
+        """Note whether new cells are off the centre in spite of rounding, at most ``error`` (d,) at a vertex."""
+        self._error = np.maximum(self._error, error)
+        cells, planes = (np.concatenate(parts) for parts in zip(*self._made, strict=True))
+        self._made.clear()
+        least = np.min((self._points[cells] @ planes[:, :, None])[:, :, 0])
+        self.is_sound &= bool(least > LEAST_HEIGHT and np.max(np.abs(planes) @ self._error) < LEAST_HEIGHT / 2.0)
 
     def _insert(self, p: FloatArray) -> bool:
         """Insert a vertex without computing the new cells' values; return whether it was inserted.
@@ -146,6 +170,7 @@ class IncrementalHull:
             return False
         back_slots = (self._neighbours[hidden_cells] == visible_cells[:, None]).argmax(axis=1)
         planes = self._new_planes(height, visible_cells, hidden_cells, cells)
+        self._made.append((cells, planes))
         new = self._slots(visible, len(visible_cells))
         rows, slots, partner = pairs
         self._neighbours[new, slot] = hidden_cells

@@ -264,7 +264,9 @@ class _DisplacedGrasps:
             variables = domain.into(variables) * factors
             planes = state.hull.cell_planes() @ problem.matrix
             losses = self._losses(grasp, variables, planes, cells)
-            lower = provable_lower(wrenches, variables, cells, planes, self.task, losses)
+            lower = (
+                provable_lower(wrenches, variables, cells, planes, self.task, losses) if state.hull.is_sound else 0.0
+            )
             offsets = np.min(np.einsum("fvd,fd->fv", wrenches.exert(variables)[cells], planes) - losses, axis=1)
             reach = self.task.support(planes)[0]
             beside = np.where(offsets < 0.0, -np.inf, np.inf)

@@ -22,7 +22,14 @@ from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separate_wrench, separating_direction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, provable_zero, trust_in_task
+from nlpgrasp.quality.provable_ends import (
+    LOSS,
+    ForceCones,
+    provable_lower,
+    provable_upper,
+    provable_zero,
+    trust_in_task,
+)
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
@@ -125,6 +132,7 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
     variables, cells = state.hull.vertices()
     variables = domain.into(variables)
     lower = provable_lower(wrenches, variables, cells, state.hull.cell_planes() @ matrix, task)
+    lower = lower if state.hull.is_sound else 0.0
     proof = variables if lower > 0.0 and not is_flat else None
     return min(lower, upper), upper, "; ".join(filter(None, trust)), proof
 
@@ -229,8 +237,11 @@ def _initial_hull(
         points, variables = inner_points(problem, problem.wrenches.variables(u)[1], shrink, rng)
         if with_origin:
             points, variables = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, variables))
+        sizes = (
+            LOSS * sum(problem.wrenches.G.shape) * (problem.wrenches.sizes @ np.abs(problem.wrenches.force_set.lift)).T
+        )
         try:
-            return IncrementalHull(points, variables, lambda planes: problem.task.support(planes)[0])
+            return IncrementalHull(points, variables, lambda planes: problem.task.support(planes)[0], sizes)
         except np.linalg.LinAlgError:
             axes = np.linalg.svd(points - points.mean(axis=0))[2]
             start = np.concatenate([start, axes, -axes])

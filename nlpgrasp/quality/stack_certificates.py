@@ -21,7 +21,7 @@ from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.unit_directions import directions, directions_around
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.convex_hull import BEYOND
+from nlpgrasp.quality.convex_hull import BEYOND, LEAST_HEIGHT
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, trust_in_task
@@ -293,6 +293,9 @@ class StackedHulls:
         planes = self.planes[row, horizon.slot] + (1.0 - height[row, horizon.slot])[:, None] * column
         horizon.cells[index, corner] = self.count
         self._points[:, self.count], self._variables[:, self.count] = p, variables
+        # a vertex may replace cells alone that are off the centre, as in ``convex_hull``
+        heights = (self._points[row[:, None], horizon.cells] @ planes[:, :, None])[:, :, 0]
+        self.failed[row[np.min(heights, axis=1) <= LEAST_HEIGHT]] = True
         self.count += 1
         slot = self._slots(removed, row)
         self._cells[row, slot] = horizon.cells

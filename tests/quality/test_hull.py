@@ -15,7 +15,7 @@ def ball(directions):
 
 
 def grown(points, first):
-    hull = IncrementalHull(points[:first], points[:first], ball)
+    hull = IncrementalHull(points[:first], points[:first], ball, np.zeros((points.shape[1],) * 2))
     for p in points[first:]:
         hull.insert(p[None], p[None])
     return hull
@@ -32,7 +32,7 @@ def test_same_facets_as_qhull(dimension, rng):
 
 def test_a_point_inside_changes_nothing(rng):
     points = rng.standard_normal((30, 4))
-    hull = IncrementalHull(points, points, ball)
+    hull = IncrementalHull(points, points, ball, np.zeros((points.shape[1],) * 2))
     before = hull.values.copy()
     middle = points.mean(axis=0, keepdims=True)
     assert not hull.insert(middle, middle)
@@ -68,3 +68,9 @@ def test_degenerate_points_stay_inside_and_surrounded(name, seed):
         axis=1,
     )
     np.testing.assert_allclose(np.max(directions @ live.T, axis=1), gauge, rtol=1e-6)
+
+
+def test_cells_that_rounding_turns_over_the_centre_are_noticed(rng):
+    points = rng.standard_normal((40, 3))
+    assert IncrementalHull(points, points, ball, np.full((3, 3), 1e-12)).is_sound
+    assert not IncrementalHull(points, points, ball, np.full((3, 3), 0.1)).is_sound
