@@ -24,7 +24,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.convex_hull import BEYOND, LEAST_HEIGHT
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, trust_in_task
+from nlpgrasp.quality.provable_ends import LOSS, ForceCones, provable_lower, provable_upper, trust_in_task
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.quality.sandwich import NO_WORK, SHRINK
 from nlpgrasp.quality.screening import GraspBatch, second_moment
@@ -101,7 +101,10 @@ class _Chunk:
         self._settle_without_closure()
         d = low.shape[2]
         axes = np.broadcast_to(directions(d, 0), (len(self.indices), 2 * d, d))
-        hulls = StackedHulls(*self._inner_points(np.concatenate([low[self.indices], axes], axis=1))[1:])
+        points, variables = self._inner_points(np.concatenate([low[self.indices], axes], axis=1))[1:]
+        terms = np.array([self.grasps[i].G_sizes for i in self.indices]).reshape(-1, *self.grasps[0].G.shape)
+        sizes = LOSS * sum(terms.shape[1:]) * (np.abs(self.matrix) @ terms @ np.abs(self.domain.lift))
+        hulls = StackedHulls(points, variables, sizes.transpose(0, 2, 1))
         while len(self.indices):
             hulls.measure(self.task)
             least, normals = hulls.lowest()
@@ -218,6 +221,8 @@ class StackedHulls:
         First vertices.
     variables : (b, m, l) array
         Of the finger forces that exert them.
+    sizes : (b, l, d) array
+        Rounding errors of a vertex for unit variables.
 
     Attributes
     ----------
@@ -231,8 +236,10 @@ class StackedHulls:
         Hulls that are flat or degenerate.
     """
 
-    def __init__(self, points: FloatArray, variables: FloatArray) -> None:
+    def __init__(self, points: FloatArray, variables: FloatArray, sizes: FloatArray) -> None:
         b, self.count, d = points.shape
+        self._rounding = sizes
+        self._error: FloatArray = np.max(np.abs(variables) @ sizes, axis=1, initial=0.0)
         self.centre = points.mean(axis=1)
         self.failed = np.zeros(b, dtype=bool)
         self._points = np.zeros((b, MOST_POINTS + 1, d))
@@ -260,6 +267,18 @@ class StackedHulls:
         self.failed |= self._sizes == 0
         self._inverses[row, slot] = np.linalg.inv(np.where(is_singular[:, None, None], np.eye(d), corners))
         self.planes[row, slot] = self._inverses[row, slot].sum(axis=2)
+        self._check_heights(row, self._cells[row, slot], self.planes[row, slot])
+        # the first cells surround the centre: an odd number of them meets a ray
+        coordinates = random.standard_normal(d) @ self._inverses[row, slot]
+        least = np.min(coordinates, axis=1) / np.max(np.abs(coordinates), axis=1)
+        self.failed |= np.bincount(row[least > 0.0], minlength=b) % 2 == 0
+        self.failed[row[np.abs(least) < LEAST_PIVOT]] = True
+
+    def _check_heights(self, row: IntArray, cells: IntArray, planes: FloatArray) -> None:
+        """Note hulls with cells that rounding may turn over the centre: a vertex may replace no such cell."""
+        heights = np.min((self._points[row[:, None], cells] @ planes[:, :, None])[:, :, 0], axis=1)
+        rounding = np.sum(np.abs(planes) * self._error[row], axis=1)
+        self.failed[row[~((heights > LEAST_HEIGHT) & (rounding < 0.5 * LEAST_HEIGHT))]] = True
 
     def measure(self, task: Task) -> None:
         """Set the values of new cells: the largest multiple of the task that each cell allows."""
@@ -293,9 +312,8 @@ class StackedHulls:
         planes = self.planes[row, horizon.slot] + (1.0 - height[row, horizon.slot])[:, None] * column
         horizon.cells[index, corner] = self.count
         self._points[:, self.count], self._variables[:, self.count] = p, variables
-        # a vertex may replace cells alone that are off the centre, as in ``convex_hull``
-        heights = (self._points[row[:, None], horizon.cells] @ planes[:, :, None])[:, :, 0]
-        self.failed[row[np.min(heights, axis=1) <= LEAST_HEIGHT]] = True
+        self._error = np.maximum(self._error, (np.abs(variables)[:, None] @ self._rounding)[:, 0])
+        self._check_heights(row, horizon.cells, planes)
         self.count += 1
         slot = self._slots(removed, row)
         self._cells[row, slot] = horizon.cells
@@ -349,6 +367,7 @@ class StackedHulls:
         """Keep the hulls in a mask, and remove the others."""
         self.centre, self.failed = self.centre[rows], self.failed[rows]
         self._points, self._variables = self._points[rows], self._variables[rows]
+        self._rounding, self._error = self._rounding[rows], self._error[rows]
         self._marks, self._sizes = self._marks[rows], self._sizes[rows]
         most = int(np.max(self._sizes, initial=1))
         self._cells, self._inverses = self._cells[rows, :most], self._inverses[rows, :most]
