@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import ClassVar
 
-import numpy as np
-
 from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, HandWithJacobians, JointedHand, Json, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import component_slices, conic_lift, project_lifted
+from nlpgrasp.contacts.product import component_slices, conic_lift, is_lifted, project_lifted
 from nlpgrasp.errors import InputError
 
 SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms
@@ -68,7 +66,7 @@ class ForceSet(ABC):
     @cached_property
     def is_lifted(self) -> bool:
         """Whether the variables are not the force components themselves."""
-        return not np.array_equal(self.lift, np.eye(len(self.lift)))
+        return is_lifted(self.lift)
 
     def variables(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support (m,), and variables (m, l) in the contacts' cones of maximisers A u, for z (m, n)."""

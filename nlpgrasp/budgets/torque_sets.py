@@ -28,7 +28,7 @@ from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import component_slices, conic_lift, press_into_cones, project
+from nlpgrasp.contacts.product import component_slices, conic_lift, is_lifted, press_into_cones, project
 from nlpgrasp.errors import InputError
 
 CONDITION_TOLERANCE = 1e-9  # relative tolerance of the conditions
@@ -350,8 +350,7 @@ class ConicTorqueSet:
             u[i], dual = np.array(solution.x), np.array(solution.z)
             prices[i] = size * (dual[:m] - dual[m : 2 * m])
         # a projection changes less where friction is low, but not from corner forces
-        is_lifted = not np.array_equal(self._lift, np.eye(len(self._lift)))
-        u = (press_into_cones if is_lifted else project)(u, self._contacts, self._space)
+        u = (press_into_cones if is_lifted(self._lift) else project)(u, self._contacts, self._space)
         load = np.max(np.abs(u @ self._loads.T), axis=1, initial=1.0)
         return u * (SCALE_INSIDE / load)[:, None], prices
 

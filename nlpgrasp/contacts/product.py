@@ -37,6 +37,11 @@ def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray
     return np.asarray(block_diag(*parts)), cones
 
 
+def is_lifted(lift: FloatArray) -> bool:
+    """Return whether variables are not the force components themselves, for A (n, m) of ``conic_lift``."""
+    return not np.array_equal(lift, np.eye(len(lift)))
+
+
 def contact_supports(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
     """Return each contact's support for normal force at most 1, (m, k), and maximisers (m, n)."""
     if have_one_domain(contacts, space):

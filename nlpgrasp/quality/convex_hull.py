@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 
 LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
 FLAT = 1e-13  # distance from the others' affine hull, relative to the first, below which points are flat
@@ -140,8 +140,7 @@ class IncrementalHull:
         self._error = np.maximum(self._error, error)
         cells, planes = (np.concatenate(parts) for parts in zip(*self._made, strict=True))
         self._made.clear()
-        least = np.min((self._points[cells] @ planes[:, :, None])[:, :, 0])
-        self.is_sound &= bool(least > LEAST_HEIGHT and np.max(np.abs(planes) @ self._error) < LEAST_HEIGHT / 2.0)
+        self.is_sound &= bool(np.all(are_off_centre(self._points[cells], planes, self._error)))
 
     def _insert(self, p: FloatArray) -> bool:
         """Insert a vertex without computing the new cells' values; return whether it was inserted.
@@ -248,6 +247,15 @@ class IncrementalHull:
 
     def _new_names(self, count: int) -> NDArray[np.uint64]:
         return self._random.integers(0, 2**63, size=count, dtype=np.uint64)
+
+
+def are_off_centre(corners: FloatArray, planes: FloatArray, error: FloatArray) -> BoolArray:
+    """Return which cells (f,) are off the centre in spite of rounding.
+
+    Their vertices (f, d, d), off by at most ``error`` (d,) or (f, d), are well above 0 along their planes (f, d).
+    """
+    heights = np.min((corners @ planes[:, :, None])[:, :, 0], axis=1)
+    return np.asarray((heights > LEAST_HEIGHT) & (np.sum(np.abs(planes) * error, axis=1) < LEAST_HEIGHT / 2.0))
 
 
 def _large_simplex(points: FloatArray) -> list[int]:

@@ -18,7 +18,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import BoolArray, FloatArray, array
-from nlpgrasp.contacts.product import conic_lift, press_into_cones, project_strictly
+from nlpgrasp.contacts.product import press_into_cones, project_strictly
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
@@ -211,7 +211,7 @@ def _feasible_forces(wrench_set: WrenchSet, u: FloatArray, w: FloatArray) -> Flo
     forces = press_into_cones(u[solved], contacts, space) @ wrench_set.force_set.lift.T
     x[solved] = _correct_wrenches(wrench_set, forces, w[solved])
     missed = solved[np.linalg.norm(x[solved] @ wrench_set.G.T - w[solved], axis=1) > PRODUCED]
-    lifted = u[missed] @ conic_lift(contacts, space)[0].T
+    lifted = u[missed] @ wrench_set.force_set.lift.T
     x[missed] = _correct_wrenches(wrench_set, project_strictly(lifted, contacts, space), w[missed])
     return x
 
@@ -246,13 +246,13 @@ def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[Flo
     A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
     """
     u, directions = _solve_conic_programs(wrench_set, wrenches)
-    return u @ conic_lift(wrench_set.contacts, wrench_set.space)[0].T, directions
+    return u @ wrench_set.force_set.lift.T, directions
 
 
 def _solve_conic_programs(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the variables (m, l) of ``conic_lift`` with the least forces for wrenches (m, d), and dual directions."""
     d = len(wrench_set.G)
-    lift, matrices = conic_lift(wrench_set.contacts, wrench_set.space)
+    lift, matrices = wrench_set.force_set.conic
     n = lift.shape[1]
     rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
     cones = [clarabel.ZeroConeT(d)]

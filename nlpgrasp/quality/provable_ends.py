@@ -242,12 +242,11 @@ def provable_lower(
     losses : (f, d) array, optional
         Products ``<a, .>`` by which each cell's vertices may be lower than exerted, at least 0.
     """
-    d, lift = len(wrenches.G), wrenches.force_set.lift
-    vertices = wrenches.exert(variables)
+    d, vertices = len(wrenches.G), wrenches.exert(variables)
     centre = np.mean(vertices[: d + 1], axis=0)
     vertices -= centre
-    sizes = np.abs(variables) @ (wrenches.sizes @ np.abs(lift)).T
-    error = LOSS * (d + sum(lift.shape)) * (sizes + np.abs(centre)) + LOSS * d * np.abs(vertices)
+    error = np.abs(variables) @ vertex_rounding(wrenches)
+    error += LOSS * (d + sum(wrenches.force_set.lift.shape)) * np.abs(centre) + LOSS * d * np.abs(vertices)
     corners = vertices[cells]
     size, products = np.abs(planes), np.einsum("fvd,fd->fv", corners, planes)
     # the largest error of all vertices is eightfold, and so counts for a vertex and for the centre
@@ -265,6 +264,12 @@ def provable_lower(
     middle = largest * np.mean(task.ends(), axis=0)
     is_around = offsets - planes @ middle > LOSS * (2 + d) * (size @ np.abs(middle))
     return largest if np.all(is_around) else 0.0
+
+
+def vertex_rounding(wrenches: WrenchSet) -> FloatArray:
+    """Return bounds on the rounding errors of wrenches ``G A u`` for unit variables, (l, d)."""
+    lift = wrenches.force_set.lift
+    return np.asarray(LOSS * (len(wrenches.G) + sum(lift.shape)) * (wrenches.sizes @ np.abs(lift)).T)
 
 
 def trust_in_task(task: Task) -> str:

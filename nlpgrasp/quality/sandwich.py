@@ -23,12 +23,12 @@ from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separate_wrench, separating_direction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.provable_ends import (
-    LOSS,
     ForceCones,
     provable_lower,
     provable_upper,
     provable_zero,
     trust_in_task,
+    vertex_rounding,
 )
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -102,20 +102,19 @@ def sandwich(
     if problem.rank == 1:
         ends = state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding)
         return Bounds(*ends, direction, trust=FLAT_WRENCHES)
-    lower, upper, trust, vertices = _ends(problem, state, direction)
-    if lower <= 0.0 and (proof := _separate_task(problem, state.worst)) is not None:
+    bounds = _ends(problem, state, direction)
+    if bounds.lower <= 0.0 and (proof := _separate_task(problem, state.worst)) is not None:
         return no_work(*problem.given, problem.to_wrench_direction(proof))
-    is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
-    limit = "" if is_narrow else state.limit
-    bounds = Bounds(lower, upper, direction, limit=limit, trust=trust, vertices=vertices)
-    if limit == ROUNDING_LIMIT and COARSER * rtol < 1.0 and upper > lower * (1.0 + COARSER * rtol):
-        coarser = sandwich(problem, COARSER * rtol, seed, deadline)  # rounding tore a hull of so many points
-        return replace(coarser, limit=limit) if coarser.lower > lower else bounds
-    return bounds
+    if bounds.upper <= bounds.lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding):
+        return bounds
+    is_torn = state.limit == ROUNDING_LIMIT and bounds.upper > bounds.lower * (1.0 + COARSER * rtol)
+    if is_torn and COARSER * rtol < 1.0:  # by rounding: a hull of fewer points may be whole
+        bounds = max(bounds, sandwich(problem, COARSER * rtol, seed, deadline), key=lambda found: found.lower)
+    return replace(bounds, limit=state.limit)
 
 
-def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, float, str, FloatArray | None]:
-    """Return both ends as they hold in real arithmetic, what they rest on besides, and vertices of a proof."""
+def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> Bounds:
+    """Return both ends as they hold in real arithmetic, with what they rest on besides and the vertices of a proof."""
     wrenches, task = problem.given
     trust, matrix = [trust_in_task(task)], problem.matrix
     domain = ForceCones.of(wrenches)
@@ -124,7 +123,7 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
         upper = state.upper * (1.0 + problem.rounding)
         trust.append(SUPPORT)
     if state.hull is None:
-        return 0.0, upper, "; ".join(filter(None, trust)), None
+        return Bounds(0.0, upper, y, trust="; ".join(filter(None, trust)))
     is_flat = problem.rank < len(wrenches.G)
     if is_flat:
         trust.append(FLAT_WRENCHES)
@@ -134,7 +133,7 @@ def _ends(problem: Containment, state: Sandwich, y: FloatArray) -> tuple[float, 
     lower = provable_lower(wrenches, variables, cells, state.hull.cell_planes() @ matrix, task)
     lower = lower if state.hull.is_sound else 0.0
     proof = variables if lower > 0.0 and not is_flat else None
-    return min(lower, upper), upper, "; ".join(filter(None, trust)), proof
+    return Bounds(min(lower, upper), upper, y, trust="; ".join(filter(None, trust)), vertices=proof)
 
 
 def no_work(wrenches: WrenchSet, task: Task, y: FloatArray) -> Bounds:
@@ -237,11 +236,10 @@ def _initial_hull(
         points, variables = inner_points(problem, problem.wrenches.variables(u)[1], shrink, rng)
         if with_origin:
             points, variables = (np.concatenate([np.zeros((1, rows.shape[1])), rows]) for rows in (points, variables))
-        sizes = (
-            LOSS * sum(problem.wrenches.G.shape) * (problem.wrenches.sizes @ np.abs(problem.wrenches.force_set.lift)).T
-        )
         try:
-            return IncrementalHull(points, variables, lambda planes: problem.task.support(planes)[0], sizes)
+            return IncrementalHull(
+                points, variables, lambda planes: problem.task.support(planes)[0], vertex_rounding(problem.wrenches)
+            )
         except np.linalg.LinAlgError:
             axes = np.linalg.svd(points - points.mean(axis=0))[2]
             start = np.concatenate([start, axes, -axes])

@@ -21,10 +21,10 @@ from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.unit_directions import directions, directions_around
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.convex_hull import BEYOND, LEAST_HEIGHT
+from nlpgrasp.quality.convex_hull import BEYOND, are_off_centre
 from nlpgrasp.quality.force_closure import ZERO_SUPPORT
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.provable_ends import LOSS, ForceCones, provable_lower, provable_upper, trust_in_task
+from nlpgrasp.quality.provable_ends import ForceCones, provable_lower, provable_upper, trust_in_task, vertex_rounding
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.quality.sandwich import NO_WORK, SHRINK
 from nlpgrasp.quality.screening import GraspBatch, second_moment
@@ -86,8 +86,9 @@ class _Chunk:
         rtol: float,
         random: np.random.Generator,
     ) -> None:
-        self.grasps, self.force_set, self.given_task = [stack[i] for i in rows], force_set, task
-        self.domain = ForceCones.of(WrenchSet(self.grasps[0].G, force_set))
+        grasps, self.given_task = [stack[i] for i in rows], task
+        self.wrenches = [WrenchSet(grasp.G, force_set, grasp.G_sizes) for grasp in grasps]
+        self.domain = ForceCones.of(self.wrenches[0])
         self.batch = GraspBatch(matrix @ stack.G[rows.start : rows.stop], force_set)
         self.task, self.matrix, self.rtol = task.transformed(matrix), matrix, rtol
         self.shrink, self.random, self.trust = min(SHRINK, 0.01 * rtol), random, trust_in_task(task)
@@ -102,9 +103,8 @@ class _Chunk:
         d = low.shape[2]
         axes = np.broadcast_to(directions(d, 0), (len(self.indices), 2 * d, d))
         points, variables = self._inner_points(np.concatenate([low[self.indices], axes], axis=1))[1:]
-        terms = np.array([self.grasps[i].G_sizes for i in self.indices]).reshape(-1, *self.grasps[0].G.shape)
-        sizes = LOSS * sum(terms.shape[1:]) * (np.abs(self.matrix) @ terms @ np.abs(self.domain.lift))
-        hulls = StackedHulls(points, variables, sizes.transpose(0, 2, 1))
+        rounding = [vertex_rounding(self.wrenches[i].transformed(self.matrix)) for i in self.indices]
+        hulls = StackedHulls(points, variables, np.reshape(rounding, (len(rounding), variables.shape[2], d)))
         while len(self.indices):
             hulls.measure(self.task)
             least, normals = hulls.lowest()
@@ -181,11 +181,10 @@ class _Chunk:
         variables = hulls.variables(done)
         inside = self.domain.into(variables.reshape(-1, variables.shape[2])).reshape(variables.shape)
         for row, u in zip(done.tolist(), inside, strict=True):
-            grasp, y = self.grasps[self.indices[row]], self._direction(row)
+            wrenches, y = self.wrenches[self.indices[row]], self._direction(row)
             if self.upper[row] == 0.0:
                 self.result[self.indices[row]] = Bounds(0.0, 0.0, y, trust=NO_WORK)
                 continue
-            wrenches = WrenchSet(grasp.G, self.force_set, grasp.G_sizes)
             cells, planes = hulls.cells(row)
             lower = provable_lower(wrenches, u, cells, planes @ self.matrix, self.given_task)
             upper, _ = provable_upper(wrenches, self.domain, y, self.given_task)
@@ -276,9 +275,7 @@ class StackedHulls:
 
     def _check_heights(self, row: IntArray, cells: IntArray, planes: FloatArray) -> None:
         """Note hulls with cells that rounding may turn over the centre: a vertex may replace no such cell."""
-        heights = np.min((self._points[row[:, None], cells] @ planes[:, :, None])[:, :, 0], axis=1)
-        rounding = np.sum(np.abs(planes) * self._error[row], axis=1)
-        self.failed[row[~((heights > LEAST_HEIGHT) & (rounding < 0.5 * LEAST_HEIGHT))]] = True
+        self.failed[row[~are_off_centre(self._points[row[:, None], cells], planes, self._error[row])]] = True
 
     def measure(self, task: Task) -> None:
         """Set the values of new cells: the largest multiple of the task that each cell allows."""
