@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from nlpgrasp.common.display import InNotebook, show
 from nlpgrasp.common.evaluation import BatchEvaluator
@@ -211,6 +212,20 @@ class Body(DisplayedBody):
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, space) to the body, (m,), metres, negative inside."""
         return self.distances(np.asarray(points))[0][:, 0]
+
+    def distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray:
+        """Return ``distance`` at the points of a tensor grid with the given coordinates, (nx, ny, nz), metres."""
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return np.asarray(Body.signed_distance(self, grid.reshape(-1, len(axes)))).reshape(grid.shape[:-1])
+
+    def smooth_distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray:
+        """Return a distance from the surface of contacts, without edges, on such a grid, (nx, ny, nz), metres."""
+        return np.asarray(gaussian_filter(self.distance_on_grid(axes), 1.0))
+
+    def edge_distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray | None:
+        """Return the distance from sharp edges on such a grid, (nx, ny, nz), metres; by default None: not known."""
+        del axes
+        return None
 
     @cached_property
     def distances(self) -> BatchEvaluator:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
@@ -26,6 +27,7 @@ from nlpgrasp.optimize.compiled_programs import (
     follows_contacts,
 )
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
+from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.hand_workspace import HandWorkspace
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
@@ -101,6 +103,19 @@ class CompiledProblem:
             if self._parent is None
             else self._parent.workspace
         )
+
+    @cached_property
+    def hand_shapes(self) -> HandShapes:
+        """Shapes of the problem's hand, which must have links, in plain arrays."""
+        if self._parent is not None:
+            return self._parent.hand_shapes
+        margin = self.options.joint_margin if self.options.seeks_room else 0.0
+        return HandShapes(self.hand_functions.linked_hand, margin)
+
+    @cached_property
+    def distance_grid(self) -> DistanceGrid:
+        """Signed distance of the body on a grid."""
+        return DistanceGrid(self.problem.body, 0.03) if self._parent is None else self._parent.distance_grid
 
     def with_task(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem for another task, sharing programs and samples.

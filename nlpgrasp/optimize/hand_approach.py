@@ -24,9 +24,9 @@ from nlpgrasp.nlp import HAND
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, hand_of, pack_variables, set_contacts
 from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.refine_on_body import JointLimitMargins
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.solution.obstructions import approach_obstructions, links_are_free
 from nlpgrasp.solution.records import Status

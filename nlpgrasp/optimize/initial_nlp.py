@@ -8,6 +8,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
@@ -26,6 +27,8 @@ class ScoredCandidate:
     candidate : GraspCandidate
     score : float
         Least support ratio; the negative violation where constraints are violated.
+    links : LinkConstraints
+        Constraints on the hand's links beside those of the problem.
     message : str
         IPOPT's status; empty where the initial NLP was not solved.
     effort : SolverEffort
@@ -33,6 +36,7 @@ class ScoredCandidate:
 
     candidate: GraspCandidate
     score: float
+    links: LinkConstraints = field(default_factory=LinkConstraints)
     message: str = ""
     effort: SolverEffort = field(default_factory=SolverEffort)
 
@@ -58,7 +62,9 @@ def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: 
             grasps.append(replace(grasps[0], message=result.status, effort=effort))
             continue
         candidate = _on_body(compiled, candidate)
-        grasps.append(ScoredCandidate(candidate, _score(compiled, candidate, rng), result.status, effort))
+        grasps.append(
+            ScoredCandidate(candidate, _score(compiled, candidate, rng), message=result.status, effort=effort)
+        )
         if grasps[-1].score > 0.0:
             break
     effort = sum((grasp.effort for grasp in grasps), SolverEffort())

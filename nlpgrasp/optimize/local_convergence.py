@@ -11,10 +11,11 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.optimize.added_clearance import AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.kkt_point import EXCESS, LocalOptimum, find_local_optimum, residuals_at
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
-from nlpgrasp.optimize.refine_on_body import PASSES, JointLimitMargins, missing_clearance, overestimated_clearance
+from nlpgrasp.optimize.refine_on_body import PASSES, missing_clearance, overestimated_clearance
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality.measures import certify

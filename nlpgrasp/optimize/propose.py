@@ -1,8 +1,8 @@
-"""Initial candidates of a search, by coordinate exchange of free contacts or within reach of hand poses.
+"""Initial candidates of a search, by a race of hand postures, or by coordinate exchange of free contacts or in reach.
 
-From a fixed pose of the palm, each fingertip of a hand reaches some surface samples. Fingers move independently of each
-other, so contacts are exchanged one at a time over these samples as free contacts are over all, for many palm poses
-side by side.
+Hands that can race (``hand_race.py``) do. For others, each fingertip reaches some surface samples from a fixed pose of
+the palm. Fingers move independently of each other, so contacts are exchanged one at a time over these samples as free
+contacts are over all, for many palm poses side by side.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from nlpgrasp.optimize.coordinate_exchange import (
     select_incongruent,
 )
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
+from nlpgrasp.optimize.hand_race import can_race, raced_candidates
 from nlpgrasp.optimize.hand_workspace import ReachableSamples
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
 from nlpgrasp.quality.weakest_directions import QUICK
@@ -42,6 +43,7 @@ VIOLATION_WEIGHT = 1.0  # weight of violated constraints, such as the palm's dir
 COLLISION_WEIGHT = 0.4  # weight of link collisions against the quality as a share of the best
 COLLISION_WEIGHT_MANY = 0.05  # weight of link collisions against the quality, with many contacts
 FEW = 3  # touching poses proposed with many contacts; non-touching poses proposed
+RACED = 3  # candidates of a race for each start
 TRIES = 12  # poses per start, moved towards contact
 MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses per start then
 
@@ -51,12 +53,15 @@ def propose(
 ) -> list[GraspCandidate]:
     """Return initial candidates for a number of starts, the most promising first.
 
-    Candidates near known contacts, (k, space) each, are proposed as well for problems without a posed hand. The
-    fingertips of a hand with a pose need not touch the body yet. Poses are compared under the L2 budget. There is at
-    least one candidate, the least violated one where none is feasible.
+    Candidates near known contacts, (k, space) each, are proposed as well for problems without a posed hand. Where a
+    hand cannot race, or nothing comes of it, its fingertips need not touch the body yet. Poses are compared under the
+    L2 budget. There is at least one candidate, the least violated one where none is feasible.
     """
     if compiled.follows_contacts:
         return exchanged_candidates(compiled, rng, known_contacts, starts * PROPOSED)
+    raced = raced_candidates(compiled, rng, starts * RACED) if can_race(compiled.problem) else []
+    if raced:
+        return raced
     tries = TRIES if len(compiled.problem.models) < MANY else MANY_TRIES
     palms = PALMS + FURTHER_PALMS * (starts - 1)
     return reachable_candidates(compiled.l2_variant or compiled, rng, starts * tries, palms)

@@ -10,7 +10,7 @@ mu, to first order by their multipliers, than ``SolveOptions.room_price`` allows
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.cutting_planes import nearest_to_binding
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.local_search import LEAST_GAIN, RefinementResult, advance, refine
 from nlpgrasp.optimize.projection import (
     TOUCHING,
@@ -32,9 +33,7 @@ from nlpgrasp.optimize.projection import (
     put_on_body,
 )
 from nlpgrasp.optimize.trust_region import Linearisation
-from nlpgrasp.solution.analysis_records import SMALL, JointMargins
 
-SHARE = 0.1  # share of a joint's range: upper bound on its margin
 NEARBY = 1e-3  # trust-region radius over the body's size of the linearised program that prices the margins
 PASSES = 4  # refinements on triangles while contacts come too near to further sharp edges of a mesh, at most
 ROUNDS = 4  # rounds of refinement of a candidate before it is compared with others
@@ -165,56 +164,6 @@ def refine_with_margins(
         narrowed = compiled.with_joint_limits(margins.narrow_limits(keeps_margin & ~costly))
         result = advance(narrowed, result.point.candidate, deadline, least=least)
     return narrowed, result
-
-
-@dataclass(frozen=True)
-class JointLimitMargins:
-    """Free joints of a hand with their limits and required margins.
-
-    Parameters
-    ----------
-    names : tuple of m str
-    limits : (2, m) array
-        Lower and upper limits, radians; metres for prismatic joints.
-    wanted : (m,) array
-        Required margins: at most a tenth of a joint's range, exactly that for prismatic joints.
-    """
-
-    names: tuple[str, ...]
-    limits: FloatArray
-    wanted: FloatArray
-
-    @classmethod
-    def of(cls, hand: URDFHand, margin: float) -> JointLimitMargins:
-        """Return the margins of a hand's joints, given one margin in radians."""
-        limits, joints = hand.tree.joint_limits, hand.robot.free_joints
-        largest = SHARE * (limits[1] - limits[0])
-        revolute = np.array([joint.is_revolute for joint in joints])
-        wanted = np.where(revolute, np.minimum(margin, largest), largest)
-        return cls(tuple(joint.name for joint in joints), limits, wanted)
-
-    def distances_to_limits(self, joints: FloatArray) -> FloatArray:
-        """Return the distance of each joint (m,) from its nearer limit, (m,)."""
-        return np.asarray(np.minimum(joints - self.limits[0], self.limits[1] - joints))
-
-    def distances_by_name(self, joints: FloatArray) -> dict[str, float]:
-        """Return the distance of each joint (m,) from its nearer limit, by name."""
-        return dict(zip(self.names, self.distances_to_limits(joints).tolist(), strict=True))
-
-    def margins_record(self, joints: FloatArray, margin: float, price: float) -> JointMargins:
-        """Return the record of the required margins and of the distances of joints (m,) from their limits."""
-        return JointMargins(
-            margin, dict(zip(self.names, self.wanted.tolist(), strict=True)), self.distances_by_name(joints), price
-        )
-
-    def is_below_margin(self, joints: FloatArray) -> BoolArray:
-        """Return the mask of joints (m,) nearer to a limit than their margin, (m,)."""
-        return np.asarray(self.distances_to_limits(joints) < (1.0 - SMALL) * self.wanted)
-
-    def narrow_limits(self, joints: BoolArray) -> FloatArray:
-        """Return the joint limits (2, m), narrowed by the margins of the joints in a mask (m,)."""
-        margins = np.where(joints, self.wanted, 0.0)
-        return np.stack([self.limits[0] + margins, self.limits[1] - margins])
 
 
 def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> GraspCandidate:

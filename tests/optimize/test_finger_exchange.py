@@ -13,7 +13,7 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
-from nlpgrasp.optimize.propose import move_into_contact, propose
+from nlpgrasp.optimize.propose import TRIES, move_into_contact, reachable_candidates
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -35,7 +35,7 @@ def moved(compiled, seed):
     with pytest.MonkeyPatch.context() as unexchanged:
         unexchanged.setattr(posed, "_exchange_within_reach", lambda *_: [])
         rng = np.random.default_rng(seed)
-        start = move_into_contact(compiled, propose(compiled, rng), rng, Deadline())[0]
+        start = move_into_contact(compiled, reachable_candidates(compiled, rng, TRIES), rng, Deadline())[0]
     _, start, residual = project_onto_body(compiled, start)
     assert residual <= TOUCHING
     return (

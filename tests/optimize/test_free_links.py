@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.motion.penetration import PenetrationModel
-from nlpgrasp.optimize import start
+from nlpgrasp.optimize import propose, start
 from nlpgrasp.optimize.added_clearance import AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -36,7 +36,10 @@ def problem(tmp_path_factory):
 
 
 def test_links_are_moved_off_the_body_at_little_cost(problem, monkeypatch):
-    freed = solve_once(problem, 1, options=QUICK, seed=1)
+    """From the reach of palms, which knows the spheres alone."""
+    for module in (start, propose):
+        monkeypatch.setattr(module, "can_race", lambda problem: False)
+    freed = ng.solve(problem, 1, options=QUICK, seed=1)
     assert freed.status is ng.Status.SOLVED
     assert freed.link_depth.depth <= 1e-4
     assert ng.verify(freed).passed
@@ -44,6 +47,14 @@ def test_links_are_moved_off_the_body_at_little_cost(problem, monkeypatch):
     touching = ng.solve(problem, 1, options=QUICK, seed=1)
     assert touching.link_depth.depth > 5e-4
     assert freed.mu.lower >= 0.98 * touching.mu.lower
+
+
+def test_after_a_race_there_is_nothing_to_free(problem, monkeypatch):
+    monkeypatch.setattr(start, "MOST_CLEARANCES", 0)
+    raced = ng.solve(problem, 1, options=QUICK, seed=1)
+    assert raced.status is ng.Status.SOLVED
+    assert raced.link_depth.depth <= 1e-4
+    assert ng.verify(raced).passed
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Initial candidates of hands with a pose, and starts under other budgets than L2."""
+"""Initial candidates of hands with a pose from the reach of palms, and starts under other budgets than L2."""
 
 from itertools import pairwise
 
@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import propose as propose_module
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.propose import move_into_contact, propose
+from nlpgrasp.optimize.propose import TRIES, move_into_contact, propose, reachable_candidates
 from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 
@@ -32,7 +32,7 @@ def compiled():
 
 def candidates(compiled, seed):
     rng = np.random.default_rng(seed)
-    return move_into_contact(compiled, propose(compiled, rng), rng, Deadline())
+    return move_into_contact(compiled, reachable_candidates(compiled, rng, TRIES), rng, Deadline())
 
 
 def certified(compiled, candidate):

@@ -11,8 +11,9 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import refine_on_body as refine_module
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.local_search import refine
-from nlpgrasp.optimize.refine_on_body import JointLimitMargins, refine_with_margins
+from nlpgrasp.optimize.refine_on_body import refine_with_margins
 from tests.hands.urdf import four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest
 

@@ -5,7 +5,7 @@ from functools import cache
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.refine_on_body import JointLimitMargins
+from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.solution.analysis_records import JointMargins, format_joint_margins
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.verify.outcome_checks import outcome_checks

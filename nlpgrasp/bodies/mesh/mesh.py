@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NoReturn
@@ -235,6 +236,20 @@ class Mesh(Body):
         sides = np.ptp(self.bounds, axis=0) + 2.0 * margin
         cells = (CLEARANCE_POINTS / np.prod(sides)) ** (1.0 / 3.0) * float(np.max(np.ptp(self.bounds, axis=0)))
         return distance_spline(vertices, np.asarray(self.mesh.faces), max(int(cells), 8), 0.0, margin)
+
+    def distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray:
+        """Return the distance of ``distance`` at the points of a tensor grid, (nx, ny, nz), metres."""
+        return self._clearance_spline.on_grid(axes)
+
+    def smooth_distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray:
+        """Return the smoothed distance at the points of a tensor grid, (nx, ny, nz), metres."""
+        return self._spline.on_grid(axes)
+
+    def edge_distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray | None:
+        """Return the reduced distance from sharp edges at the points of a tensor grid, (nx, ny, nz), metres."""
+        if not len(self._edges):
+            return None
+        return np.asarray(self._edge_spline.on_grid(axes) - EDGE_OVERESTIMATE * self._cell)
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) to the mesh within 1 %, (m,), metres, negative inside."""

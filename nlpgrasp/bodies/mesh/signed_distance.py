@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.common.cache import cached_arrays
@@ -144,6 +145,17 @@ class DistanceSpline:
     def function(self) -> ca.Function:
         """Function of a point relative to the origin (3,), whose first two derivatives are splines as well."""
         return _function_with_derivatives(SplineTerms(self.coefficients, self.knots, (3, 3, 3)))
+
+    def on_grid(self, axes: Sequence[FloatArray]) -> FloatArray:
+        """Return the extended spline at the points of a tensor grid with given coordinates, (nx, ny, nz)."""
+        values, squared = self.coefficients, np.zeros(())
+        for axis, coordinates in enumerate(axes):
+            local = coordinates - self.origin[axis]
+            inside = np.clip(local, *self.box[:, axis])
+            basis = BSpline.design_matrix(inside, np.asarray(self.knots[axis]), 3).toarray()
+            values = np.moveaxis(np.tensordot(basis, values, axes=(1, axis)), 0, axis)
+            squared = np.add.outer(squared, (local - inside) ** 2)
+        return np.asarray(values + squared / np.maximum(np.sqrt(squared + values**2) + np.abs(values), 1e-300))
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state without the compiled function, which is rebuilt after unpickling."""

@@ -1,0 +1,194 @@
+"""Links of many postures of a hand at once, in plain arrays: frames, points on links, and how these move.
+
+The palm's pose is a rotation R and a position t; joints are the robot's free joints, with mimic joints following them.
+Links that fixed joints hold together are one group. A twist of the hand is a shift of the palm, a rotation of the whole
+hand about a pivot, and joint rates: 6 + m numbers, of which ``rows`` gives the derivatives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.hands.robot import Robot, joint_motion
+
+
+@dataclass(frozen=True)
+class HandState:
+    """Postures of a hand, b at a time.
+
+    Parameters
+    ----------
+    rotation : (b, 3, 3) array
+        Of the palm, body frame.
+    position : (b, 3) array
+        Of the palm's origin, metres, body frame.
+    joints : (b, m) array
+        Radians or metres.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    joints: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def of(self, chosen: IntArray | BoolArray | slice) -> HandState:
+        """Return some of the postures."""
+        return HandState(self.rotation[chosen], self.position[chosen], self.joints[chosen])
+
+    @classmethod
+    def joined(cls, states: list[HandState]) -> HandState:
+        """Return the postures of several sets as one."""
+        return cls(*(np.concatenate([getattr(s, name) for s in states]) for name in ("rotation", "position", "joints")))
+
+    def moved(self, twist: FloatArray, pivot: FloatArray, limits: FloatArray) -> HandState:
+        """Return the postures after twists (b, 6 + m) about pivots (b, 3), within joint limits (2, m)."""
+        turn = Rotation.from_rotvec(twist[:, 3:6]).as_matrix()
+        position = pivot + turned(turn, self.position - pivot) + twist[:, :3]
+        return HandState(turn @ self.rotation, position, np.clip(self.joints + twist[:, 6:], *limits))
+
+
+class MovingLinks:
+    """Frames of a robot's groups of links in many postures.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without closed linkages.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        moving = [joint for joint in robot.joints if joint.moves]
+        free = {joint.name: i for i, joint in enumerate(robot.free_joints)}
+        group, pose = {robot.root: 0}, {robot.root: np.eye(4)}
+        self.parent, self.frame = np.zeros(len(moving), int), np.zeros((len(moving), 4, 4))
+        for joint in robot.joints:  # parents before children
+            frame = pose[joint.parent] @ joint.frame
+            if joint.moves:
+                i = moving.index(joint)
+                group[joint.child], pose[joint.child] = i + 1, np.eye(4)
+                self.parent[i], self.frame[i] = group[joint.parent], frame
+            else:
+                group[joint.child], pose[joint.child] = group[joint.parent], frame
+        self.group, self.pose = group, pose  # of each link: its group, and its pose there
+        self.axes = np.array([joint.axis for joint in moving])
+        self.slides = np.array([not joint.is_revolute for joint in moving])
+        self.coupling, self.offset = np.zeros((len(moving), len(free))), np.zeros(len(moving))
+        for i, joint in enumerate(moving):
+            driver, self.coupling[i, free[driver]], self.offset[i] = robot.driving_joint(joint)
+        self.moves = np.zeros((len(moving) + 1, len(moving)), bool)  # whether joint j moves group i
+        for i, parent in enumerate(self.parent):
+            self.moves[i + 1] = self.moves[parent]
+            self.moves[i + 1, i] = True
+
+    @property
+    def size(self) -> int:
+        """Number of components of a twist."""
+        return 6 + self.coupling.shape[1]
+
+    def frames(self, state: HandState) -> Frames:
+        """Return the frames of all groups in the postures."""
+        positions = state.joints @ self.coupling.T + self.offset
+        R = np.empty((len(state), len(self.parent) + 1, 3, 3))
+        t = np.empty((len(state), len(self.parent) + 1, 3))
+        R[:, 0], t[:, 0] = state.rotation, state.position
+        for i, parent in enumerate(self.parent):
+            local = self.frame[i] @ joint_motion(bool(self.slides[i]), self.axes[i], positions[:, i])
+            R[:, i + 1] = R[:, parent] @ local[:, :3, :3]
+            t[:, i + 1] = t[:, parent] + turned(R[:, parent], local[:, :3, 3])
+        return Frames(self, R, t)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of the groups of links in b postures.
+
+    Parameters
+    ----------
+    links : MovingLinks
+    R : (b, groups, 3, 3) array
+    t : (b, groups, 3) array
+        Metres, body frame.
+    """
+
+    links: MovingLinks
+    R: FloatArray
+    t: FloatArray
+
+    @cached_property
+    def _axes(self) -> FloatArray:
+        """Directions of the joints' axes, (b, joints, 3), body frame."""
+        return np.asarray((self.R[:, 1:] @ self.links.axes[:, :, None])[..., 0])
+
+    @cached_property
+    def _moments(self) -> FloatArray:
+        """Axes times their origins, (b, joints, 3)."""
+        return np.cross(self._axes, self.t[:, 1:])
+
+    def points(self, at: FloatArray, groups: IntArray) -> FloatArray:
+        """Return the positions (b, n, 3), metres, of points (n, 3) given in their groups' frames."""
+        return np.asarray((self.R[:, groups] @ at[:, :, None])[..., 0] + self.t[:, groups])
+
+    def directions(self, at: FloatArray, groups: IntArray) -> FloatArray:
+        """Return directions (b, n, 3), given in their groups' frames, (n, 3), in the body's."""
+        return np.asarray((self.R[:, groups] @ at[:, :, None])[..., 0])
+
+    def cloud(self, cloud: LinkPoints) -> FloatArray:
+        """Return the positions (b, n, 3), metres, of points sorted by group."""
+        result = np.empty((len(self.R), len(cloud.at), 3))
+        for group, part in cloud.parts:
+            np.matmul(cloud.at[part], self.R[:, group].transpose(0, 2, 1), out=result[:, part])
+            result[:, part] += self.t[:, group, None]
+        return result
+
+    def rows(self, x: FloatArray, groups: IntArray, n: FloatArray, pivot: FloatArray, which: IntArray) -> FloatArray:
+        """Return the derivatives (k, 6 + m) of ``n . x`` by the twist, for points fixed to groups of postures.
+
+        Parameters
+        ----------
+        x, n : (k, 3) arrays
+            Points, metres, and fixed directions, body frame.
+        groups, which : (k,) int arrays
+            The points' groups and postures.
+        pivot : (b, 3) array
+        """
+        moment = np.cross(x, n)
+        along = (self._axes[which] @ n[:, :, None])[..., 0]
+        turning = (self._axes[which] @ moment[:, :, None])[..., 0] - (self._moments[which] @ n[:, :, None])[..., 0]
+        rates = np.where(self.links.slides, along, turning) * self.links.moves[groups]
+        return np.concatenate([n, moment - np.cross(pivot[which], n), rates @ self.links.coupling], axis=1)
+
+    def turning_rows(self, v: FloatArray, groups: IntArray, which: IntArray) -> FloatArray:
+        """Return the derivatives (k, 6 + m) of ``v . angle`` of groups by the twist, for vectors v (k, 3)."""
+        turning = (self._axes[which] @ v[:, :, None])[..., 0]
+        rates = np.where(self.links.slides, 0.0, turning) * self.links.moves[groups]
+        return np.concatenate([np.zeros_like(v), v, rates @ self.links.coupling], axis=1)
+
+
+class LinkPoints:
+    """Points fixed to groups of links, sorted by group.
+
+    Parameters
+    ----------
+    at : (n, 3) array
+        Metres, frame of the point's group.
+    groups : (n,) int array
+        In ascending order.
+    """
+
+    def __init__(self, at: FloatArray, groups: IntArray) -> None:
+        self.at, self.groups = at, groups
+        starts = np.flatnonzero(np.diff(groups, prepend=-1))
+        ends = [*starts[1:].tolist(), len(at)]
+        self.parts = [(int(groups[i]), slice(int(i), j)) for i, j in zip(starts, ends, strict=True)]
+
+
+def turned(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return vectors (b, 3) turned by rotations (b, 3, 3)."""
+    return np.asarray((rotations @ vectors[..., None])[..., 0])

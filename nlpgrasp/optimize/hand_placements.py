@@ -1,0 +1,143 @@
+"""Placements of a hand's postures about a body: drawn by thousands, screened, and moved into contact, side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.bodies.distance_grid import DistanceGrid
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.moving_links import HandState, LinkPoints, turned
+from nlpgrasp.optimize.hand_postures import Postures
+from nlpgrasp.optimize.hand_shapes import HandShapes
+
+
+@dataclass(frozen=True)
+class BodyPlaces:
+    """Points of a body's surface with outward normals, and the body's thickness below them.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) arrays
+    thickness : (n,) array
+        Metres, along the normal.
+    centroid : (3,) array
+    sides : (3,) array
+        Of the bounding box, metres.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    thickness: FloatArray
+    centroid: FloatArray
+    sides: FloatArray
+
+    @classmethod
+    def of(cls, body: Body, grid: DistanceGrid, points: FloatArray, normals: FloatArray) -> BodyPlaces:
+        """Return the places at points of a body's surface, (n, 3), with outward normals."""
+        sides = np.ptp(body.bounds, axis=0)
+        steps = np.linspace(2.0 * grid.spacing, 1.2 * float(np.max(sides)), 150)
+        is_out = grid.nearest(points[:, None] - steps[:, None] * normals[:, None]) > 0.0
+        thickness = np.where(is_out.any(axis=1), steps[np.argmax(is_out, axis=1)], steps[-1])
+        return cls(points, normals, thickness, np.asarray(body.centroid), sides)
+
+
+def placements(
+    library: dict[str, Postures], shapes: HandShapes, grid: DistanceGrid, places: BodyPlaces, count: int, keep: int,
+    rng: np.random.Generator,
+) -> HandState:  # fmt: skip
+    """Return ``keep`` postures nearly in contact with the body, of ``count`` drawn ones, one kind after the other."""
+    kinds = [_around(library["ball"], places, count // 2, rng), _across(library["slab"], places, count // 2, rng)]
+    return HandState.joined([_screened(shapes, grid, state, keep // 2) for state in kinds])
+
+
+def _around(postures: Postures, places: BodyPlaces, count: int, rng: np.random.Generator) -> HandState:
+    """Return postures turned at random with the middle of their balls in the body."""
+    fits = (postures.radii > 0.2 * places.sides.min()) & (postures.radii < 0.65 * places.sides.max())
+    weights = np.maximum(postures.scores, 0.02) ** 2 * fits
+    if not weights.sum():
+        return HandState(np.zeros((0, 3, 3)), np.zeros((0, 3)), postures.joints[:0])
+    chosen = rng.choice(len(weights), count, p=weights / weights.sum())
+    turns = Rotation.random(count, rng=rng).as_matrix()
+    middles = places.centroid + rng.uniform(-0.3, 0.3, (count, 3)) * places.sides
+    return HandState(turns, middles - turned(turns, postures.middles[chosen]), postures.joints[chosen])
+
+
+def _across(postures: Postures, places: BodyPlaces, count: int, rng: np.random.Generator) -> HandState:
+    """Return postures of two opposed groups of fingertips across the body's thickness at random places."""
+    order = np.argsort(postures.radii)
+    place = rng.integers(0, len(places.points), count)
+    half = places.thickness[place] / 2.0
+    low, high = (np.searchsorted(postures.radii[order], half + d) for d in (-4e-3, 4e-3))
+    fits = high > low
+    place, half, low, high = place[fits], half[fits], low[fits], high[fits]
+    if not len(place):
+        return HandState(np.zeros((0, 3, 3)), np.zeros((0, 3)), postures.joints[:0])
+    tried = order[low + (rng.random((3, len(place))) * (high - low)).astype(int)]
+    chosen = tried[np.argmax(postures.scores[tried], axis=0), np.arange(len(place))]
+    normals = places.normals[place]
+    turns = _onto(postures.axes[chosen], rng.choice([-1.0, 1.0], len(place))[:, None] * normals)
+    turns = Rotation.from_rotvec(normals * rng.uniform(-np.pi, np.pi, (len(place), 1))).as_matrix() @ turns
+    middles = places.points[place] - half[:, None] * normals
+    aside = places.centroid + rng.uniform(-0.25, 0.25, (len(place), 3)) * places.sides - middles
+    aside -= np.sum(aside * normals, axis=1, keepdims=True) * normals
+    middles = middles + aside * rng.choice([0.5, 1.0], (len(place), 1))
+    return HandState(turns, middles - turned(turns, postures.middles[chosen]), postures.joints[chosen])
+
+
+def _onto(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return rotations (b, 3, 3) that take unit vectors (b, 3) to others."""
+    axes, cosines = np.cross(first, second), np.sum(first * second, axis=1)
+    sines = np.linalg.norm(axes, axis=1)
+    beside = np.cross(first, np.eye(3)[np.argmin(np.abs(first), axis=1)])
+    beside /= np.linalg.norm(beside, axis=1, keepdims=True)
+    axes = np.where(sines[:, None] > 1e-6, axes / np.maximum(sines, 1e-9)[:, None], beside)
+    return np.asarray(Rotation.from_rotvec(axes * np.arctan2(sines, cosines)[:, None]).as_matrix())
+
+
+def _screened(shapes: HandShapes, grid: DistanceGrid, state: HandState, keep: int) -> HandState:
+    """Return the postures with the least gaps of fingertips and depths of links: by few samples, then by more."""
+    for stride, kept in ((200, 4 * keep), (24, keep)):
+        few = LinkPoints(shapes.samples.at[::stride], shapes.samples.groups[::stride])
+        scores = list[FloatArray]()
+        for start in range(0, len(state), 512):
+            frames = shapes.links.frames(state.of(slice(start, start + 512)))
+            depths = np.minimum(grid.nearest(frames.cloud(few)), 0.0)
+            gaps = np.abs(grid.nearest(frames.points(shapes.tips.at, shapes.tips.groups)) - shapes.tips.radii)
+            spread = np.sqrt(150.0 / max(len(few.at), 1))  # as for 150 samples
+            scores.append(gaps.sum(axis=1) + spread * np.sqrt(np.sum(depths**2, axis=1)))
+        state = state.of(np.argsort(np.concatenate([np.zeros(0), *scores]), kind="stable")[:kept])
+    return state
+
+
+def in_contact(
+    shapes: HandShapes, grid: DistanceGrid, state: HandState, steps: int = 8, clearance: float = 1e-3, worst: int = 10
+) -> HandState:
+    """Return the postures after damped Gauss-Newton steps: fingertips touch, the ``worst`` samples get outside."""
+    few = LinkPoints(shapes.samples.at[::16], shapes.samples.groups[::16])
+    tips, count = shapes.tips, len(state)
+    scale = np.concatenate([np.full(3, 0.02), np.full(3, 0.25), np.full(shapes.links.size - 6, 0.3)])
+    which = np.repeat(np.arange(count), len(tips.radii) + worst)
+    for _ in range(steps):
+        frames = shapes.links.frames(state)
+        centres, cloud = frames.points(tips.at, tips.groups), frames.cloud(few)
+        deepest = np.argsort(grid.nearest(cloud), axis=1)[:, :worst]
+        points = np.concatenate([centres, np.take_along_axis(cloud, deepest[..., None], axis=1)], axis=1)
+        groups = np.concatenate([np.broadcast_to(tips.groups, centres.shape[:2]), few.groups[deepest]], axis=1)
+        values, slopes = grid.distance(points.reshape(-1, 3))
+        pivot = centres.mean(axis=1)
+        J = scale * frames.rows(points.reshape(-1, 3), groups.ravel(), slopes, pivot, which)
+        J = J.reshape(count, -1, len(scale))
+        r = values.reshape(count, -1)
+        touch = r[:, : len(tips.radii)] - tips.radii
+        lack = np.minimum(r[:, len(tips.radii) :] - clearance, 0.0)
+        weight = np.concatenate([np.ones_like(touch), 0.7 * (lack < 0.0)], axis=1)
+        r, J = weight * np.concatenate([touch, lack], axis=1), weight[..., None] * J
+        A = J @ J.transpose(0, 2, 1) + 2e-6 * np.eye(J.shape[1])
+        z = (J.transpose(0, 2, 1) @ np.linalg.solve(A, -r[..., None]))[..., 0]
+        z /= np.maximum(1.0, np.max(np.abs(z), axis=1, keepdims=True))
+        state = state.moved(z * scale, pivot, shapes.limits)
+    return state

@@ -1,0 +1,145 @@
+"""Candidates of a hand with a pose, by a race: many postures advance side by side, the better ones go on.
+
+Postures of the hand's library are placed about the body and moved into contact. The best of each round, by mu less the
+price of violations, go on to the next, where violations cost more and steps are more (``race_steps.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.moving_links import HandState
+from nlpgrasp.hands.urdf_hand import LinkConstraints
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
+from nlpgrasp.optimize.hand_postures import overhang, posture_library
+from nlpgrasp.optimize.race_steps import Racer, RaceSteps
+from nlpgrasp.problem.problem import GraspProblem
+
+MANY = 6  # number of contacts from which hands rarely touch with all
+
+
+@dataclass(frozen=True)
+class Round:
+    """A round of the race.
+
+    Parameters
+    ----------
+    racers, steps : int
+    price : float
+        Of a millimetre of violation, over the unit of mu.
+    """
+
+    racers: int
+    steps: int
+    price: float
+
+
+ROUNDS = Round(80, 3, 0.03), Round(32, 4, 0.05), Round(16, 6, 0.1), Round(8, 10, 0.3), Round(4, 20, 0.6)
+
+
+def can_race(problem: GraspProblem) -> bool:
+    """Return whether a race finds candidates for a problem's hand; others come from the reach of palm poses.
+
+    It knows no constraints of the user, no contacts that are kept to some faces and no closed linkages; flat pads need
+    their whole face on the body, with many contacts few postures touch, and a hand without shapes has none to clear.
+    """
+    hand, k = problem.hand, len(problem.models)
+    return (
+        isinstance(hand, URDFHand)
+        and any(hand.robot.shapes.values())
+        and not hand.robot.has_linkages
+        and not problem.constraints
+        and k < MANY
+        and all(problem.allowed_faces(i) == problem.body.face_names for i in range(k))
+        and all(tip.normal is None for _, tip in hand.tips)
+    )
+
+
+def raced_candidates(
+    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 240
+) -> list[GraspCandidate]:
+    """Return the best ``count`` candidates of a race, the best first; none where no posture fits the body's size.
+
+    Parameters
+    ----------
+    compiled : CompiledProblem
+        Of a problem that ``can_race``.
+    rng : numpy.random.Generator
+    count : int
+    drawn, kept : int
+        Postures placed about the body at random; those of them that are moved into contact.
+    """
+    shapes, grid = compiled.hand_shapes, compiled.distance_grid
+    cloud = compiled.surface.cloud(0)
+    chosen = rng.integers(len(cloud.points), size=1500)
+    places = BodyPlaces.of(compiled.problem.body, grid, cloud.points[chosen], -cloud.normals[chosen])
+    budget = (compiled.l2_variant or compiled).screening_budget
+    steps = RaceSteps(compiled.problem, shapes, grid, budget, rng)
+    state = placements(posture_library(shapes), shapes, grid, places, drawn, kept, rng)
+    if not len(state):
+        return []
+    racers = _entrants(steps, in_contact(shapes, grid, state), ROUNDS[0].racers)
+    for round_ in ROUNDS:
+        price = 1e3 * round_.price * steps.unit
+        racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], round_.steps, price)
+    return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
+
+
+def points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> LinkConstraints:
+    """Return the samples of a candidate's links near the body, as constraints of the program."""
+    palm = compiled.hand_functions.linked_hand.tree.palm_frame(candidate.hand)
+    state = HandState(palm[None, :3, :3], palm[None, :3, 3], candidate.hand["joints"][None])
+    shapes = compiled.hand_shapes
+    index = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)[1]
+    return LinkConstraints(shapes.points_by_link(index))
+
+
+def _entrants(steps: RaceSteps, state: HandState, count: int) -> list[Racer]:
+    """Return the most promising postures as racers: by bounds on mu less what is not in order yet."""
+    shapes, frames = steps.shapes, steps.shapes.links.frames(state)
+    touch = steps.touch(frames)
+    mu = steps.screen(touch)
+    gaps = np.max(np.abs(touch.gaps), axis=1)
+    depths = -np.min(steps.grid.nearest(frames.cloud(shapes.middles)), axis=1)
+    balls = frames.points(shapes.tips.at, shapes.tips.groups)
+    beyond = np.max(overhang(shapes, frames, balls, -touch.normals), axis=1)
+    disorder = 40.0 * np.maximum(gaps - 5e-4, 0.0) + 60.0 * np.maximum(depths - 5e-4, 0.0) + 60.0 * beyond
+    rank = np.zeros(len(state), int)
+    for kind in np.array_split(np.arange(len(state)), 2):  # both kinds of postures in turn
+        rank[kind[np.argsort((disorder - mu / steps.unit)[kind], kind="stable")]] = np.arange(len(kind))
+    return steps.first(state.of(np.argsort(rank, kind="stable")[:count]))
+
+
+def _best(racers: list[Racer], price: float, least: float = 4e-3) -> list[Racer]:
+    """Return racers, best merit first, without those whose contacts are within ``least``, metres, of a better one's."""
+    chosen = list[Racer]()
+    for racer in sorted(racers, key=lambda racer: -racer.merit(price)):
+        if all(np.max(np.linalg.norm(racer.points - other.points, axis=1)) > least for other in chosen):
+            chosen.append(racer)
+    return chosen
+
+
+def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
+    """Return a racer as a candidate, with its contacts on the faces nearest to them."""
+    hand: dict[str, FloatArray] = {
+        "palm_position": racer.state.position[0],
+        "palm_quaternion": Rotation.from_matrix(racer.state.rotation[0]).as_quat(scalar_first=True),
+        "joints": racer.state.joints[0],
+    }
+    linked = compiled.hand_functions.linked_hand
+    poses = linked.tree.body_poses(hand)
+    slides = [
+        tip.slide_at((point - poses[link][:3, 3]) @ poses[link][:3, :3])
+        for (link, tip), point in zip(linked.tips, racer.points, strict=True)
+        if tip.slides
+    ]
+    clouds = [compiled.surface.cloud(i) for i in range(len(racer.points))]
+    faces = tuple(str(c.faces[c.tree.query(p)[1]]) for c, p in zip(clouds, racer.points, strict=True))
+    return GraspCandidate(faces, racer.points, hand | ({"slides": np.array(slides)} if slides else {}))

@@ -1,0 +1,203 @@
+"""What a hand must keep clear, in plain arrays: samples of its links' shapes, spheres, pairs of spheres, fingertips."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from nlpgrasp.bodies.distance_grid import DistanceGrid
+from nlpgrasp.common.cache import cached_arrays
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.moving_links import Frames, LinkPoints, MovingLinks
+from nlpgrasp.hands.self_collision import colliding_tips
+from nlpgrasp.optimize.joint_margins import JointLimitMargins
+
+
+@dataclass(frozen=True)
+class TipBalls:
+    """Balls that stand for the fingertips, with the patches' directions and points.
+
+    A ball replaces a fingertip while a hand is posed; the patch itself is the balls of one radius about its points.
+
+    Parameters
+    ----------
+    at : (k, 3) array
+        Centres, metres, frames of their groups.
+    groups : (k,) int array
+    radii : (k,) array
+        Metres.
+    facing : (k, 3) array
+        Middle of each patch, frame of its group; zero for a patch all around.
+    cosines : (k,) array
+        Least cosine between the contact's normal and ``facing``.
+    patches : tuple of k (m, 3) arrays
+        Points of each patch, metres, frame of its group.
+    standoffs : (k,) array
+        Radii of the balls about these, metres; 0 where the points are on the patch itself.
+    """
+
+    at: FloatArray
+    groups: IntArray
+    radii: FloatArray
+    facing: FloatArray
+    cosines: FloatArray
+    patches: tuple[FloatArray, ...]
+    standoffs: FloatArray
+
+    @classmethod
+    def of(cls, hand: URDFHand, links: MovingLinks) -> TipBalls:
+        """Return the balls of a hand's fingertips."""
+        poses = [links.pose[link] for link, _ in hand.tips]
+        at = [pose[:3, :3] @ tip.centre + pose[:3, 3] for pose, (_, tip) in zip(poses, hand.tips, strict=True)]
+        stated = [getattr(tip, "facing", None) for _, tip in hand.tips]
+        facing = [
+            np.zeros(3) if direction is None else pose[:3, :3] @ np.asarray(direction)
+            for pose, direction in zip(poses, stated, strict=True)
+        ]
+        cosines = [
+            -1.0 if direction is None else float(np.cos(getattr(tip, "angle", np.pi)))
+            for direction, (_, tip) in zip(stated, hand.tips, strict=True)
+        ]
+        groups, radii = [links.group[link] for link, _ in hand.tips], [tip.posing_radius for _, tip in hand.tips]
+        standoffs = np.array([tip.standoff for _, tip in hand.tips])
+        patches = [tip.backbone if tip.standoff > 0.0 else tip.surface().vertices for _, tip in hand.tips]
+        patches = [p @ pose[:3, :3].T + pose[:3, 3] for p, pose in zip(patches, poses, strict=True)]
+        balls = np.array(at), np.array(groups), np.array(radii)
+        return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs)
+
+
+class HandShapes:
+    """Shapes of a hand's links, its fingertips and joint limits.
+
+    Parameters
+    ----------
+    hand : URDFHand
+        Without closed linkages.
+    margin : float
+        Of joints from their limits, radians.
+    spacing : float
+        Of the samples, metres.
+    """
+
+    def __init__(self, hand: URDFHand, margin: float, spacing: float = 3e-3) -> None:
+        self.links = MovingLinks(hand.robot)
+        self.tips = TipBalls.of(hand, self.links)
+        margins = JointLimitMargins.of(hand, margin)
+        self.limits = margins.narrow_limits(np.full(len(margins.names), margin > 0.0))
+        self._set_spheres(hand)
+        at, groups, cells, self._owners = self._samples(hand, spacing)
+        self.samples = LinkPoints(at, groups)
+        self.bins, self.first = cells, np.flatnonzero(np.diff(cells, prepend=-1))
+        self.counts = np.diff(np.append(self.first, len(at)))
+        middles = np.stack([np.bincount(cells, at[:, i]) for i in range(3)], axis=1) / self.counts[:, None]
+        self.reach = np.maximum.reduceat(np.linalg.norm(at - middles[cells], axis=1), self.first)
+        self.middles = LinkPoints(middles, groups[self.first])
+
+    def _set_spheres(self, hand: URDFHand) -> None:
+        """Set the spheres of the links, then of the fingertips, and the pairs of spheres that are kept apart."""
+        names = dict[tuple[str, int], int]()
+        at, radii, groups = list[FloatArray](), list[float](), list[int]()
+        for link, fit in hand.fits.items():
+            pose = self.links.pose[link]
+            for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
+                names[link, i] = len(at)
+                at.append(pose[:3, :3] @ centre + pose[:3, 3])
+                radii.append(float(radius))
+                groups.append(self.links.group[link])
+        pairs, least = list[tuple[int, int]](), list[float]()
+        for pair in hand.self_collision_pairs:
+            for i, j in pair.pairs:
+                a, b = names[pair.links[0], i], names[pair.links[1], j]
+                pairs.append((a, b))
+                least.append(radii[a] + radii[b] - pair.overlap)
+        tips = len(at)
+        for i, j in colliding_tips(hand.tree) if hand.self_collision else ():
+            pairs.append((tips + i, tips + j))
+            least.append(float(self.tips.standoffs[i] + self.tips.standoffs[j]))
+        self.least = np.array(radii) + hand.clearance
+        self.spheres = np.array([*at, *self.tips.at]).reshape(-1, 3)
+        self.sphere_groups = np.array([*groups, *self.tips.groups], int)
+        self.pairs, self.apart = np.array(pairs, int).reshape(-1, 2), np.array(least)
+
+    def _samples(self, hand: URDFHand, spacing: float) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return samples of the links' hulls outside the fingertips' balls, with groups, bins and links, in order."""
+        parts = list[FloatArray]()
+        self._names = tuple(hand.robot.shapes)
+        for number, (link, shapes) in enumerate(hand.robot.shapes.items()):
+            pose, group = self.links.pose[link], self.links.group[link]
+            if shapes:
+                key = [str(spacing).encode(), *(shape.content for shape in shapes)]
+                local = cached_arrays("samples", key, partial(_surface, shapes, spacing))["at"]
+                at = local @ pose[:3, :3].T + pose[:3, 3]
+                for tip in np.flatnonzero(self.tips.groups == group):
+                    gaps = cKDTree(self.tips.patches[tip]).query(at)[0] - self.tips.standoffs[tip]
+                    at = at[gaps > (5e-4 if self.tips.standoffs[tip] else 1.5e-3)]
+                parts.append(np.column_stack([np.full(len(at), group), at, np.full(len(at), number)]))
+        table = np.concatenate([np.zeros((0, 5)), *parts])
+        cells = np.column_stack([table[:, 0], np.floor(table[:, 1:4] / (3.0 * spacing))]).astype(int)
+        _, bins = np.unique(cells, axis=0, return_inverse=True)
+        order = np.argsort(bins.ravel(), kind="stable")
+        whole = table[order].astype(int)
+        return table[order, 1:4], whole[:, 0], bins.ravel()[order], whole[:, 4]
+
+    def points_by_link(self, chosen: IntArray) -> dict[str, FloatArray]:
+        """Return chosen samples by link, (m, 3) each, metres, link frame."""
+        result = dict[str, FloatArray]()
+        for number in np.unique(self._owners[chosen]):
+            pose, at = self.links.pose[self._names[number]], self.samples.at[chosen[self._owners[chosen] == number]]
+            result[self._names[number]] = (at - pose[:3, 3]) @ pose[:3, :3]
+        return result
+
+    def overlaps(self, frames: Frames) -> FloatArray:
+        """Return by how much the spheres of each posture are too near to one another at most, (b,), metres."""
+        if not len(self.pairs):
+            return np.zeros(len(frames.R))
+        centres = frames.points(self.spheres, self.sphere_groups)
+        a, b = self.pairs.T
+        return np.asarray(np.max(self.apart - np.linalg.norm(centres[:, a] - centres[:, b], axis=2), axis=1))
+
+    def lowest_samples(
+        self, grid: DistanceGrid, frames: Frames, reach: float
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return, of each bin of samples, the one nearest to the body, where nearer than ``reach``, metres.
+
+        Their postures and indices (n,), positions (n, 3), distances and gradients of these (n, 3).
+        """
+        which, hit = np.nonzero(grid.nearest(frames.cloud(self.middles)) < self.reach + reach + grid.spacing)
+        counts = self.counts[hit]
+        index = np.arange(counts.sum()) + np.repeat(self.first[hit] - np.cumsum(counts) + counts, counts)
+        which, groups = np.repeat(which, counts), self.samples.groups[index]
+        x = (frames.R[which, groups] @ self.samples.at[index, :, None])[..., 0] + frames.t[which, groups]
+        near = np.flatnonzero(grid.nearest(x) < reach + grid.spacing)
+        which, index, x = which[near], index[near], x[near]
+        value, slope = grid.distance(x)
+        order = np.lexsort((value, self.bins[index], which))
+        keys = np.stack([which, self.bins[index]])[:, order]
+        lowest = order[np.any(np.diff(keys, axis=1, prepend=-1), axis=0)]
+        lowest = lowest[value[lowest] < reach]
+        return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
+
+
+def _surface(shapes: Sequence[CollisionShape], spacing: float) -> dict[str, FloatArray]:
+    """Return points all over the convex hulls of shapes, corners included, without those inside another shape."""
+    import trimesh
+
+    result = list[FloatArray]()
+    for shape in shapes:
+        hull = shape.mesh.convex_hull
+        fine, _ = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, spacing)
+        corners = hull.vertices if len(hull.vertices) <= 64 else hull.vertices[:0]
+        points = np.concatenate([corners, fine])
+        _, first = np.unique(np.floor(points / (0.7 * spacing)), axis=0, return_index=True)
+        points = points[np.sort(first)]
+        for other in shapes:
+            if other is not shape:
+                points = points[other.depth(points) < 5e-4]
+        result.append(points)
+    return {"at": np.concatenate(result)}

@@ -1,0 +1,418 @@
+"""One step of many postures of a hand: mu and all limits linearised side by side, and a quadratic program for each.
+
+The variables are the twist of the palm and the joints alone. A fingertip touches with the point of its patch nearest to
+the body: contact and normal follow from the body's smooth surface. mu is bounded by its weakest directions (Li and
+Sastry 1986, equation 3.4-3). Links are samples of their shapes, beside the spheres of the program; the largest gap of a
+fingertip and the largest lack of clearance have a price.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from nlpgrasp.bodies.distance_grid import DistanceGrid
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.hands.moving_links import Frames, HandState
+from nlpgrasp.hands.urdf_hand import POINT_CLEARANCE
+from nlpgrasp.optimize.hand_shapes import HandShapes
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
+from nlpgrasp.quality.screening import GraspBatch, fixed_force_set, second_moment, spread_directions
+
+CUTS = 32  # weak directions of a posture, at most
+
+
+@dataclass
+class Racer:
+    """A posture with mu and all limits linearised at it, and its trust region.
+
+    Parameters
+    ----------
+    state : HandState
+        One posture.
+    mu : float
+        Least support ratio found.
+    points, normals : (k, 3) arrays
+        Contacts, metres, and inward unit normals.
+    cuts, ratios, slopes : (m, d), (m,) and (m, n) arrays
+        Weak directions with ``phi_A = 1``, the supports there and their derivatives by the twist.
+    gaps, touch : (k,) and (k, n) arrays
+        Distances of the fingertips from the body, metres, and their derivatives.
+    values, rows : (r,) and (r, n) arrays
+        What must not be negative and may become so, metres, and the derivatives.
+    pivot : (3,) array
+        Of the twist.
+    radius : float
+        Of the trust region, metres.
+    idle : int
+        Steps in a row that hardly gained.
+    """
+
+    state: HandState
+    mu: float
+    points: FloatArray
+    normals: FloatArray
+    cuts: FloatArray
+    ratios: FloatArray
+    slopes: FloatArray
+    gaps: FloatArray
+    touch: FloatArray
+    values: FloatArray
+    rows: FloatArray
+    pivot: FloatArray
+    radius: float = 8e-3
+    idle: int = 0
+
+    def merit(self, price: float) -> float:
+        """Return mu less the price, a metre, of the largest gap and the largest lack of clearance."""
+        return self.mu - price * (float(np.max(np.abs(self.gaps))) - float(np.min(self.values, initial=0.0)))
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Contacts of the fingertips of b postures with the smooth surface of the body.
+
+    Parameters
+    ----------
+    centres : (b, k, 3) array
+        Of the balls at which the fingertips touch, metres.
+    gaps : (b, k) array
+        Of the balls from the surface, metres.
+    points, normals : (b, k, 3) arrays
+        Contacts, metres, and outward unit normals.
+    by_centre, turning : (b, k, 3, 3) arrays
+        Derivatives of contacts and of outward normals by the centres.
+    """
+
+    centres: FloatArray
+    gaps: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    by_centre: FloatArray
+    turning: FloatArray
+
+
+class RaceSteps:
+    """Linearisation and steps of a problem's hand.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    shapes : HandShapes
+    grid : DistanceGrid
+        Of the body.
+    budget : ForceBudget
+        One that does not depend on the contacts' frames.
+    rng : numpy.random.Generator
+
+    Attributes
+    ----------
+    unit : float
+        mu of a good grasp, to which prices and gains are relative.
+    """
+
+    def __init__(
+        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, budget: ForceBudget,
+        rng: np.random.Generator,
+    ) -> None:  # fmt: skip
+        self.problem, self.shapes, self.grid, self._budget, self._rng = problem, shapes, grid, budget, rng
+        self.unit = 1.0
+
+    def screen(self, touch: Touch) -> FloatArray:
+        """Return bounds on mu at the contacts of b postures, (b,), and set unit and metric of the task by them."""
+        stack = self._stack(touch.points, -touch.normals)
+        self._forces, task = fixed_force_set(stack, self._budget), self.problem.task
+        self._metric = np.linalg.cholesky(second_moment(stack, task))
+        y = spread_directions(stack, task)
+        supports = GraspBatch(stack.G, self._forces).support(np.broadcast_to(y, (len(stack), *y.shape)))
+        ratios = supports / task.support(y)[0]
+        mu = np.asarray(np.min(ratios, axis=1))
+        self.unit = float(np.quantile(mu, 0.95)) or 0.1 * float(np.mean(ratios))
+        return mu
+
+    def first(self, state: HandState) -> list[Racer]:
+        """Return racers in given postures, whose weak directions are not known yet; after ``screen``."""
+        y = self._random_directions(len(state), CUTS)
+        return self.linearise(state, y / self.problem.task.support(y.reshape(-1, y.shape[2]))[0].reshape(len(y), -1, 1))
+
+    def touch(self, frames: Frames) -> Touch:
+        """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body."""
+        tips, centres = self.shapes.tips, list[FloatArray]()
+        for patch, group in zip(tips.patches, tips.groups, strict=True):
+            points = frames.points(patch, np.full(len(patch), group))
+            distances = self.grid.distance(points.reshape(-1, 3))[0].reshape(points.shape[:2])
+            centres.append(points[np.arange(len(points)), np.argmin(distances, axis=1)])
+        return self._contacts(np.stack(centres, axis=1))
+
+    def _contacts(self, centres: FloatArray, steps: int = 4) -> Touch:
+        """Return the contacts of balls with centres (b, k, 3).
+
+        The contact p of a centre c is the point of the smooth surface with ``c = p + d g(p)`` and the outward normal g,
+        by Newton steps from the nearest one. With the surface's curvature S at p, ``dp = (I + d S)^-1 dc`` along it and
+        ``dg = S dp``.
+        """
+        c = centres.reshape(-1, 3)
+        d, g, _ = self.grid.smooth_distance(c)
+        p = c - d[:, None] * g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-9)
+        for step in range(steps + 1):
+            h, g, H = self.grid.smooth_distance(p)
+            slope = np.maximum(np.linalg.norm(g, axis=1), 1e-9)
+            g = g / slope[:, None]
+            d = np.sum((c - p) * g, axis=1)
+            along = np.eye(3) - g[:, :, None] * g[:, None, :]
+            curvatures, axes = np.linalg.eigh(along @ (H / slope[:, None, None]) @ along)
+            shares = 1.0 / np.maximum(1.0 + d[:, None] * curvatures, 0.3)  # a ball in a hollow as tight as itself
+            by_centre = (axes * shares[:, None, :]) @ axes.transpose(0, 2, 1) @ along
+            if step < steps:
+                move = (by_centre @ (c - p)[:, :, None])[..., 0]
+                move *= np.minimum(1.0, 4e-3 / np.maximum(np.linalg.norm(move, axis=1, keepdims=True), 1e-12))
+                p = p + move - (h / slope)[:, None] * g
+        turning = (axes * (curvatures * shares)[:, None, :]) @ axes.transpose(0, 2, 1)
+        gaps = d.reshape(centres.shape[:2]) - self.shapes.tips.standoffs
+        matrices = (*centres.shape, 3)
+        return Touch(
+            centres, gaps, p.reshape(centres.shape), g.reshape(centres.shape), by_centre.reshape(matrices),
+            turning.reshape(matrices),
+        )  # fmt: skip
+
+    # ---- linearisation ----------------------------------------------------------------------------------------------
+    def linearise(self, state: HandState, known: FloatArray) -> list[Racer]:
+        """Return racers in given postures, with known weak directions (b, m, d) of each."""
+        frames = self.shapes.links.frames(state)
+        touch = self.touch(frames)
+        (count, k), pivot = touch.gaps.shape, touch.centres.mean(axis=1)
+        which, groups = np.repeat(np.arange(count), k), np.tile(self.shapes.tips.groups, count)
+        flat = touch.centres.reshape(-1, 3)
+        motion = np.stack(
+            [frames.rows(flat, groups, np.broadcast_to(e, flat.shape), pivot, which) for e in np.eye(3)], axis=1
+        ).reshape(count, k, 3, -1)  # of the centres by the twist
+        cuts, ratios = self._weakest(touch, known)
+        by_point, by_normal = self._support_slopes(touch, cuts)
+        by_centre = np.einsum("bmky,bkyx->bmkx", by_point, touch.by_centre)
+        by_centre -= np.einsum("bmky,bkyx->bmkx", by_normal, touch.turning)
+        slopes = by_centre.reshape(count, -1, 3 * k) @ motion.reshape(count, 3 * k, -1)
+        approaching = np.einsum("bkx,bkxn->bkn", touch.normals, motion)
+        rows, values, owners = self._limits(frames, touch, motion, pivot)
+        racers = list[Racer]()
+        for i in range(count):
+            real, own = np.isfinite(ratios[i]), owners == i
+            racers.append(
+                Racer(
+                    state.of(slice(i, i + 1)), float(np.min(ratios[i])), touch.points[i], -touch.normals[i],
+                    cuts[i][real], ratios[i][real], slopes[i][real], touch.gaps[i], approaching[i], values[own],
+                    rows[own], pivot[i],
+                )
+            )  # fmt: skip
+        return racers
+
+    def _stack(self, points: FloatArray, normals: FloatArray) -> GraspStack:
+        """Return the grasps at contacts (b, k, 3) with inward normals."""
+        return GraspStack(points, normals, self.problem.models, self.problem.origin)
+
+    def _random_directions(self, count: int, number: int) -> FloatArray:
+        """Return random directions, (count, number, d), in the metric of the task."""
+        random = self._rng.standard_normal((count, number, len(self._metric)))
+        return np.asarray(random @ np.linalg.inv(self._metric))
+
+    def _weakest(
+        self, touch: Touch, known: FloatArray, descents: int = 14, fresh: int = 6, steps: int = 5
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return weak directions (b, CUTS, d) with ``phi_A = 1`` and their ratios, infinite where there are fewer.
+
+        Descents begin from the weakest known directions (b, m, d) and from ``fresh`` random ones.
+        """
+        task = self.problem.task
+        view = GraspBatch(self._stack(touch.points, -touch.normals).G, self._forces)
+        supports = view.support(known)
+        order = np.argsort(supports, axis=1, kind="stable")[:, :descents, None]
+        begin = [np.take_along_axis(known, order, axis=1), self._random_directions(len(known), fresh)]
+        found, values = minimise_by_inverse_iteration(
+            lambda u: view.quadratic(u, task), np.concatenate(begin, axis=1), steps
+        )
+        reach = task.support(found.reshape(-1, found.shape[2]))[0].reshape(values.shape)
+        found = found / np.where(reach > 0.0, reach, 1.0)[..., None]
+        y = np.concatenate([found, known], axis=1)
+        ratios = np.concatenate([np.where(reach > 0.0, values, np.inf), supports], axis=1)
+        for alike in (False, True):  # first the order, then that without directions like a weaker one
+            if alike:
+                u = y @ self._metric
+                u = u / np.maximum(np.linalg.norm(u, axis=2, keepdims=True), 1e-300)
+                repeated = np.tril(u @ u.transpose(0, 2, 1) > 0.9995, -1).any(axis=2)
+                ratios = np.where(repeated | (ratios > 1.3 * ratios[:, :1]), np.inf, ratios)
+                ratios[:, 0] = np.where(np.isfinite(ratios[:, 0]), ratios[:, 0], 0.0)
+            order = np.argsort(ratios, axis=1, kind="stable")[:, : CUTS if alike else None]
+            y, ratios = np.take_along_axis(y, order[..., None], axis=1), np.take_along_axis(ratios, order, axis=1)
+        return y, ratios
+
+    def _support_slopes(self, touch: Touch, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives (b, m, k, 3) of supports along y (b, m, d) by contacts and inward normals.
+
+        With the maximising force f and torque t n of a contact at r from the torque origin, its part of the support is
+        ``y_f . f + y_m . (r x f + t n)``. The force turns with the normal, by the least rotation.
+        """
+        G = self._stack(touch.points, -touch.normals).G
+        z = y @ G
+        x = self._forces.support(z.reshape(-1, z.shape[2]))[1].reshape(z.shape)
+        by_point, by_normal = list[FloatArray](), list[FloatArray]()
+        for i, part in enumerate(self._forces.ranges):
+            wrench = x[..., part] @ G[:, :, part].transpose(0, 2, 1)
+            f, n, r = wrench[..., :3], -touch.normals[:, None, i], touch.points[:, None, i] - self.problem.origin
+            torque = np.sum((wrench[..., 3:] - np.cross(r, f)) * n, axis=2, keepdims=True)
+            pull = y[..., :3] + np.cross(y[..., 3:], r)  # derivative of the support by the force
+            by_point.append(np.cross(f, y[..., 3:]))
+            turned = np.sum(n * f, axis=2, keepdims=True) * pull - np.sum(n * pull, axis=2, keepdims=True) * f
+            by_normal.append(turned + torque * y[..., 3:])
+        return np.stack(by_point, axis=2), np.stack(by_normal, axis=2)
+
+    def _limits(
+        self, frames: Frames, touch: Touch, motion: FloatArray, pivot: FloatArray, reach: float = 6e-3
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return derivatives, values, metres, and postures of what must not be negative and is near zero."""
+        shapes, grid, tips = self.shapes, self.grid, self.shapes.tips
+        # samples of links outside the body
+        which, index, x, value, slope = shapes.lowest_samples(grid, frames, reach)
+        groups = shapes.samples.groups[index]
+        rows = [frames.rows(x, groups, slope, pivot, which)]
+        values, owners = [value - np.where(np.isin(groups, tips.groups), 0.0, POINT_CLEARANCE)], [which]
+        # spheres of links outside the body
+        spheres = frames.points(shapes.spheres, shapes.sphere_groups)
+        near = grid.nearest(spheres[:, : len(shapes.least)]) < shapes.least + reach + grid.spacing
+        which, index = np.nonzero(near)
+        value, slope = grid.distance(spheres[which, index])
+        rows.append(frames.rows(spheres[which, index], shapes.sphere_groups[index], slope, pivot, which))
+        values.append(value - shapes.least[index])
+        owners.append(which)
+        # pairs of spheres apart
+        first, second = shapes.pairs.T
+        lines = spheres[:, first] - spheres[:, second]
+        lengths = np.linalg.norm(lines, axis=2)
+        which, pair = np.nonzero(lengths - shapes.apart < reach)
+        n = lines[which, pair] / np.maximum(lengths[which, pair], 1e-9)[:, None]
+        ends = [
+            frames.rows(spheres[which, s], shapes.sphere_groups[s], n, pivot, which)
+            for s in (first[pair], second[pair])
+        ]
+        rows.append(ends[0] - ends[1])
+        values.append((lengths - shapes.apart)[which, pair])
+        owners.append(which)
+        # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
+        limited = np.flatnonzero(tips.cosines > -1.0)
+        which, tip = np.repeat(np.arange(len(pivot)), len(limited)), np.tile(limited, len(pivot))
+        facing, n = frames.directions(tips.facing, tips.groups)[which, tip], -touch.normals[which, tip]
+        turning = frames.turning_rows(np.cross(facing, n), tips.groups[tip], which)
+        turning -= np.einsum("ix,ixy,iyn->in", facing, touch.turning[which, tip], motion[which, tip])
+        rows.append(0.01 * turning)
+        values.append(0.01 * (np.sum(facing * n, axis=1) - tips.cosines[tip]))
+        owners.append(which)
+        # contacts off sharp edges
+        edges = grid.edge_distance(touch.points.reshape(-1, 3))
+        if edges is not None:
+            slope = edges[1].reshape(touch.points.shape)
+            by_twist = np.einsum("bkx,bkxy,bkyn->bkn", slope, touch.by_centre, motion)
+            rows.append(by_twist.reshape(-1, by_twist.shape[2]))
+            values.append(edges[0] - self.problem.margin)
+            owners.append(np.repeat(np.arange(len(pivot)), len(tips.groups)))
+        return np.concatenate(rows), np.concatenate(values), np.concatenate(owners)
+
+    # ---- steps ------------------------------------------------------------------------------------------------------
+    def advance(self, racers: Sequence[Racer], steps: int, price: float) -> list[Racer]:
+        """Return racers after trust-region steps, side by side, each until three in a row gain little.
+
+        Parameters
+        ----------
+        racers : sequence of Racer
+        steps : int
+        price : float
+            Of violations, mu a metre.
+        """
+        racers = list(racers)
+        for racer in racers:
+            racer.radius, racer.idle = max(racer.radius, 2e-3), 0
+        for _ in range(steps):
+            twists = dict[int, tuple[FloatArray, float]]()
+            for i, racer in enumerate(racers):
+                if racer.idle < 3 and racer.radius > 1e-4:
+                    twist = self._twist(racer, price)
+                    if twist is None:
+                        racer.radius *= 0.4
+                    else:
+                        twists[i] = twist
+            if not twists:
+                break
+            moving = [racers[i] for i in twists]
+            state = HandState.joined([racer.state for racer in moving]).moved(
+                np.stack([twist for twist, _ in twists.values()]),
+                np.stack([racer.pivot for racer in moving]),
+                self.shapes.limits,
+            )
+            trials = self.linearise(state, _known([[racer] for racer in moving]))
+            rejected = dict[int, Racer]()
+            for (i, (_, predicted)), trial in zip(twists.items(), trials, strict=True):
+                if self._accepts(racers[i], trial, predicted, price):
+                    racers[i] = trial
+                else:
+                    rejected[i] = trial
+            self._learn(racers, rejected)
+        return racers
+
+    def _twist(self, racer: Racer, price: float) -> tuple[FloatArray, float] | None:
+        """Return the twist that gains most in the linearised program, and its predicted gain; None without one.
+
+        Variables are the twist over the trust region's size, mu over its unit, and the worst gap and worst lack of
+        clearance in millimetres.
+        """
+        n, limits = self.shapes.links.size, self.shapes.limits
+        scale = np.concatenate([np.full(3, racer.radius), np.full(n - 3, racer.radius / 0.06)])
+        near = racer.values < 4.0 * racer.radius + 1e-3
+        parts = [racer.slopes / self.unit, 1e3 * racer.touch, -1e3 * racer.touch, 1e3 * racer.rows[near]]
+        least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
+        slack = np.repeat([[-1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]], list(map(len, parts)), axis=0)
+        A = np.hstack([np.concatenate(parts) * scale, slack])
+        room = (limits - racer.state.joints[0]) / scale[6:]
+        low = np.concatenate([np.full(6, -1.0), np.clip(room[0], -1.0, 0.0), [-10.0, 0.0, 0.0]])
+        high = np.concatenate([np.full(6, 1.0), np.clip(room[1], 0.0, 1.0), [1e3, 1e3, 1e3]])
+        millimetre = 1e-3 * price / self.unit
+        H = np.diag(np.concatenate([np.full(n, 2e-3), np.full(3, 1e-7)]))
+        f = np.concatenate([np.zeros(n), [-1.0, millimetre, millimetre]])
+        upper, lower = np.concatenate([high, np.full(len(A), 1e30)]), np.concatenate([low, *least])
+        z, _, flag, _ = daqp.solve(H, f, A, upper, lower, np.zeros(len(upper), np.int32))
+        if flag <= 0:
+            return None
+        predicted = self.unit * float(z[n] - millimetre * (z[n + 1] + z[n + 2])) - racer.merit(price)
+        return z[:n] * scale, predicted
+
+    def _accepts(self, racer: Racer, trial: Racer, predicted: float, price: float) -> bool:
+        """Return whether a trial gains enough, and set the trust region of the one that goes on."""
+        gain = trial.merit(price) - racer.merit(price)
+        if gain > max(0.1 * predicted, 0.0):
+            trial.idle = racer.idle + 1 if gain < 1e-3 * self.unit else 0
+            factor = 1.6 if gain > 0.6 * predicted else 0.6 if gain < 0.3 * predicted else 1.0
+            trial.radius = min(factor * racer.radius, 0.02)
+            return True
+        racer.radius *= 0.4
+        racer.idle += predicted < 3e-4 * self.unit
+        return False
+
+    def _learn(self, racers: list[Racer], rejected: dict[int, Racer]) -> None:
+        """Add the weak directions of rejected trials, by number, to those of their racers, in place."""
+        if rejected:
+            state = HandState.joined([racers[i].state for i in rejected])
+            known = _known([[racers[i], trial] for i, trial in rejected.items()])
+            for i, racer in zip(rejected, self.linearise(state, known), strict=True):
+                racer.radius, racer.idle = racers[i].radius, racers[i].idle
+                racers[i] = racer
+
+
+def _known(groups: Sequence[Sequence[Racer]]) -> FloatArray:
+    """Return the weak directions of groups of racers, (groups, CUTS, d): of each in turn, repeated where few."""
+    result = list[FloatArray]()
+    for racers in groups:
+        cuts = np.concatenate([racer.cuts[: CUTS // len(racers)] for racer in racers])
+        result.append(np.resize(cuts, (CUTS, cuts.shape[1])))
+    return np.stack(result)

@@ -1,0 +1,133 @@
+"""Race of a hand's postures: derivatives by differences, and candidates that hold, touch and keep their links clear."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
+from nlpgrasp.optimize.hand_postures import posture_library
+from nlpgrasp.optimize.hand_race import can_race, raced_candidates
+from nlpgrasp.optimize.race_steps import RaceSteps
+from nlpgrasp.quality.wrench_set import WrenchSet
+from tests.hands.urdf import four_finger_hand, gripper
+
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
+FRICTION = ng.FrictionContact(0.7)
+CONTACTS = [ng.FrictionContact(0.7), ng.FrictionContact(0.5), ng.SoftContact(0.6, 0.01, "elliptic"), ng.PointContact()]
+MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.025, count=[24, 24]))
+ELLIPSOID = ng.Ellipsoid([0.06, 0.03, 0.03])
+
+
+def compiled_problem(body, contacts=FRICTION, budget="l2"):
+    problem = ng.GraspProblem(body, contacts, TASK, hand=four_finger_hand(), force_budget=budget)
+    return CompiledProblem(problem, ng.SolveOptions(workers=1))
+
+
+def racers(compiled, count=6):
+    """Return the steps of a problem's race and its first racers."""
+    rng, shapes, grid = np.random.default_rng(0), compiled.hand_shapes, compiled.distance_grid
+    cloud = compiled.surface.cloud(0)
+    places = BodyPlaces.of(compiled.problem.body, grid, cloud.points[:500], -cloud.normals[:500])
+    steps = RaceSteps(compiled.problem, shapes, grid, compiled.screening_budget, rng)
+    state = in_contact(shapes, grid, placements(posture_library(shapes), shapes, grid, places, 600, count, rng))
+    steps.screen(steps.touch(shapes.links.frames(state)))
+    return steps, steps.first(state)
+
+
+@pytest.fixture(scope="module")
+def on_ellipsoid():
+    return compiled_problem(ELLIPSOID, CONTACTS)
+
+
+@pytest.mark.parametrize("budget", ["l2", "shared", "per_finger"])
+def test_slopes_of_supports_are_derivatives_by_contacts_and_normals(budget):
+    """Of different contacts, one with a torque about its normal; supports by the package's own wrench sets."""
+    compiled, rng = compiled_problem(ELLIPSOID, CONTACTS, budget), np.random.default_rng(0)
+    steps, first = racers(compiled, 4)
+    for racer in first:
+        touch = steps.touch(steps.shapes.links.frames(racer.state))
+        by_point, by_normal = steps._support_slopes(touch, racer.cuts[None])
+        moves = rng.standard_normal((2, *touch.points[0].shape))
+        turns = np.cross(moves[1], racer.normals)
+
+        def supports(step, racer=racer, moves=moves, turns=turns):
+            normals = racer.normals + step * turns
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            grasp = compiled.grasp_at(racer.points + step * moves[0], normals)
+            return WrenchSet.of(grasp, compiled.screening_budget).support(racer.cuts)[0]
+
+        expected = (supports(1e-6) - supports(-1e-6)) / 2e-6
+        predicted = np.einsum("mkx,kx->m", by_point[0], moves[0]) + np.einsum("mkx,kx->m", by_normal[0], turns)
+        assert np.mean(np.isclose(predicted, expected, rtol=1e-3, atol=1e-3)) > 0.9  # kinks at edges of cones
+
+
+def test_contacts_follow_their_fingertips(on_ellipsoid):
+    steps, first = racers(on_ellipsoid, 4)
+    wide, rng = np.array([[-10.0], [10.0]]), np.random.default_rng(0)
+    for racer in first:
+        touch = steps.touch(steps.shapes.links.frames(racer.state))
+        move = rng.standard_normal(touch.centres.shape)
+        ends = [steps._contacts(touch.centres + sign * 1e-4 * move) for sign in (1.0, -1.0)]
+        moved = (ends[0].points - ends[1].points) / 2e-4
+        assert moved == pytest.approx(np.einsum("bkxy,bky->bkx", touch.by_centre, move), abs=0.1)
+        turned = (ends[0].normals - ends[1].normals) / 2e-4
+        assert turned == pytest.approx(np.einsum("bkxy,bky->bkx", touch.turning, move), abs=3.0)
+        twist = rng.standard_normal(steps.shapes.links.size)
+        states = [racer.state.moved(sign * 1e-5 * twist[None], racer.pivot[None], wide) for sign in (1.0, -1.0)]
+        gaps = [steps.touch(steps.shapes.links.frames(state)).gaps[0] for state in states]
+        assert racer.touch @ twist == pytest.approx((gaps[0] - gaps[1]) / 2e-5, abs=0.05)
+
+
+def test_steps_raise_the_merit():
+    steps, first = racers(compiled_problem(ELLIPSOID))
+    price = 300.0 * steps.unit
+    before = [racer.merit(price) for racer in first]
+    after = [racer.merit(price) for racer in steps.advance(first, 6, price)]
+    assert all(b >= a for a, b in zip(before, after, strict=True))
+    assert np.median(after) > np.median(before) + 0.1 * steps.unit
+
+
+@pytest.mark.parametrize("body", [MESH, ELLIPSOID], ids=["mesh", "ellipsoid"])
+def test_raced_candidates_touch_and_keep_their_links_clear(body):
+    """Depths by exact collision shapes and distances, which the race does not know."""
+    compiled = compiled_problem(body)
+    candidates = raced_candidates(compiled, np.random.default_rng(0), 3)
+    assert len(candidates) == 3
+    for candidate in candidates:
+        assert compiled.violation(compiled.projected_onto_faces(candidate)) < 0.02
+        penetrations = compiled.link_depths.in_surroundings(candidate.hand)
+        assert all(penetration.is_free for penetration in penetrations)
+        low, high = compiled.hand_shapes.limits
+        assert np.all((candidate.hand["joints"] >= low) & (candidate.hand["joints"] <= high))
+    bounds = [ng.mu(compiled.grasp(candidate), TASK) for candidate in candidates]
+    assert max(b.lower for b in bounds) > 0.3
+
+
+def test_the_same_seed_gives_the_same_candidates():
+    compiled = compiled_problem(ELLIPSOID)
+    first, second = (raced_candidates(compiled, np.random.default_rng(7), 2) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.points, b.points)
+        np.testing.assert_array_equal(a.hand["joints"], b.hand["joints"])
+
+
+def test_a_body_larger_than_any_opening_has_no_raced_candidates():
+    with pytest.warns(UserWarning, match="reach 0.188 m"):
+        compiled = compiled_problem(ng.Sphere(0.5))
+    assert raced_candidates(compiled, np.random.default_rng(0), 3) == []
+
+
+def test_what_races():
+    problem = compiled_problem(ELLIPSOID).problem
+    assert can_race(problem)
+    assert not can_race(replace(problem, constraints=(ng.Table(-0.05),)))
+    assert not can_race(replace(problem, hand=None))
+    box = ng.Box([0.06, 0.04, 0.04])
+    two = [ng.FrictionContact(0.7)] * 2
+    assert not can_race(ng.GraspProblem(box, two, TASK, hand=gripper()))  # flat pads
+    some = [ng.FrictionContact(0.7, faces=["+x", "-x"])] * 4
+    assert not can_race(ng.GraspProblem(box, some, TASK, hand=four_finger_hand()))
