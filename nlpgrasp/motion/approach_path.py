@@ -17,7 +17,7 @@ from nlpgrasp.common.unit_directions import directions_around, directions_beside
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.clearance import Clearance
 from nlpgrasp.motion.straight_path import PathPosture, StraightPath, follow_straight_path
 from nlpgrasp.solution.obstructions import TABLE
 
@@ -30,12 +30,12 @@ DIRECTION_TOLERANCE = 1e-9  # difference of a cosine from 1 below which two dire
 
 
 def find_free_approach(
-    model: CollisionModel,
+    model: Clearance,
     open_hand: Callable[[float], OpeningPath],
     directions: Sequence[FloatArray],
     distance: Callable[[Values, FloatArray], float],
     locate: bool = True,
-    touching: Callable[[Sequence[Values]], str] = lambda _: "",
+    depth: float = 0.0,
 ) -> ApproachPath:
     """Return the first collision-free approach direction of the open hand.
 
@@ -44,7 +44,7 @@ def find_free_approach(
 
     Parameters
     ----------
-    model : CollisionModel
+    model : Clearance
     open_hand : callable
         Opening, as a multiple of the pregrasp's, to the path of the opening hand.
     directions : sequence of (3,) arrays
@@ -53,9 +53,8 @@ def find_free_approach(
         The open hand's values and a direction to the distance that the palm moves, metres.
     locate : bool
         Whether ``BlockedDirection.free`` is computed to the tolerance.
-    touching : callable
-        The open hand's values at start and end of a free path to what its links' own shapes run into there, as text;
-        empty for nothing.
+    depth : float
+        How deep links may be in things on the way, metres; no deeper than in the first posture counts as free.
     """
     blocked = list[BlockedDirection]()
     opening, length = None, 0.0
@@ -66,12 +65,10 @@ def find_free_approach(
         opening = opening or path
         for direction in _refined_directions(directions, blocked):
             length = distance(path.values, direction)
-            section = _free_retreat(model, path.values, direction, length, locate)
-            reason = section.blocked_by or touching([section.postures[-1].values, path.values])
-            if not reason:
+            section = _free_retreat(model, path.values, direction, length, locate, depth)
+            if not section.blocked_by:
                 return ApproachPath("", tuple(blocked), path, direction, length, section.postures)
-            free = section.free_share * length if section.blocked_by else 0.0
-            blocked.append(BlockedDirection(direction, free, factor, reason))
+            blocked.append(BlockedDirection(direction, section.free_share * length, factor, section.blocked_by))
     count = sum(b.times == OPENING_FACTORS[0] for b in blocked)
     reason = _blocking_reason(blocked, count, length)
     if opening is not None:
@@ -172,25 +169,28 @@ def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
     return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
 
 
-def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
+def open_fingers(
+    model: Clearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0
+) -> OpeningPath:
     """Return the path on which the hand opens, from the grasp towards a multiple of the pregrasp's opening.
 
-    All joints move together; those that are blocked stop, and the others continue. Fingertips may be as near the body
-    as in the program (``CollisionModel.least_clearances``), because they touch it in the end. Link spheres that overlap
-    in the grasp may overlap on the path too, no deeper.
+    All joints move together; those that are blocked stop, and the others continue. Links that penetrate something in
+    the grasp may do so on the path too, no deeper.
 
     Parameters
     ----------
-    model : CollisionModel
+    model : Clearance
     grasp, pregrasp : dict
         Values of the hand's variables.
     factor : float
         1 for the pregrasp itself.
+    depth : float
+        How deep links may be in things, metres.
     """
     lower, upper = model.hand.tree.joint_limits
     joints = grasp["joints"] + factor * (pregrasp["joints"] - grasp["joints"])
     goal = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
-    limits = partial(_clearance_limits, model, model.pair_mask())
+    limits = partial(_clearance_limits, depth)
     postures, is_free, blocked_by, leg_count = list[PathPosture](), np.ones(len(lower), bool), "", 0
     while not postures or is_free.any():
         start = postures[-1].values if postures else grasp
@@ -199,7 +199,7 @@ def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor:
             return OpeningPath((), leg.blocked_by)
         leg_count += len(leg.postures) > 1
         postures += leg.postures[1:] if postures else leg.postures
-        _drop_penetrating(model, postures)
+        _drop_penetrating(postures, depth)
         blocked_by = blocked_by or leg.blocked_by
         # no obstruction, or none that a free joint moves; joints of a linkage do not stop on their own
         if not np.any(is_free & leg.moving_joints) or model.hand.closed_linkages:
@@ -208,19 +208,21 @@ def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor:
     return OpeningPath(tuple(postures), "" if len(postures) > 1 else blocked_by, leg_count <= 1)
 
 
-def open_hand_straight(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
+def open_hand_straight(
+    model: Clearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0
+) -> OpeningPath:
     """Return a path on which the hand opens along one straight line in joint space.
 
     It leads towards the last posture of ``open_fingers``, whose path is returned if it is straight or blocked.
     """
-    opening = open_fingers(model, grasp, pregrasp, factor)
+    opening = open_fingers(model, grasp, pregrasp, factor, depth)
     if opening.blocked_by or opening.straight:
         return opening
     goal, is_free = opening.values, np.ones(len(grasp["joints"]), bool)
-    limits = partial(_clearance_limits, model, model.pair_mask())
+    limits = partial(_clearance_limits, depth)
     path = follow_straight_path(model, _straight_motion(model, grasp, goal, is_free), limits)
     postures = list(path.postures)
-    _drop_penetrating(model, postures)
+    _drop_penetrating(postures, depth)
     return OpeningPath(tuple(postures), "" if len(postures) > 1 else path.blocked_by)
 
 
@@ -248,7 +250,7 @@ class OpeningPath:
         return self.postures[-1].values
 
 
-def opening_distances(model: CollisionModel, values: Values, grasp: Values) -> FloatArray:
+def opening_distances(model: Clearance, values: Values, grasp: Values) -> FloatArray:
     """Return each fingertip's distance from its place in the grasp, (k,), metres, palm frame."""
     open_tips, grasp_tips = model.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
     return np.asarray(np.linalg.norm(open_tips - grasp_tips, axis=1))
@@ -271,18 +273,18 @@ def _refined_directions(directions: Sequence[FloatArray], blocked: Sequence[Bloc
 
 
 def _free_retreat(
-    model: CollisionModel, start: Values, direction: FloatArray, distance: float, locate: bool
+    model: Clearance, start: Values, direction: FloatArray, distance: float, locate: bool, depth: float = 0.0
 ) -> StraightPath:
     """Return the collision-free part of the open hand's straight retreat from the grasp."""
 
     def posture(fraction: float) -> Values:
         return {**start, "palm_position": start["palm_position"] - fraction * distance * direction}
 
-    limits = partial(_clearance_limits, model, model.tip_mask() | model.pair_mask())
+    limits = partial(_clearance_limits, depth)
     return follow_straight_path(model, posture, limits, locate)
 
 
-def missing_room(model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float) -> str:
+def missing_room(model: Clearance, start: Values, directions: Sequence[FloatArray], length: float) -> str:
     """Return the table or obstacle that alone blocks a direction, and by how much, as text.
 
     Of several the one with the least missing room; empty where every direction has other obstructions, too. A table
@@ -301,18 +303,17 @@ def missing_room(model: CollisionModel, start: Values, directions: Sequence[Floa
 
 
 def _depths_of_fields(
-    model: CollisionModel, start: Values, directions: Sequence[FloatArray], length: float
+    model: Clearance, start: Values, directions: Sequence[FloatArray], length: float
 ) -> Iterator[tuple[float, int, FloatArray]]:
     """Yield penetration depth, field index and direction of each retreat that enters exactly one table or obstacle.
 
     Depths are in metres.
     """
-    centres, radii = model.spheres.centres(start), model.spheres.radii
+    outline = model.parts.outline(start)
     lengths = np.linspace(0.0, length, int(np.ceil(length / ROOM_STEP)) + 1)
     for direction in directions:
-        points = (centres - lengths[:, None, None] * direction).reshape(-1, 3)
-        reach = np.tile(radii, len(lengths))
-        depths = [-float(np.min(field.distance(points) - reach, initial=0.0)) for field in model.fields[1:]]
+        points = (outline - lengths[:, None, None] * direction).reshape(-1, 3)
+        depths = [-float(np.min(field.distance(points), initial=0.0)) for field in model.fields[1:]]
         deep = [i for i, depth in enumerate(depths, 1) if depth > model.tolerance]
         if len(deep) == 1:
             yield depths[deep[0] - 1], deep[0], direction
@@ -327,18 +328,13 @@ def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: floa
     return f"{subject} free for {1e3 * distance:.0f} mm; {longest}"
 
 
-def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPosture) -> FloatArray:
-    """Return the least admissible clearances, (n,), metres.
-
-    Those in the mask ``relaxed`` may be as negative as in the first posture.
-    """
-    limits = model.least_clearances()
-    limits[relaxed] = np.minimum(first.clearances[relaxed], 0.0)
-    return limits
+def _clearance_limits(depth: float, first: PathPosture) -> FloatArray:
+    """Return the least admissible clearances, (n,), metres: as negative as in the first posture, or a depth."""
+    return np.asarray(np.minimum(first.clearances, -depth))
 
 
 def _straight_motion(
-    model: CollisionModel, start: Values, goal: Values, is_free: BoolArray
+    model: Clearance, start: Values, goal: Values, is_free: BoolArray
 ) -> Callable[[float], Values]:
     """Return a function from fraction to variables: the straight path of the free joints to their goal.
 
@@ -354,12 +350,8 @@ def _straight_motion(
     return posture
 
 
-def _drop_penetrating(model: CollisionModel, postures: list[PathPosture]) -> None:
+def _drop_penetrating(postures: list[PathPosture], depth: float) -> None:
     """Remove the last postures of a path while they penetrate deeper than the first."""
-    while len(postures) > 1 and _least_slack(model, postures[-1]) < min(0.0, _least_slack(model, postures[0])):
+    least = [float(np.min(posture.clearances, initial=np.inf)) for posture in postures]
+    while len(postures) > 1 and least[len(postures) - 1] < min(-depth, least[0]):
         postures.pop()
-
-
-def _least_slack(model: CollisionModel, posture: PathPosture) -> float:
-    """Return the least difference between a posture's clearances and the admissible ones, metres."""
-    return float(np.min(posture.clearances - model.least_clearances(), initial=np.inf))

@@ -14,15 +14,15 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.tips import SymbolicTouch
+from nlpgrasp.motion.clearance import Clearance
 from nlpgrasp.motion.contact_path import LIFTED, SLIDING, TargetContact
-from nlpgrasp.motion.link_clearance import CollisionModel
 
 TOLERANCE = 1e-6  # share of the body's size, and radians: tolerance of a reached contact
 NEWTON_RULES = NewtonRules(steps=15, enough=TOLERANCE)  # with joint limits and clearances
 FREE_STEPS = 6  # before these, on the contact's equations alone, at most
 MAX_STEP = 0.2  # radians (metres for sliding joints, tip coordinates): largest Newton step
 CRITICAL_SHARE = 0.1  # share of the hand's span: clearances below this enter the steps
-DIFFERENCE = 1e-6  # radians or metres: step of finite differences
+DIFFERENCE = 1e-4  # radians or metres: step of finite differences
 NO_LIMIT = 1e3  # joint limits that never bind
 
 
@@ -58,7 +58,7 @@ class FingerJoints:
     ----------
     hand : URDFHand
     finger : int
-    surroundings : CollisionModel
+    surroundings : Clearance
     size : float
         The body's, metres.
 
@@ -68,7 +68,7 @@ class FingerJoints:
         Indices of its free joints.
     """
 
-    def __init__(self, hand: URDFHand, finger: int, surroundings: CollisionModel, size: float) -> None:
+    def __init__(self, hand: URDFHand, finger: int, surroundings: Clearance, size: float) -> None:
         self.hand, self.finger, self.size = hand, finger, size
         robot = hand.robot
         if hand.closed_linkages:

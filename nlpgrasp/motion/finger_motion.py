@@ -3,13 +3,9 @@
 A hand with links (``LinkedMotions``): from each waypoint a step is tried, and halved until four conditions hold. The
 finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MAX_JOINT_STEP``,
 so that the posture does not jump between branches of the inverse kinematics. At the middle of the joint motion, where a
-chord deviates most to second order, the fingertip is off the path by less than the tolerance. No sphere can have
-penetrated anything by more than the tolerance (``CollisionModel.clearance_bounds``). Where a step of ``LEAST_STEP``
-fails, the finger stops.
-
-Spheres are larger than the links that they cover. Where one is in the way of the body, the path is tried again with the
-links' own shapes instead of their spheres against the body: they may not penetrate at waypoints, and no point of them
-moves so far in a step that one could penetrate by more than the tolerance between waypoints.
+chord deviates most to second order, the fingertip is off the path by less than the tolerance. No link can have
+penetrated anything by more than the tolerance (``Clearance.clearance_bounds``). Where a step of ``LEAST_STEP`` fails,
+the finger stops.
 
 A hand that is given by its contacts alone (``ContactMotions``), such as free fingertips or jaws, constrains these
 jointly. Its constraints are evaluated at waypoints ``WAYPOINT_STEP`` apart: between two, no distance of two contacts or
@@ -23,7 +19,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -33,13 +28,11 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
+from nlpgrasp.motion.clearance import Clearance
 from nlpgrasp.motion.contact_path import LIFTED, SLIDING, ContactPath, FingerTransfer, PathStation, TargetContact
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.finger_kinematics import FingerJoints, describe_obstruction, format_path_position
-from nlpgrasp.motion.link_clearance import CollisionModel, point_motion_bounds
-from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import BODY, LEAST_DEPTH
 
 LEAST_STEP, LARGEST_STEP = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
 MAX_JOINT_STEP = 0.1  # radians between waypoints; share of the span for sliding joints
@@ -47,7 +40,6 @@ SLIDE_CANDIDATES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, 
 BALL_TOLERANCE = 1e-12  # relative tolerance of a point in a ball
 WAYPOINT_STEP = 5e-3  # distance of waypoints of hands without links, over the body's size
 CONSTRAINT_TOLERANCE = 1e-6  # feasibility tolerance, relative to the constraint's scale
-AGAINST_BODY = f"against {BODY}"  # part of the reason of a path that a link's sphere in the body obstructs
 PALM = "palm"  # name of the variable for the palm point
 Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
@@ -138,7 +130,7 @@ class LinkedMotions:
         Path of each finger from its contact to its new one.
     lift : float
         Height of a lifted finger above the surface, metres.
-    model : CollisionModel, optional
+    model : Clearance, optional
         Of the same problem and hand, where it exists already.
     """
 
@@ -149,12 +141,11 @@ class LinkedMotions:
         values: Values,
         paths: Sequence[Sequence[PathStation]],
         lift: float,
-        model: CollisionModel | None = None,
+        model: Clearance | None = None,
     ) -> None:
         self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
-        self.model = model or CollisionModel(problem, hand)
+        self.model = model or Clearance(problem, hand)
         self.fingers = [FingerJoints(hand, i, self.model, problem.body.size) for i in range(hand.count)]
-        self._problem = problem
         self._first = self._with_slides(values)
         self._contact_paths: dict[tuple[int, float], ContactPath] = {}
 
@@ -169,16 +160,7 @@ class LinkedMotions:
             arm = self.hand.tips[finger][1].standoff + lift
             self._contact_paths[finger, lift] = ContactPath(self.body, self.paths[finger], arm, self.model.tolerance)
         transfer = FingerTransfer(self._contact_paths[finger, lift], lift)
-        path, end = FingerStepper(self.fingers[finger], transfer).move(posture)
-        is_body_in_way = AGAINST_BODY in path.reason and self.hand.clearance == 0.0
-        if path.feasible or not is_body_in_way or not self._shapes.has_shapes:
-            return path, end
-        by_shapes, shapes_end = FingerStepper(self.fingers[finger], transfer, self._shapes).move(posture)
-        return (by_shapes, shapes_end) if by_shapes.feasible else (path, end)
-
-    @cached_property
-    def _shapes(self) -> PenetrationModel:
-        return PenetrationModel(self._problem, self.hand)
+        return FingerStepper(self.fingers[finger], transfer).move(posture)
 
     def _with_slides(self, values: Values) -> Values:
         """Return the values with sliding tip coordinates that bring the fingertips nearest to their contacts."""
@@ -204,33 +186,15 @@ class FingerStepper:
     ----------
     joints : FingerJoints
     transfer : FingerTransfer
-    shapes : PenetrationModel, optional
-        The links' own shapes, which replace their spheres against the body.
     """
 
-    def __init__(self, joints: FingerJoints, transfer: FingerTransfer, shapes: PenetrationModel | None = None) -> None:
-        self.joints, self.transfer, self.model, self.shapes = joints, transfer, joints.model, shapes
+    def __init__(self, joints: FingerJoints, transfer: FingerTransfer) -> None:
+        self.joints, self.transfer, self.model = joints, transfer, joints.model
         self._tip = self.model.tip_mask()
 
-    @cached_property
-    def _shape_motion_bounds(self) -> FloatArray:
-        """Bound on how far points of each link move per unit of each free joint, (links, joints), metres."""
-        hand = self.joints.hand
-        farthest = {
-            link: max(float(np.max(np.linalg.norm(shape.mesh.vertices, axis=1))) for shape in link_shapes)
-            for link, link_shapes in hand.robot.shapes.items()
-            if link_shapes
-        }
-        return np.array([point_motion_bounds(hand, *pair) for pair in farthest.items()])
-
     def clearance_limits(self, path_length: float) -> FloatArray:
-        """Return the lower limits of the clearances, (n,), metres; a lifted fingertip also has one from the body.
-
-        Limits of links from the body are minus infinity where the links' own shapes replace their spheres.
-        """
+        """Return the lower limits of the clearances, (n,), metres; a lifted fingertip also has one from the body."""
         limits = self.model.least_clearances()
-        if self.shapes is not None:
-            limits[: len(self.model.sphere_indices)][~self._tip[: len(self.model.sphere_indices)]] = -np.inf
         if self.transfer.at(path_length).phase == LIFTED:
             limits[self._tip] = 0.0
         return limits - self.model.tolerance / 2.0
@@ -265,8 +229,6 @@ class FingerStepper:
         result = self.joints.reach(values, target, limits)
         if not result.is_reached:
             return None
-        if self.shapes is not None and self.shapes.in_posture(result.values).depth > LEAST_DEPTH:
-            return None
         return Waypoint(path_length, target, result.values, self.model.clearances(result.values))
 
     def _step(self, start: Waypoint, path_length: float) -> Waypoint | None:
@@ -283,23 +245,12 @@ class FingerStepper:
         middle_values = {name: (start.values[name] + end.values[name]) / 2.0 for name in start.values}
         if self.joints.residual(middle_values, self.transfer.at(middle)) * self.joints.size > self.model.tolerance:
             return None
-        if self.shapes is not None:  # the depth between two waypoints is at most (a + b + l) / 2
-            lengths = self._shape_motion_bounds @ np.abs(end.values["joints"] - start.values["joints"])
-            if LEAST_DEPTH + np.max(lengths) / 2.0 > self.model.tolerance:
-                return None
         bounds = self.model.clearance_bounds(start.values, end.values, (start.clearances, end.clearances))
         return end if np.all(bounds >= limits - self.model.tolerance / 2.0) else None
 
     def _least_clearance(self, waypoint: Waypoint) -> float:
-        """Return the least clearance at a waypoint, metres.
-
-        Where links are checked by their own shapes, negative clearances of their spheres from the body count as 0.
-        """
-        clearances = waypoint.clearances.copy()
-        if self.shapes is not None:
-            of_body = slice(len(self.model.sphere_indices))
-            clearances[of_body] = np.maximum(clearances[of_body], 0.0)
-        return float(np.min(clearances[~self._tip], initial=np.inf))
+        """Return the least clearance at a waypoint, metres, without that of fingertips from the body."""
+        return float(np.min(waypoint.clearances[~self._tip], initial=np.inf))
 
     def _record(self, waypoints: list[Waypoint], reason: str) -> FingerPath:
         """Return the finger's path through the waypoints, infeasible if a reason is given."""

@@ -21,7 +21,7 @@ from nlpgrasp.motion.approach_path import (
     open_fingers,
     opening_distances,
 )
-from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.clearance import Clearance
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
@@ -127,8 +127,8 @@ def palm_path(
 
     The palm moves straight with the fingers open; then they close. Each finger is as in the solution's pregrasp, or as
     near to it as clearances allow. Without a direction, the palm's facing direction is tried first, then others by
-    increasing angle, until one is free; if none is, the fingers open wider, up to four times as far. Links (as
-    enclosing spheres) stay clear of the body, of tables and obstacles in the constraints, and of each other; joints
+    increasing angle, until one is free; if none is, the fingers open wider, up to four times as far. Links (by
+    their collision shapes) stay clear of the body, of tables and obstacles in the constraints, and of each other; joints
     keep their limits. Waypoints are so close that nothing can be between them, however thin (docs/hands.md).
 
     Parameters
@@ -159,7 +159,7 @@ def palm_path(
     distance = number("distance", distance, above=0.0)
     directions = integer("directions", directions, at_least=1, at_most=10_000)
     grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
-    model, touching = CollisionModel(problem, hand), warn_of_touching(solution.name, solution.hand)
+    model, touching = Clearance(problem, hand), warn_of_touching(solution.name, solution.hand)
     reason = _exceeded_joint(hand, grasp, pregrasp)
     if reason:
         return _failure_record(model, distance, reason, (), touching)
@@ -211,7 +211,7 @@ def _exceeded_joint(hand: URDFHand, *postures: Values) -> str:
 
 
 def _path_record(
-    model: CollisionModel, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
+    model: Clearance, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
 ) -> PalmPath:
     """Return the palm path that an approach search found, from start to grasp."""
     tree, is_no_tip = model.hand.tree, ~model.tip_mask()
@@ -237,7 +237,7 @@ def _path_record(
 
 
 def _failure_record(
-    model: CollisionModel, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
+    model: Clearance, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
 ) -> PalmPath:
     """Return the palm path of a failed search, with the reason."""
     names = tuple(model.hand.tree.joint_positions(np.zeros(len(model.hand.robot.free_joints))))

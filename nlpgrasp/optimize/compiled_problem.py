@@ -13,7 +13,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.urdf_hand import LinkConstraints
-from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.link_parts import LinkParts
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
 from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
@@ -85,15 +86,16 @@ class CompiledProblem:
         hand, shapes = self.problem.hand, self.link_depths
         if shapes is None or shapes.has_convex_shapes or not isinstance(hand, URDFHand):
             return shapes
-        return PenetrationModel(self.problem, hand, hulls=True)
+        return PenetrationModel(self.problem, hand, parts=LinkParts(hand, hulls=True))
 
     @cached_property
-    def collision_model(self) -> CollisionModel | None:
-        """Collision model of the spheres around the hand's links; None for hands without links."""
+    def collision_model(self) -> Clearance | None:
+        """Clearances of the hand's links; None for hands without links."""
         hand = self.problem.hand
         if self._parent is not None and self._parent.problem.hand is hand:  # a variant's hand may have other limits
             return self._parent.collision_model
-        return CollisionModel(self.problem, hand) if isinstance(hand, URDFHand) else None
+        depths = self.link_depths
+        return Clearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
 
     @cached_property
     def workspace(self) -> HandWorkspace:
@@ -115,7 +117,7 @@ class CompiledProblem:
     @cached_property
     def distance_grid(self) -> DistanceGrid:
         """Signed distance of the body on a grid."""
-        return DistanceGrid(self.problem.body, 0.03) if self._parent is None else self._parent.distance_grid
+        return self.problem.body.distance_grid
 
     def with_task(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem for another task, sharing programs and samples.

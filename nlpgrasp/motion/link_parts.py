@@ -1,0 +1,454 @@
+"""Exact collision shapes of a hand's links: surface samples, and distances between links by MuJoCo.
+
+A part is one collision shape of the robot file, fixed to its link. MuJoCo measures the distance of two parts, or the
+shortest translation that separates them (Gilbert, Johnson, Keerthi 1988; van den Bergh 2001): spheres, capsules,
+cylinders and boxes are exact, a mesh counts as its convex hull. Where a hull is in something and its mesh is not
+convex, samples of one surface are measured in the other mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.bodies.distance_grid import DistanceGrid
+from nlpgrasp.common.cache import cached_arrays
+from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.unit_directions import directions_around
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.solution.obstructions import LEAST_DEPTH
+
+
+@dataclass(frozen=True)
+class LinkPart:
+    """A solid that is fixed to a link.
+
+    Parameters
+    ----------
+    link : str
+    shape : CollisionShape or None
+        None for the ball of a fingertip whose link has no shape.
+    points : (m, 3) array
+        Samples of its surface; of a sphere its centre. Metres, link frame.
+    radius : float
+        Of the balls about these points that make up the part, metres; 0 where they are on its surface.
+    normals, offsets : (f, 3) and (f,) array
+        Outward unit normals and offsets, metres, of the faces of its convex hull.
+    is_convex : bool
+    triangles : (t, 3, 3) array
+        Of its surface, metres, link frame.
+    """
+
+    link: str
+    shape: CollisionShape | None
+    points: FloatArray
+    radius: float
+    normals: FloatArray
+    offsets: FloatArray
+    is_convex: bool
+    triangles: FloatArray
+
+    @classmethod
+    def of(cls, link: str, shape: CollisionShape, as_hull: bool) -> LinkPart:
+        """Return the part of a collision shape, with its vertices for samples."""
+        vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
+        hull = _hull(vertices)
+        if hull is None:  # flat
+            return cls(link, shape, vertices, 0.0, np.zeros((0, 3)), np.zeros(0), False, vertices[faces])
+        normals = np.unique(hull.equations[:, :3].round(6), axis=0)
+        if len(normals) > 200:  # planes that support the hull, somewhat outside it in between
+            normals = directions_around(np.eye(3)[2], 200)
+        planes = normals, np.max(normals @ vertices[hull.vertices].T, axis=1)
+        if shape.centre is not None and shape.kind == "sphere":
+            return cls(link, shape, shape.centre[None].copy(), shape.radius, *planes, True, vertices[faces])
+        volume = abs(float(np.sum(np.linalg.det(vertices[faces] - vertices.mean(axis=0)))) / 6.0)
+        is_hull = as_hull or volume < 0.05 * hull.volume  # so is a sheet, which encloses no volume
+        faces = hull.simplices if is_hull else faces
+        return cls(link, shape, vertices, 0.0, *planes, is_hull or volume > 0.999 * hull.volume, vertices[faces])
+
+    @cached_property
+    def tree(self) -> SearchTree:
+        """Search tree of the shape's surface."""
+        mesh = self.shape.mesh if self.shape is not None else None
+        return SearchTree(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+    @property
+    def ball(self) -> tuple[FloatArray, float]:
+        """Centre (3,) and radius of a ball around the part, metres, link frame."""
+        centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2.0
+        return centre, float(np.max(np.linalg.norm(self.points - centre, axis=1))) + self.radius
+
+    def outer_distance(self, points: FloatArray) -> FloatArray:
+        """Return a signed distance of points (m, 3), link frame, (m,), metres: nowhere more than the true one."""
+        if self.radius > 0.0:
+            return np.asarray(np.min(np.linalg.norm(points[:, None] - self.points, axis=2), axis=1) - self.radius)
+        return np.asarray(np.max(points @ self.normals.T - self.offsets, axis=1, initial=-np.inf))
+
+    def distance(self, points: FloatArray, limit: float = np.inf) -> FloatArray:
+        """Return the signed distance of points (m, 3), link frame, (m,), metres, where it is less than a limit."""
+        result = self.outer_distance(points)
+        if self.radius == 0.0 and not (self.is_convex and len(self.normals) < 200):
+            near = np.flatnonzero(result < limit)
+            result[near] = self.tree.exact_signed_distance(points[near]) if len(near) else 0.0
+        return result
+
+
+class LinkParts:
+    """The solids of a hand's links, with the pairs of them that are kept apart.
+
+    Left out are links that are fixed to each other or neighbours in the chain, and links that overlap by construction:
+    in nine tenths of random postures.
+
+    Parameters
+    ----------
+    hand : URDFHand
+    spacing : float
+        Of the samples, metres.
+    hulls : bool
+        Whether each shape counts as its convex hull, as in MuJoCo.
+
+    Attributes
+    ----------
+    parts : tuple of LinkPart
+        The balls of round fingertips whose links have no shapes are among them.
+    links : (n,) int array
+        Index of each part's link among the tree's used links.
+    tips : (n,) bool array
+        Whether a part is fixed to a fingertip.
+    centres, reaches : (n, 3) and (n,) array
+        Of a ball around each part, metres, link frame.
+    radii : (n,) array
+        Of the balls about the parts' samples, metres.
+    """
+
+    def __init__(self, hand: URDFHand, spacing: float = 2.5e-3, hulls: bool = False) -> None:
+        self.hand, robot = hand, hand.robot
+        shapes = [(link, shape) for link, shapes in robot.shapes.items() for shape in shapes]
+        parts = [LinkPart.of(link, shape, hulls) for link, shape in shapes]
+        key = [repr((spacing, hulls, [link for link, _ in shapes])).encode(), *(shape.content for _, shape in shapes)]
+        samples = cached_arrays("link-samples", key, partial(_all_samples, parts, spacing))
+        ends = np.cumsum(samples["counts"]).astype(int)[:-1]
+        split = np.split(samples["points"], ends)
+        parts = [replace(part, points=points) for part, points in zip(parts, split, strict=True)]
+        shaped = {robot.rigid_groups[part.link] for part in parts}
+        for link, tip in hand.tips:
+            if tip.standoff > 0.0 and robot.rigid_groups[link] not in shaped and not tip.slides:
+                centre, none = np.asarray(tip.centre, dtype=float)[None], (np.zeros((0, 3)), np.zeros(0))
+                parts.append(LinkPart(link, None, centre, tip.standoff, *none, True, np.zeros((0, 3, 3))))
+        self.parts = tuple(parts)
+        self.links = np.array([hand.tree.used_links.index(part.link) for part in parts], int)
+        with_tip = {robot.rigid_groups[link] for link, _ in hand.tips}
+        self.tips = np.array([robot.rigid_groups[part.link] in with_tip for part in parts], bool)
+        balls = [part.ball for part in parts]
+        self.centres = np.array([centre for centre, _ in balls]).reshape(-1, 3)
+        self.reaches = np.array([radius for _, radius in balls])
+        self.radii = np.array([part.radius for part in parts])
+
+    @cached_property
+    def pairs(self) -> IntArray:
+        """The pairs of parts whose links are kept apart, (r, 2)."""
+        pairs = self._distant_pairs if self.hand.self_collision else np.zeros((0, 2), int)
+        if not len(pairs):
+            return pairs
+        postures = self.palm_frames(self.hand.tree.random_joints(20, np.random.default_rng(0)))
+        overlaps = np.array([self.pair_distances(frames, pairs) for frames in postures]) < -LEAST_DEPTH
+        links = self.links[pairs]
+        _, of_pair = np.unique(links, axis=0, return_inverse=True)
+        permanent = [np.sum(overlaps[:, of_pair == i].any(axis=1)) >= 18 for i in range(int(np.max(of_pair)) + 1)]
+        return np.asarray(pairs[~np.array(permanent)[of_pair.ravel()]])
+
+    @property
+    def _distant_pairs(self) -> IntArray:
+        """The pairs (r, 2) of parts whose links are neither fixed to each other nor neighbours."""
+        groups, adjacent = self.hand.robot.rigid_groups, self.hand.robot.adjacent
+        of_links: dict[tuple[str, str], bool] = {}
+        for a, b in combinations(dict.fromkeys(groups[part.link] for part in self.parts), 2):
+            of_links[a, b] = of_links[b, a] = not adjacent(a, b)
+        names = [groups[part.link] for part in self.parts]
+        pairs = [(i, j) for i, j in combinations(range(len(names)), 2) if of_links.get((names[i], names[j]), False)]
+        return np.array(pairs, int).reshape(-1, 2)
+
+    def palm_frames(self, joints: FloatArray) -> FloatArray:
+        """Return the frames of the parts' links in the palm's, (b, n, 4, 4), at positions (b, m) of the free joints."""
+        return self.hand.tree.palm_poses(joints)[:, self.links]
+
+    def frames_of(self, postures: Sequence[Values]) -> FloatArray:
+        """Return the frames of the parts' links in the body's, (b, n, 4, 4), given the hand's variables in postures."""
+        palm = self.palm_frames(np.array([values["joints"] for values in postures], dtype=float))
+        return np.asarray(np.stack([self.hand.tree.palm_frame(values) for values in postures])[:, None] @ palm)
+
+    def frames(self, values: Values) -> FloatArray:
+        """Return the frames of the parts' links in the body's, (n, 4, 4), given values of the hand's variables."""
+        return np.asarray(self.frames_of([values])[0])
+
+    def outline(self, values: Values) -> FloatArray:
+        """Return outermost points of all parts, (m, 3), metres, body frame."""
+        points, parts = self._outermost
+        return _moved(points, self.frames(values)[parts])
+
+    @cached_property
+    def _outermost(self) -> tuple[FloatArray, IntArray]:
+        """Outermost points of all parts in 60 directions, (m, 3), metres, link frame, and their parts, (m,)."""
+        directions, result = directions_around(np.eye(3)[2], 60), [np.zeros((0, 3))]
+        for part in self.parts:
+            points = part.points[np.unique(np.argmax(part.points @ directions.T, axis=0))]
+            result.append((points[:, None] + part.radius * directions).reshape(-1, 3) if part.radius else points)
+        return np.concatenate(result), np.repeat(np.arange(len(self.parts)), [len(points) for points in result[1:]])
+
+    def ball_centres(self, frames: FloatArray) -> FloatArray:
+        """Return the centres of the balls around the parts, (..., n, 3), given the links' frames (..., n, 4, 4)."""
+        return np.asarray((frames[..., :3, :3] @ self.centres[:, :, None])[..., 0] + frames[..., :3, 3])
+
+    def ball_centres_of(self, part: int, frame: FloatArray) -> FloatArray:
+        """Return the centre (3,) of the ball around a part whose link has the given frame (4, 4)."""
+        return np.asarray(frame[:3, :3] @ self.centres[part] + frame[:3, 3])
+
+    def nearest_samples(
+        self,
+        chosen: IntArray,
+        frames: FloatArray,
+        distance: Callable[[FloatArray], FloatArray],
+        grid: DistanceGrid | None = None,
+        count: int = 8,
+        close: float = np.inf,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the distance (p,) of each chosen part from a solid, metres, and the part's nearest point, (p, 3).
+
+        Parameters
+        ----------
+        chosen : (p,) int array
+            Indices of parts, one or more times each.
+        frames : (p, 4, 4) array
+            Frames of their links.
+        distance : callable
+            Points (m, 3) to their distances (m,) from the solid, metres.
+        grid : DistanceGrid, optional
+            The same distance on a grid, by which the most promising samples are chosen.
+        count : int
+            Number of samples of a part that are then measured, at most.
+        close : float
+            Distance up to which they are measured, metres; of parts farther away it is the least that the grid allows.
+        """
+        coarse, error = (distance, 0.0) if grid is None else (grid.nearest, grid.spacing)
+        table = self._samples
+        cells, owner = _ranges(table.first_cells[chosen], table.cells[chosen])
+        value = coarse(_moved(table.middles[cells], frames[owner]))
+        best = _least(owner, value + table.reaches[cells] + error)
+        keep = value - table.reaches[cells] - error <= best[owner]
+        index, of_cell = _ranges(table.first[cells[keep]], table.sizes[cells[keep]])
+        owner = owner[keep][of_cell]
+        points = _moved(table.points[index], frames[owner])
+        value = coarse(points)
+        if grid is not None:
+            near = np.flatnonzero(value <= _least(owner, value)[owner] + 2.0 * error)
+            owner, points = owner[near], points[near]
+            value = grid.distance(points)[0]
+            order = np.lexsort((value, owner))
+            near = order[np.arange(len(order)) - np.searchsorted(owner[order], owner[order]) < count]
+            owner, points, value = owner[near], points[near], value[near]
+            measured = (_least(owner, value) - self.radii[chosen] < close)[owner]
+            value[measured] = distance(points[measured])
+            value[~measured] -= error
+        order = np.lexsort((value, owner))
+        first = order[np.searchsorted(owner[order], np.arange(len(chosen)))]
+        return value[first] - self.radii[chosen], points[first]
+
+    @cached_property
+    def _samples(self) -> _SampleTable:
+        return _SampleTable.of([part.points for part in self.parts])
+
+    def points(self, part: int, frame: FloatArray) -> FloatArray:
+        """Return the samples (m, 3) of a part whose link has the given frame (4, 4)."""
+        return np.asarray(self.parts[part].points @ frame[:3, :3].T + frame[:3, 3])
+
+    def pair_distances(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
+        """Return the distance of the two parts of each pair (r, 2), (r,), metres; negative where they penetrate.
+
+        Where the balls around two parts are apart it is the distance of these, which is less. ``frames`` (n, 4, 4) are
+        those of the parts' links, in one frame.
+        """
+        centres = self.ball_centres(frames)
+        i, j = pairs.T
+        gaps = np.linalg.norm(centres[i] - centres[j], axis=1) - self.reaches[i] - self.reaches[j]
+        near = np.flatnonzero(gaps < 0.0)
+        if len(near):
+            gaps[near] = self._exact_distances(frames, pairs[near])
+        return np.asarray(gaps)
+
+    def _exact_distances(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
+        """Return the distance (r,) of the two parts of each pair, metres, by MuJoCo."""
+        mujoco, model, data, local = self._geoms
+        poses = frames @ local
+        data.geom_xpos[:] = poses[:, :3, 3]
+        data.geom_xmat[:] = poses[:, :3, :3].reshape(-1, 9)
+        ends, result = np.zeros(6), np.zeros(len(pairs))
+        for number, (i, j) in enumerate(pairs.tolist()):
+            result[number] = mujoco.mj_geomDistance(model, data, i, j, 1.0, ends)
+            if result[number] < 0.0 and not (self.parts[i].is_convex and self.parts[j].is_convex):
+                result[number] = self._mesh_distance(i, j, np.linalg.inv(frames[j]) @ frames[i])
+        return result
+
+    def _mesh_distance(self, i: int, j: int, pose: FloatArray) -> float:
+        """Return the distance of two parts, metres, from their samples; ``pose`` is that of one in the other's frame."""
+        a, b = self.parts[i], self.parts[j]
+        in_b = b.distance(a.points @ pose[:3, :3].T + pose[:3, 3], 0.0) - a.radius
+        in_a = a.distance((b.points - pose[:3, 3]) @ pose[:3, :3], 0.0) - b.radius
+        return min(float(np.min(in_b)), float(np.min(in_a)))
+
+    @cached_property
+    def _geoms(self) -> tuple[Any, Any, Any, FloatArray]:
+        """MuJoCo with a model of the parts, its data, and the geoms' poses (n, 4, 4) in the links' frames."""
+        mujoco = import_mujoco("distances between the links of a hand")
+        spec = mujoco.MjSpec()
+        kinds, meshes = mujoco.mjtGeom, dict[bytes, str]()
+        primitives = {"box": kinds.mjGEOM_BOX, "cylinder": kinds.mjGEOM_CYLINDER, "capsule": kinds.mjGEOM_CAPSULE}
+        for part in self.parts:
+            geom, shape = spec.worldbody.add_geom(contype=0, conaffinity=0), part.shape
+            if part.radius > 0.0 or shape is None:
+                geom.type, geom.size, geom.pos = kinds.mjGEOM_SPHERE, [part.radius, 0.0, 0.0], part.points[0]
+            elif shape.kind in primitives and shape.pose is not None:
+                geom.type, geom.pos, size = primitives[shape.kind], shape.pose[:3, 3], np.asarray(shape.size) / 2.0
+                geom.quat = Rotation.from_matrix(shape.pose[:3, :3]).as_quat(scalar_first=True)
+                geom.size = size if shape.kind == "box" else [shape.size[0], size[1], 0.0]
+            else:
+                if shape.fingerprint not in meshes:
+                    meshes[shape.fingerprint] = f"mesh{len(meshes)}"
+                    mesh = spec.add_mesh(name=meshes[shape.fingerprint])
+                    mesh.uservert = np.asarray(shape.mesh.vertices, dtype=float).ravel()
+                    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+                geom.type, geom.meshname = kinds.mjGEOM_MESH, meshes[shape.fingerprint]
+        model = spec.compile()
+        local = np.tile(np.eye(4), (len(self.parts), 1, 1))
+        local[:, :3, :3] = Rotation.from_quat(model.geom_quat, scalar_first=True).as_matrix()
+        local[:, :3, 3] = model.geom_pos
+        return mujoco, model, mujoco.MjData(model), local
+
+
+@dataclass(frozen=True)
+class _SampleTable:
+    """Samples of all parts in cells of 12 mm.
+
+    Parameters
+    ----------
+    points : (m, 3) array
+        Metres, link frames.
+    first, sizes : (c,) int arrays
+        First sample of each cell, and their number.
+    first_cells, cells : (n,) int arrays
+        First cell of each part, and their number.
+    middles, reaches : (c, 3) and (c,) array
+        Of a ball around each cell's samples, metres.
+    """
+
+    points: FloatArray
+    first: IntArray
+    sizes: IntArray
+    first_cells: IntArray
+    cells: IntArray
+    middles: FloatArray
+    reaches: FloatArray
+
+    @classmethod
+    def of(cls, samples: Sequence[FloatArray]) -> _SampleTable:
+        """Return the table of the samples of each part, (m, 3) each."""
+        points = np.concatenate([np.zeros((0, 3)), *samples])
+        parts = np.repeat(np.arange(len(samples)), [len(part) for part in samples])
+        keys = np.floor(points / 12e-3).astype(int)
+        order = np.lexsort((*keys.T, parts))
+        points, parts, keys = points[order], parts[order], keys[order]
+        first = np.flatnonzero(np.any(np.diff(np.column_stack([parts, keys]), axis=0, prepend=-1), axis=1))
+        sizes = np.diff(np.append(first, len(points)))
+        middles = np.add.reduceat(points, first) / sizes[:, None] if len(points) else points
+        distances = np.linalg.norm(points - np.repeat(middles, sizes, axis=0), axis=1)
+        reaches = np.maximum.reduceat(distances, first) if len(points) else distances
+        counts = np.bincount(parts[first], minlength=len(samples))
+        return cls(points, first, sizes, np.cumsum(counts) - counts, counts, middles, reaches)
+
+
+def _ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the indices from each first one on, of several sizes, one after another, and which range each is of."""
+    which = np.repeat(np.arange(len(sizes)), sizes)
+    return np.arange(len(which)) + (first - np.cumsum(sizes) + sizes)[which], which
+
+
+def _least(owner: IntArray, values: FloatArray) -> FloatArray:
+    """Return the least of the values (m,) of each owner (m,), which are in order and from 0 on without a gap."""
+    return np.asarray(np.minimum.reduceat(values, np.flatnonzero(np.diff(owner, prepend=-1))))
+
+
+def _moved(points: FloatArray, frames: FloatArray) -> FloatArray:
+    """Return points (m, 3), each moved by its frame (m, 4, 4)."""
+    return np.asarray((frames[:, :3, :3] @ points[:, :, None])[..., 0] + frames[:, :3, 3])
+
+
+def sharp_edge_points(vertices: FloatArray, faces: IntArray, spacing: float, angle: float = 0.5) -> FloatArray:
+    """Return points (m, 3) along the edges of a mesh whose faces turn by more than an angle, radians.
+
+    The ends of the edges are among them; the others are at most ``spacing`` apart, metres.
+    """
+    import trimesh
+
+    mesh = trimesh.Trimesh(vertices, faces, process=True)
+    edges = mesh.face_adjacency_edges[mesh.face_adjacency_angles > angle]
+    ends = mesh.vertices[edges]
+    result = [np.zeros((0, 3)), *ends.transpose(1, 0, 2)]
+    counts = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / spacing).astype(int)
+    for count in np.unique(counts[counts > 1]):
+        shares = np.arange(1, count)[:, None, None] / count
+        result.append((ends[counts == count, 0] * (1.0 - shares) + ends[counts == count, 1] * shares).reshape(-1, 3))
+    return np.unique(np.concatenate(result).round(9), axis=0)
+
+
+def _samples(corners: FloatArray, spacing: float) -> FloatArray:
+    """Return points all over a surface of triangles (m, 3, 3), about ``spacing`` apart, metres, and on its edges."""
+    vertices, indices = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+    done = [sharp_edge_points(vertices, indices, spacing), vertices]
+    while len(corners):
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        is_small = sides.max(axis=1) <= 1.5 * spacing
+        done.append(corners[is_small].mean(axis=1))
+        corners, first = corners[~is_small], np.argmax(sides[~is_small], axis=1)[:, None]
+        order = (first + np.arange(3)) % 3  # the longest side first, which is halved
+        a, b, c = np.take_along_axis(corners, order[:, :, None], axis=1).transpose(1, 0, 2)
+        middle = (a + b) / 2.0
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    points = np.concatenate(done)
+    _, first = np.unique(np.floor(points / (0.7 * spacing)), axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _all_samples(parts: Sequence[LinkPart], spacing: float) -> dict[str, FloatArray]:
+    """Return the samples of all parts, one part after another, and the numbers of each.
+
+    Those inside another convex part of the same link are left out.
+    """
+    known, result = dict[bytes, FloatArray](), [np.zeros((0, 3))]
+    for part in parts:
+        points, key = part.points, part.triangles.round(9).tobytes()  # fingers are often alike
+        if part.radius == 0.0:
+            points = known[key] = known[key] if key in known else _samples(part.triangles, spacing)
+        for other in parts:
+            if other.link == part.link and other is not part and other.is_convex and part.radius == 0.0:
+                is_inside = other.distance(points, -5e-4) < -5e-4
+                points = points[~is_inside] if not np.all(is_inside) else points[:1]
+        result.append(points)
+    return {"points": np.concatenate(result), "counts": np.array([len(points) for points in result[1:]], float)}
+
+
+def _hull(vertices: FloatArray) -> ConvexHull | None:
+    """Return the convex hull of points (n, 3); None if they are coplanar."""
+    try:
+        return ConvexHull(vertices)
+    except QhullError:
+        return None
