@@ -54,7 +54,7 @@ def find_free_approach(
     locate : bool
         Whether ``BlockedDirection.free`` is computed to the tolerance.
     depth : float
-        How deep links may be in things on the way, metres; no deeper than in the first posture counts as free.
+        How deep links may be in the body on the way, metres; no deeper than in the first posture counts as free.
     """
     blocked = list[BlockedDirection]()
     opening, length = None, 0.0
@@ -185,12 +185,12 @@ def open_fingers(
     factor : float
         1 for the pregrasp itself.
     depth : float
-        How deep links may be in things, metres.
+        How deep links may be in the body, metres.
     """
     lower, upper = model.hand.tree.joint_limits
     joints = grasp["joints"] + factor * (pregrasp["joints"] - grasp["joints"])
     goal = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
-    limits = partial(_clearance_limits, depth)
+    limits = partial(_clearance_limits, model, depth)
     postures, is_free, blocked_by, leg_count = list[PathPosture](), np.ones(len(lower), bool), "", 0
     while not postures or is_free.any():
         start = postures[-1].values if postures else grasp
@@ -219,7 +219,7 @@ def open_hand_straight(
     if opening.blocked_by or opening.straight:
         return opening
     goal, is_free = opening.values, np.ones(len(grasp["joints"]), bool)
-    limits = partial(_clearance_limits, depth)
+    limits = partial(_clearance_limits, model, depth)
     path = follow_straight_path(model, _straight_motion(model, grasp, goal, is_free), limits)
     postures = list(path.postures)
     _drop_penetrating(postures, depth)
@@ -280,7 +280,7 @@ def _free_retreat(
     def posture(fraction: float) -> Values:
         return {**start, "palm_position": start["palm_position"] - fraction * distance * direction}
 
-    limits = partial(_clearance_limits, depth)
+    limits = partial(_clearance_limits, model, depth)
     return follow_straight_path(model, posture, limits, locate)
 
 
@@ -309,11 +309,12 @@ def _depths_of_fields(
 
     Depths are in metres.
     """
-    outline = model.parts.outline(start)
+    outline, radii = model.parts.outline(start)
     lengths = np.linspace(0.0, length, int(np.ceil(length / ROOM_STEP)) + 1)
     for direction in directions:
         points = (outline - lengths[:, None, None] * direction).reshape(-1, 3)
-        depths = [-float(np.min(field.distance(points), initial=0.0)) for field in model.fields[1:]]
+        reach = np.tile(radii, len(lengths))
+        depths = [-float(np.min(field.distance(points) - reach, initial=0.0)) for field in model.fields[1:]]
         deep = [i for i, depth in enumerate(depths, 1) if depth > model.tolerance]
         if len(deep) == 1:
             yield depths[deep[0] - 1], deep[0], direction
@@ -328,9 +329,16 @@ def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: floa
     return f"{subject} free for {1e3 * distance:.0f} mm; {longest}"
 
 
-def _clearance_limits(depth: float, first: PathPosture) -> FloatArray:
-    """Return the least admissible clearances, (n,), metres: as negative as in the first posture, or a depth."""
-    return np.asarray(np.minimum(first.clearances, -depth))
+def _clearance_limits(model: Clearance, depth: float, first: PathPosture) -> FloatArray:
+    """Return the least admissible clearances, (n,), metres.
+
+    From tables and obstacles zero; from the body and between links as negative as in the first posture, if not zero,
+    and from the body as a depth.
+    """
+    of_body = model.body_mask()
+    limits = np.where(of_body, -depth, 0.0)
+    relaxed = of_body | (np.arange(len(limits)) >= model.from_fields())
+    return np.where(relaxed, np.minimum(first.clearances, limits), limits)
 
 
 def _straight_motion(

@@ -187,6 +187,10 @@ class Clearance:
         bounds = [point_motion_bounds(self.hand, *pair) for pair in zip(names, farthest.tolist(), strict=True)]
         return np.array(bounds).reshape(len(names), len(self.hand.robot.free_joints))
 
+    def body_mask(self) -> BoolArray:
+        """Return which clearances are from the body, (n,)."""
+        return np.arange(self.from_fields() + len(self.pairs)) < len(self._chosen)
+
     def tip_mask(self) -> BoolArray:
         """Return which clearances are between a fingertip's link and the body, (n,)."""
         other_count = (len(self.fields) - 1) * len(self._chosen) + len(self.pairs)
@@ -195,11 +199,11 @@ class Clearance:
     def least_clearances(self) -> FloatArray:
         """Return the least admissible clearances, (n,), metres: zero, or negative for fingertips on the body."""
         limits = np.zeros(len(self.fields) * len(self._chosen) + len(self.pairs))
-        standoffs = {self.hand.robot.rigid_groups[link]: tip.standoff for link, tip in self.hand.tips}
-        groups = [self.hand.robot.rigid_groups[self.parts.parts[i].link] for i in self._chosen]
-        limits[: len(groups)] = [
-            -max(TIP_SHARE * standoffs[group], self.tolerance) if group in standoffs else 0.0 for group in groups
-        ]
+        groups = self.hand.robot.rigid_groups
+        standoffs = {groups[link]: tip.standoff for link, tip in self.hand.tips}
+        for number, i in enumerate(self._chosen):
+            if self.parts.tips[i]:
+                limits[number] = -max(TIP_SHARE * standoffs[groups[self.parts.parts[i].link]], self.tolerance)
         return limits
 
     def from_fields(self) -> int:

@@ -43,7 +43,7 @@ def plan_keyframes(
     The palm keeps its orientation. It moves straight, in the first free one of many directions, of which its facing
     direction is the first, from where a plane across the direction separates hand and body, 0.1 m from the hand. A
     link that touches the body on the way pushes it away, so on the first free way sought no link is deeper in anything
-    than in the grasp; only where there is none may links penetrate within the tolerance.
+    than in the grasp; only where there is none may links penetrate the body within the tolerance.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
 def _retraction_length(model: Clearance, bounds: FloatArray, values: Values, direction: FloatArray) -> float:
     """Return how far the palm retracts, metres, until the hand is clear of the body's bounding box."""
     box_end = np.where(direction > 0.0, bounds[0], bounds[1]) @ direction  # the end of the box on the hand's side
-    hand_end = np.max(model.parts.outline(values) @ direction)
+    hand_end = model.parts.extent(values, direction)
     return float(max(hand_end - box_end, 0.0) + START_DISTANCE)
 
 

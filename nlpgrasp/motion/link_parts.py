@@ -27,6 +27,7 @@ from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.tips import Tip
 from nlpgrasp.solution.obstructions import LEAST_DEPTH
 
 
@@ -125,7 +126,7 @@ class LinkParts:
     links : (n,) int array
         Index of each part's link among the tree's used links.
     tips : (n,) bool array
-        Whether a part is fixed to a fingertip.
+        Whether a part reaches a fingertip that is fixed to it.
     centres, reaches : (n, 3) and (n,) array
         Of a ball around each part, metres, link frame.
     radii : (n,) array
@@ -138,8 +139,7 @@ class LinkParts:
         parts = [LinkPart.of(link, shape, hulls) for link, shape in shapes]
         key = [repr((spacing, hulls, [link for link, _ in shapes])).encode(), *(shape.content for _, shape in shapes)]
         samples = cached_arrays("link-samples", key, partial(_all_samples, parts, spacing))
-        ends = np.cumsum(samples["counts"]).astype(int)[:-1]
-        split = np.split(samples["points"], ends)
+        split = np.split(samples["points"], np.cumsum(samples["counts"]).astype(int))[: len(parts)]
         parts = [replace(part, points=points) for part, points in zip(parts, split, strict=True)]
         shaped = {robot.rigid_groups[part.link] for part in parts}
         for link, tip in hand.tips:
@@ -148,8 +148,7 @@ class LinkParts:
                 parts.append(LinkPart(link, None, centre, tip.standoff, *none, True, np.zeros((0, 3, 3))))
         self.parts = tuple(parts)
         self.links = np.array([hand.tree.used_links.index(part.link) for part in parts], int)
-        with_tip = {robot.rigid_groups[link] for link, _ in hand.tips}
-        self.tips = np.array([robot.rigid_groups[part.link] in with_tip for part in parts], bool)
+        self.tips = np.array([any(_reaches(part, hand, *tip) for tip in hand.tips) for part in parts], bool)
         balls = [part.ball for part in parts]
         self.centres = np.array([centre for centre, _ in balls]).reshape(-1, 3)
         self.reaches = np.array([radius for _, radius in balls])
@@ -192,27 +191,29 @@ class LinkParts:
         """Return the frames of the parts' links in the body's, (n, 4, 4), given values of the hand's variables."""
         return np.asarray(self.frames_of([values])[0])
 
-    def outline(self, values: Values) -> FloatArray:
-        """Return outermost points of all parts, (m, 3), metres, body frame."""
+    def extent(self, values: Values, direction: FloatArray) -> float:
+        """Return how far the hand reaches in a direction (3,) of the body frame, metres."""
+        frames, table = self.frames(values), self._samples
+        parts = np.repeat(np.arange(len(self.parts)), [len(part.points) for part in self.parts])
+        heights = np.einsum("ij,ij->i", table.points, (direction @ frames[:, :3, :3])[parts])
+        return float(np.max(heights + (frames[:, :3, 3] @ direction + self.radii)[parts], initial=-np.inf))
+
+    def outline(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        """Return outermost points of all parts, (m, 3), body frame, and the radii of balls about them, (m,), metres."""
         points, parts = self._outermost
-        return _moved(points, self.frames(values)[parts])
+        return _moved(points, self.frames(values)[parts]), self.radii[parts]
 
     @cached_property
     def _outermost(self) -> tuple[FloatArray, IntArray]:
         """Outermost points of all parts in 60 directions, (m, 3), metres, link frame, and their parts, (m,)."""
-        directions, result = directions_around(np.eye(3)[2], 60), [np.zeros((0, 3))]
-        for part in self.parts:
-            points = part.points[np.unique(np.argmax(part.points @ directions.T, axis=0))]
-            result.append((points[:, None] + part.radius * directions).reshape(-1, 3) if part.radius else points)
-        return np.concatenate(result), np.repeat(np.arange(len(self.parts)), [len(points) for points in result[1:]])
+        directions = directions_around(np.eye(3)[2], 60)
+        result = [part.points[np.unique(np.argmax(part.points @ directions.T, axis=0))] for part in self.parts]
+        parts = np.repeat(np.arange(len(result)), [len(points) for points in result])
+        return np.concatenate([np.zeros((0, 3)), *result]), parts
 
     def ball_centres(self, frames: FloatArray) -> FloatArray:
         """Return the centres of the balls around the parts, (..., n, 3), given the links' frames (..., n, 4, 4)."""
         return np.asarray((frames[..., :3, :3] @ self.centres[:, :, None])[..., 0] + frames[..., :3, 3])
-
-    def ball_centres_of(self, part: int, frame: FloatArray) -> FloatArray:
-        """Return the centre (3,) of the ball around a part whose link has the given frame (4, 4)."""
-        return np.asarray(frame[:3, :3] @ self.centres[part] + frame[:3, 3])
 
     def nearest_samples(
         self,
@@ -374,6 +375,15 @@ class _SampleTable:
         reaches = np.maximum.reduceat(distances, first) if len(points) else distances
         counts = np.bincount(parts[first], minlength=len(samples))
         return cls(points, first, sizes, np.cumsum(counts) - counts, counts, middles, reaches)
+
+
+def _reaches(part: LinkPart, hand: URDFHand, link: str, tip: Tip) -> bool:
+    """Return whether a part is fixed to the link of a fingertip and reaches its ball, or the middle of its patch."""
+    pose = hand.robot.fixed_transform(link, part.link)
+    if pose is None:
+        return False
+    centre = pose[:3, :3] @ tip.centre + pose[:3, 3]
+    return bool(part.distance(centre[None])[0] < (tip.standoff if tip.standoff > 0.0 else 2e-3))
 
 
 def _ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:

@@ -142,7 +142,7 @@ class PenetrationModel:
         """Return the penetration depth of a part of a link in an obstacle, metres, 0 if apart."""
         part = self.parts.parts[index]
         starts = self._deepest_samples(obstacle, index, frame)
-        centre, reach = self.parts.ball_centres_of(index, frame), self.parts.reaches[index]
+        centre, reach = frame[:3, :3] @ self.parts.centres[index] + frame[:3, 3], self.parts.reaches[index]
         inside = obstacle.points[np.linalg.norm(obstacle.points - centre, axis=1) < reach]
         if len(inside):
             distances = part.distance((inside - frame[:3, 3]) @ frame[:3, :3], 0.0)

@@ -7,6 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.motion.link_parts import LinkParts
 from nlpgrasp.motion.penetration import PenetrationModel
 from tests.hands.urdf import FOUR, four_finger_hand
 from tests.quick import every
@@ -87,7 +88,8 @@ def test_hulls_of_concave_links_are_mujocos(tmp_path):
     hand = ng.URDFHand.load(path, ["f1", "f2"], self_collision=False)
     body, kind, size = BODIES["box"]
     problem = ng.GraspProblem(body, [ng.SoftContact(0.5, 0.01)] * 2, TASK, hand=hand)
-    hulls, shapes = PenetrationModel(problem, hand, hulls=True), PenetrationModel(problem, hand)
+    hulls = PenetrationModel(problem, hand, parts=LinkParts(hand, hulls=True))
+    shapes = PenetrationModel(problem, hand)
     differs = 0
     for seed in range(12):
         values = posture(hand, seed)

@@ -16,7 +16,7 @@ from nlpgrasp.cli.main import command_line
 from nlpgrasp.hands.inspection import inspect, inspect_without_tips
 from nlpgrasp.hands.suggested_tips import overhang
 from nlpgrasp.interop.registry import formats
-from nlpgrasp.motion.penetration import PathPenetration, PenetrationModel
+from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.report.key_figures import solution_figures
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from nlpgrasp.solution.obstructions import LinkPenetration
@@ -29,7 +29,7 @@ UNREFINED = ng.SolveOptions(workers=1, global_bound=False, rounds=0)
 BODY = ng.Cylinder(0.02, 0.1)
 THICKER = "ignore:link .* is thicker than its fingertip:UserWarning"
 RIGHT = np.pi / 2.0
-INSIDE = PathPenetration(LinkPenetration(0.0021, "f1", postures=30), 0.0021)
+INSIDE = LinkPenetration(0.0021, "f1", postures=30)
 FLOATS = "ignore:URDFHand.fingertips.* beyond the shapes of its link:UserWarning"
 FLOATING = {"t1": 0.01, "t2": 0.01}
 
@@ -89,7 +89,7 @@ def blocked(tmp_path_factory):
     folder = tmp_path_factory.mktemp("blocked")
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        patch.setattr(PenetrationModel, "on_approach", lambda *_: INSIDE)
+        patch.setattr(PenetrationModel, "on_way", lambda *_: INSIDE)
         return folder, solve_grasp(two_fingers(folder, tip_frames=False), FLUSH, UNREFINED)[1]
 
 

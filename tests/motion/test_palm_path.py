@@ -1,6 +1,7 @@
 """Palm path to a grasp, against link spheres computed independently on a dense path."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -157,7 +158,7 @@ def test_fingers_open_as_far_as_there_is_room(tmp_path):
     tight = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, -0.03 - 2 * TIP - 0.0005, 0.005], name="wall")
     second_wall = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, 0.03 + 2 * TIP + 0.0005, 0.005], name="wall")
     shut = ng.palm_path(*grasped(tmp_path, [tight, second_wall]))
-    assert "the fingers cannot open: fingertip a_tip against wall" in shut.reason
+    assert re.search("the fingers cannot open: fingertip [ab]_tip against wall", shut.reason)
 
 
 def test_an_enclosing_hand_opens_wider(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.distance_fields import build_distance_fields
-from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.clearance import Clearance
 from tests.hands.urdf import GRIPPER, PADS
 from tests.quick import every
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
@@ -13,9 +13,9 @@ from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, t
 BODY = ng.Box([0.06, 0.2, 0.06])
 
 
-def collision_model(hand, constraints=()):
+def clearance_model(hand, constraints=()):
     contacts = [ng.FrictionContact(0.5)] * hand.count
-    return CollisionModel(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
+    return Clearance(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
 
 
 def values(rng, hand):
@@ -31,7 +31,7 @@ def values(rng, hand):
 def test_no_clearance_between_two_postures_is_below_its_bound(tmp_path, seed):
     hand, rng = two_fingers(tmp_path), np.random.default_rng(seed)
     post = ng.Obstacle(ng.Sphere(0.01), position=[0.02, 0.0, 0.1])
-    model = collision_model(hand, [ng.Table(-0.05), post])
+    model = clearance_model(hand, [ng.Table(-0.05), post])
     a = values(rng, hand)
     size = 10.0 ** rng.uniform(-3, 0)
     b = {k: v + (0.0 if k == "palm_quaternion" else size * rng.normal(size=len(v))) for k, v in a.items()}
@@ -40,22 +40,27 @@ def test_no_clearance_between_two_postures_is_below_its_bound(tmp_path, seed):
     for t in np.linspace(0.0, 1.0, 60):
         between = {k: a[k] + t * (b[k] - a[k]) for k in a}
         assert np.min(model.clearances(between) - bound) > -1e-9
-    centres = [model.spheres.centres({k: a[k] + t * (b[k] - a[k]) for k in a}) for t in np.linspace(0.0, 1.0, 200)]
-    lengths = np.sum(np.linalg.norm(np.diff(centres, axis=0), axis=2), axis=0)
-    assert np.all(lengths <= model.spheres.path_length_bounds(a, b) + 1e-12)
+    assert_path_lengths(model, a, b)
+
+
+def assert_path_lengths(model, a, b):
+    """Points of the parts move no farther than the bound, along a path of 200 steps."""
+    frames = model.parts.frames_of([{k: a[k] + t * (b[k] - a[k]) for k in a} for t in np.linspace(0.0, 1.0, 200)])
+    for part, bound in enumerate(model.path_length_bounds(a, b)):
+        points = [model.parts.points(part, frame[part]) for frame in frames]
+        lengths = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=2), axis=0)
+        assert np.max(lengths) <= bound + 1e-12
 
 
 def test_sliding_joints_and_joints_that_follow_count(tmp_path):
     hand = ng.URDFHand.load(GRIPPER, PADS)
-    spheres = collision_model(hand).spheres
+    model = clearance_model(hand)
     rng = np.random.default_rng(0)
     for _ in range(5):
         a, b = values(rng, hand), values(rng, hand)
         b["palm_position"] = a["palm_position"]
-        centres = [spheres.centres({k: a[k] + t * (b[k] - a[k]) for k in a}) for t in np.linspace(0.0, 1.0, 100)]
-        lengths = np.sum(np.linalg.norm(np.diff(centres, axis=0), axis=2), axis=0)
-        assert np.all(lengths <= spheres.path_length_bounds(a, b) + 1e-12)
-        assert np.max(lengths) > 0.0
+        assert_path_lengths(model, a, b)
+        assert np.max(model.path_length_bounds(a, b)) > 0.0
 
 
 def test_clearances_are_those_of_balls_that_are_placed_by_hand(tmp_path):
@@ -63,7 +68,7 @@ def test_clearances_are_those_of_balls_that_are_placed_by_hand(tmp_path):
     table = ng.Table(-0.05, clearance=0.002)
     turn = [np.cos(0.3), 0.0, 0.0, np.sin(0.3)]
     slab = ng.Obstacle(ng.Box([0.02, 0.03, 0.04]), 0.003, [0.1, 0.02, 0.0], turn, name="slab")
-    model = collision_model(hand, [ng.Spread(max=0.3), table, slab])
+    model = clearance_model(hand, [ng.Spread(max=0.3), table, slab])
     assert [f.name for f in model.fields] == ["the body", "table", "slab"]
     posture = values(rng, hand)
     q = dict(zip([j.name for j in hand.robot.free_joints], posture["joints"], strict=True))
