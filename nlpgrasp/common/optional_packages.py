@@ -29,18 +29,18 @@ SEAM = 0.8  # points: width of lines over the seams between triangles
 ZOOM = 1.4  # matplotlib leaves wide margins
 
 
-def import_mujoco(feature: str) -> ModuleType:
+def import_mujoco(feature: str, extra: str = "sim") -> ModuleType:
     """Return the package ``mujoco``, imported on demand.
 
     Raises
     ------
     MissingExtraError
-        When it is not installed; ``feature`` names the feature that needs it.
+        When it is not installed; ``feature`` names the feature that needs it, and ``extra`` what installs it.
     """
     try:
         return import_module("mujoco")
     except ImportError:
-        raise MissingExtraError(feature, "sim") from None
+        raise MissingExtraError(feature, extra) from None
 
 
 def mjcf_spec(path: Path) -> MjSpec:

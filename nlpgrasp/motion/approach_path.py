@@ -169,9 +169,7 @@ def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
     return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
 
 
-def open_fingers(
-    model: Clearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0
-) -> OpeningPath:
+def open_fingers(model: Clearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0) -> OpeningPath:
     """Return the path on which the hand opens, from the grasp towards a multiple of the pregrasp's opening.
 
     All joints move together; those that are blocked stop, and the others continue. Links that penetrate something in
@@ -341,9 +339,7 @@ def _clearance_limits(model: Clearance, depth: float, first: PathPosture) -> Flo
     return np.where(relaxed, np.minimum(first.clearances, limits), limits)
 
 
-def _straight_motion(
-    model: Clearance, start: Values, goal: Values, is_free: BoolArray
-) -> Callable[[float], Values]:
+def _straight_motion(model: Clearance, start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
     """Return a function from fraction to variables: the straight path of the free joints to their goal.
 
     The palm moves only while all joints are free. Joints of linkages leave the line as far as these stay closed.

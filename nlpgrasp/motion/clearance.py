@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
@@ -118,7 +118,7 @@ class Clearance:
         return np.asarray(result)
 
     def _far_distance(self, points: FloatArray) -> FloatArray:
-        """Return a distance (m,) of points (m, 3) from the body that is quick, and nowhere more than its own, metres."""
+        """Return a distance (m,) of points (m, 3) from the body quickly, metres: nowhere more than its own."""
         if not isinstance(self.body, Mesh):
             return self.fields[0].distance(points)
         lower, upper = self.body.bounds

@@ -23,7 +23,7 @@ from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.unit_directions import directions_around
-from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.collision_shapes import CollisionShape
@@ -301,7 +301,7 @@ class LinkParts:
         return result
 
     def _mesh_distance(self, i: int, j: int, pose: FloatArray) -> float:
-        """Return the distance of two parts, metres, from their samples; ``pose`` is that of one in the other's frame."""
+        """Return the distance of two parts, metres, from their samples; ``pose`` is that of one in the other."""
         a, b = self.parts[i], self.parts[j]
         in_b = b.distance(a.points @ pose[:3, :3].T + pose[:3, 3], 0.0) - a.radius
         in_a = a.distance((b.points - pose[:3, 3]) @ pose[:3, :3], 0.0) - b.radius
@@ -310,7 +310,7 @@ class LinkParts:
     @cached_property
     def _geoms(self) -> tuple[Any, Any, Any, FloatArray]:
         """MuJoCo with a model of the parts, its data, and the geoms' poses (n, 4, 4) in the links' frames."""
-        mujoco = import_mujoco("distances between the links of a hand")
+        mujoco = import_mujoco("distances between the links of a hand", "hands")
         spec = mujoco.MjSpec()
         kinds, meshes = mujoco.mjtGeom, dict[bytes, str]()
         primitives = {"box": kinds.mjGEOM_BOX, "cylinder": kinds.mjGEOM_CYLINDER, "capsule": kinds.mjGEOM_CAPSULE}

@@ -98,9 +98,7 @@ class PenetrationModel:
         key = b"".join(np.asarray(value, dtype=float).tobytes() for value in values.values())
         return self._remember("surroundings", key, lambda: self._surrounding_penetrations(values))
 
-    def _remember(
-        self, what: str, key: bytes, compute: Callable[[], list[LinkPenetration]]
-    ) -> list[LinkPenetration]:
+    def _remember(self, what: str, key: bytes, compute: Callable[[], list[LinkPenetration]]) -> list[LinkPenetration]:
         """Return the penetrations of a posture, which are computed once for the same one."""
         if what not in self._last or self._last[what][0] != key:
             self._last[what] = key, compute()
@@ -123,8 +121,10 @@ class PenetrationModel:
         """Return the depth of two parts in each other, metres; ``pose`` is that of one in the other's frame."""
         a, b = self.parts.parts[i], self.parts.parts[j]
         obstacle = LinkObstacle("", b.distance, b.distance, b.points)
-        return self._depth_in(obstacle.in_frame(np.linalg.inv(pose)), i, np.eye(4)) if a.radius == 0.0 else -float(
-            np.min(b.distance(pose[:3, :3] @ a.points[0] + pose[:3, 3])) - a.radius
+        return (
+            self._depth_in(obstacle.in_frame(np.linalg.inv(pose)), i, np.eye(4))
+            if a.radius == 0.0
+            else -float(np.min(b.distance(pose[:3, :3] @ a.points[0] + pose[:3, 3])) - a.radius)
         )
 
     def _surrounding_penetrations(self, values: Values) -> list[LinkPenetration]:

@@ -81,7 +81,9 @@ def follow_straight_path(
 
     def at(fractions: FloatArray) -> list[PathPosture]:
         postures = [posture(fraction) for fraction in fractions.tolist()]
-        return [PathPosture(*row) for row in zip(fractions.tolist(), postures, model.clearances_of(postures), strict=True)]
+        return [
+            PathPosture(*row) for row in zip(fractions.tolist(), postures, model.clearances_of(postures), strict=True)
+        ]
 
     first = at(np.zeros(1))[0]
     limits = clearance_limits(first)
@@ -131,13 +133,17 @@ def certified_clearance(model: Clearance, postures: Sequence[PathPosture]) -> fl
     for rounds in range(MAX_ROUNDS + 1):
         clearances = np.array([sample.clearances[:count] for sample in samples])
         changes = [model.clearance_change_bounds(a.values, b.values)[:count] for a, b in pairwise(samples)]
-        bounds = np.min(clearances[:-1] + clearances[1:] - np.reshape(changes, (-1, count)), axis=1, initial=np.inf) / 2.0
+        bounds = (
+            np.min(clearances[:-1] + clearances[1:] - np.reshape(changes, (-1, count)), axis=1, initial=np.inf) / 2.0
+        )
         least = float(np.min(clearances))
         loose = np.flatnonzero(bounds < least - CLEARANCE_ACCURACY)
         if not len(loose) or rounds == MAX_ROUNDS:
             break
         pairs = [(samples[i], samples[i + 1]) for i in loose]
         middles = [{name: (v + b.values[name]) / 2.0 for name, v in a.values.items()} for a, b in pairs]
-        for i, (a, b), values, row in reversed(list(zip(loose, pairs, middles, model.clearances_of(middles), strict=True))):
+        for i, (a, b), values, row in reversed(
+            list(zip(loose, pairs, middles, model.clearances_of(middles), strict=True))
+        ):
             samples.insert(int(i) + 1, PathPosture((a.share + b.share) / 2.0, values, row))
     return min(least, float(np.min(bounds, initial=np.inf)))

@@ -10,8 +10,8 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.motion.approach_path import missing_room, open_fingers
-from nlpgrasp.motion.keyframes import NO_PREGRASP, START_DISTANCE, plan_keyframes
 from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.keyframes import NO_PREGRASP, START_DISTANCE, plan_keyframes
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.distance_fields import build_distance_fields
 from tests.hands.urdf import GRIPPER, PADS
 from tests.quick import every
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
