@@ -55,9 +55,7 @@ class LinkDepths:
         for link, surface, samples in zip(self.links, self.surfaces, self.samples, strict=True):
             pose = poses[link]
             moved = samples @ pose[:3, :3].T + pose[:3, 3]
-            depth = max(
-                _depth(moved, *self.body), _depth((self.body_samples - pose[:3, 3]) @ pose[:3, :3], *surface)
-            )
+            depth = max(_depth(moved, *self.body), _depth((self.body_samples - pose[:3, 3]) @ pose[:3, :3], *surface))
             best = max(best, (depth, link))
         return best
 

@@ -124,7 +124,9 @@ class Clearance:
         lower, upper = self.body.bounds
         from_box = np.linalg.norm(np.maximum(np.maximum(lower - points, points - upper), 0.0), axis=1)
         grid = self.body.distance_grid
-        return np.where(from_box > 0.02, from_box, np.maximum(from_box, grid.nearest(points) - grid.spacing))
+        return np.asarray(
+            np.where(from_box > 0.02, from_box, np.maximum(from_box, grid.nearest(points) - grid.spacing))
+        )
 
     def _measured(self, number: int, chosen: IntArray, frames: FloatArray, close: float) -> FloatArray:
         """Return the clearances (p,) of chosen parts from a field, metres, by samples and points of the body.

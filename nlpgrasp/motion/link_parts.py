@@ -80,9 +80,9 @@ class LinkPart:
 
     @cached_property
     def tree(self) -> SearchTree:
-        """Search tree of the shape's surface."""
-        mesh = self.shape.mesh if self.shape is not None else None
-        return SearchTree(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        """Search tree of the surface."""
+        corners = self.triangles.reshape(-1, 3)
+        return SearchTree(corners, np.arange(len(corners)).reshape(-1, 3))
 
     @property
     def ball(self) -> tuple[FloatArray, float]:

@@ -113,25 +113,23 @@ class PenetrationModel:
             if distance < 0.0:
                 pair = names[i], names[j]
                 is_convex = self.parts.parts[i].is_convex and self.parts.parts[j].is_convex
-                depth = -distance if is_convex else self._mesh_depth(i, j, np.linalg.inv(frames[j]) @ frames[i])
+                depth = (
+                    -distance if is_convex else self._mesh_depth(i, j, np.asarray(np.linalg.inv(frames[j]) @ frames[i]))
+                )
                 result[pair] = max(result.get(pair, 0.0), depth)
         return result
 
     def _mesh_depth(self, i: int, j: int, pose: FloatArray) -> float:
-        """Return the depth of two parts in each other, metres; ``pose`` is that of one in the other's frame."""
-        a, b = self.parts.parts[i], self.parts.parts[j]
-        obstacle = LinkObstacle("", b.distance, b.distance, b.points)
-        return (
-            self._depth_in(obstacle.in_frame(np.linalg.inv(pose)), i, np.eye(4))
-            if a.radius == 0.0
-            else -float(np.min(b.distance(pose[:3, :3] @ a.points[0] + pose[:3, 3])) - a.radius)
-        )
+        """Return the depth of two parts in each other, metres; ``pose`` is that of the first in the other's frame."""
+        other = self.parts.parts[j]
+        obstacle = LinkObstacle("", other.distance, other.distance, other.points)
+        return self._depth_in(obstacle.in_frame(pose), i, np.eye(4))
 
     def _surrounding_penetrations(self, values: Values) -> list[LinkPenetration]:
         frames, depths = self.parts.frames(values), dict[tuple[str, str], float]()
         centres = self.parts.ball_centres(frames)
-        for obstacle in self.obstacles:
-            reaching = obstacle.fast_distance(centres) < self.parts.reaches if len(centres) else []
+        for obstacle in self.obstacles if len(centres) else ():
+            reaching = obstacle.fast_distance(centres) < self.parts.reaches
             for i in (i for i in self._shaped if reaching[i]):
                 depth = self._depth_in(obstacle, i, frames[i])
                 key = self.parts.parts[i].link, obstacle.name
@@ -173,7 +171,7 @@ class PenetrationModel:
             points = points[np.argsort(self._body.distance_grid.distance(points)[0])[:16]]
         distances = obstacle.fast_distance(points)
         order = np.argsort(distances, kind="stable")[:3]
-        return points[order[distances[order] < 0.0]]
+        return np.asarray(points[order[distances[order] < 0.0]])
 
     def points_inside(self, values: Values, penetration: LinkPenetration) -> FloatArray:
         """Return points of a link's surface about the deepest one in an obstacle, (m, 3), metres, link frame.
@@ -184,7 +182,7 @@ class PenetrationModel:
         obstacle = next(obstacle for obstacle in self.obstacles if obstacle.name == penetration.thing)
         frames, link = self.parts.frames(values), str(penetration.link)
         of_link = [i for i in self._shaped if self.parts.parts[i].link == link]
-        deepest = np.concatenate([self._deepest_samples(obstacle, i, frames[i])[:1] for i in of_link])
+        deepest: FloatArray = np.concatenate([self._deepest_samples(obstacle, i, frames[i])[:1] for i in of_link])
         if not len(deepest):
             return deepest
         frame = frames[of_link[0]]
@@ -195,7 +193,7 @@ class PenetrationModel:
         while 0 < len(chosen) < min(16, len(near)):
             gaps = np.min(cdist(near, chosen), axis=1)
             chosen = np.concatenate([chosen, near[np.argmax(gaps)][None]])
-        return chosen
+        return np.asarray(chosen)
 
     def on_way(self, path: Sequence[PathPosture]) -> LinkPenetration:
         """Return the deepest penetration in the postures of a path, of those whose clearances leave one possible."""
