@@ -128,8 +128,9 @@ def palm_path(
     The palm moves straight with the fingers open; then they close. Each finger is as in the solution's pregrasp, or as
     near to it as clearances allow. Without a direction, the palm's facing direction is tried first, then others by
     increasing angle, until one is free; if none is, the fingers open wider, up to four times as far. Links (by
-    their collision shapes) stay clear of the body, of tables and obstacles in the constraints, and of each other, or no
-    deeper than in the grasp; joints keep their limits. Waypoints are so close that nothing can be between them, however thin (docs/hands.md).
+    their collision shapes) stay clear of tables and obstacles in the constraints, of the body and of each other, or are
+    no deeper in these than in the grasp; joints keep their limits. Waypoints are so close that nothing can be between
+    them, however thin (docs/hands.md).
 
     Parameters
     ----------

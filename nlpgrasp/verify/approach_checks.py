@@ -1,7 +1,7 @@
 """Checks of a hand's motion: its phases, its straight approach and its straight lift.
 
-Links are represented by their collision spheres, with this package's own kinematics and distances. The approach is
-sampled every two millimetres; a lift in steps of the distance from the surroundings, at least two millimetres.
+Links are represented by samples of their collision shapes, with this package's own kinematics and distances. Paths are
+sampled every two millimetres; how deep links are in the body is the matter of ``link_checks``.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUE
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotCheckedError, states_all_hand_fields
 from nlpgrasp.verify.convex_solids import NumericSolid, held_and_around
+from nlpgrasp.verify.link_checks import link_samples
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, require_links
 from nlpgrasp.verify.stated_placement import NumericBody, NumericHand, StatedPlacement, require_body
@@ -25,7 +26,7 @@ from nlpgrasp.verify.stated_placement import NumericBody, NumericHand, StatedPla
 POSITION_TOLERANCE = 1e-9  # metres, radians: rounding tolerance of sums
 SAMPLE_STEP = 2e-3  # metres between samples
 CLEARANCE_EXCESS = 2e-4  # metres: allowed excess of a stated clearance, which is rounded to a tenth of a millimetre
-PENETRATION_SHARE = 1e-3  # share of the hand's span: allowed penetration of a sphere on the path
+PENETRATION_SHARE = 1e-3  # share of the hand's span: allowed penetration of a link in the surroundings
 SIDES = 28  # normals on each ring of the patch of a fingertip of type hull
 RETREAT_TOLERANCE = 1e-5  # metres: tolerance of the distance by which fingertips go back
 GRID_POINTS = 24  # sample points in the body along each side of its box
@@ -233,24 +234,21 @@ class _StraightPaths:
 
     @property
     def allowed_depth(self) -> float:
-        """Allowed penetration of a collision sphere on a path, metres."""
+        """Allowed penetration of a link in the surroundings, metres."""
         return PENETRATION_SHARE * self.hand.span + self.hand.error
 
     def approach(self, start: Phase, pregrasp: Phase) -> Iterator[str]:
         """Yield errors of the approach: a link in a solid, or a stored clearance above the recomputed one."""
-        centres, radii, links = _link_spheres(self.hand.with_posture(pregrasp.to_dict()))
+        points, radii = _link_points(self.hand.with_posture(pregrasp.to_dict()))
         if not len(radii):
             raise NotCheckedError("the hand's links have no shapes and its fingertips are flat")
         displacement = start.palm_position - pregrasp.palm_position
-        count = max(int(np.ceil(np.linalg.norm(displacement) / SAMPLE_STEP)), 1)
-        positions = centres[None] + np.linspace(0.0, 1.0, count + 1)[:, None, None] * displacement
         least = np.inf
         for solid in (self.body, *self.around):
-            distances = solid.distance(positions.reshape(-1, 3)).reshape(positions.shape[:2])
-            clearances = distances - radii - solid.clearance + solid.rough
-            least, depth = min(least, float(np.min(clearances))), -float(np.min(clearances[:, :links], initial=np.inf))
-            if not depth <= self.allowed_depth:
-                yield f"a link is {1e3 * depth:.3g} mm deep in {solid.name} on the way"
+            clearance = _least_clearance(solid, points, radii, displacement)
+            least = min(least, clearance)
+            if solid is not self.body and not -clearance <= self.allowed_depth:
+                yield f"a link is {-1e3 * clearance:.3g} mm deep in {solid.name} on the way"
         if pregrasp.clearance is None or not pregrasp.clearance <= least + CLEARANCE_EXCESS + self.hand.error:
             yield f"clearance {pregrasp.clearance} m stated, {least:.6f} m found"
 
@@ -266,15 +264,17 @@ class _StraightPaths:
         """
         direction = unit("hand.lift.direction", stated["direction"], 3)
         distance = number("hand.lift.distance", stated["distance"], at_least=0.0)
-        centres, radii, _ = _link_spheres(self.hand)
+        points, radii = _link_points(self.hand)
         body = self._points_in_body()
-        points, radii = np.concatenate([centres, body]), np.concatenate([radii, np.zeros(len(body))])
+        points, radii = np.concatenate([points, body]), np.concatenate([radii, np.zeros(len(body))])
         for solid in self.around:
-            initial = clearances = solid.distance(points) - radii - solid.clearance
-            lifted, allowed = 0.0, np.minimum(initial, 0.0) - self.allowed_depth - solid.rough
+            clearances = solid.distance(points) - radii - solid.clearance
+            lifted, allowed = 0.0, np.minimum(clearances, 0.0) - self.allowed_depth - solid.rough
             while lifted < distance and np.all(clearances >= allowed):
-                lifted = min(lifted + max(SAMPLE_STEP, float(np.min(clearances - np.minimum(initial, 0.0)))), distance)
-                clearances = solid.distance(points + lifted * direction) - radii - solid.clearance
+                step = min(SAMPLE_STEP, distance - lifted)
+                lifted, clearances = lifted + step, clearances - step  # no point comes nearer by more than it moves
+                near = clearances < allowed + SAMPLE_STEP
+                clearances[near] = solid.distance(points[near] + lifted * direction) - radii[near] - solid.clearance
             if not np.all(clearances >= allowed):
                 obstruction = f"{solid.name} is in the way at {1e3 * lifted:.4g} mm"
                 yield f"a lift by {1e3 * distance:.4g} mm is stated, {obstruction}"
@@ -287,16 +287,34 @@ class _StraightPaths:
         return inside if self.body.corners is None else np.concatenate([inside, self.body.corners])
 
 
-def _link_spheres(hand: NumericLinkedHand) -> tuple[FloatArray, FloatArray, int]:
-    """Return centres (m, 3) and radii (m,) of the hand's spheres, and how many of the spheres belong to links.
+def _least_clearance(solid: NumericSolid, points: FloatArray, radii: FloatArray, displacement: FloatArray) -> float:
+    """Return the least clearance of balls (m, 3) from a solid on a straight path, metres, every ``SAMPLE_STEP``."""
+    length = float(np.linalg.norm(displacement))
+    count = max(int(np.ceil(length / SAMPLE_STEP)), 1)
+    clearances = solid.distance(points) - radii
+    least = float(np.min(clearances))
+    for share in np.linspace(0.0, 1.0, count + 1)[1:].tolist():
+        clearances -= length / count  # no point comes nearer by more than it moves
+        near = clearances < least
+        if np.any(near):
+            clearances[near] = solid.distance(points[near] + share * displacement) - radii[near]
+            least = min(least, float(np.min(clearances[near])))
+    return least - solid.clearance + solid.rough
 
-    The remaining ones are round fingertips.
+
+def _link_points(hand: NumericLinkedHand) -> tuple[FloatArray, FloatArray]:
+    """Return samples (m, 3) of the hand's links, body frame, and the radii (m,) of balls about them.
+
+    These are zero but for round fingertips of a hand whose links have no shapes.
     """
-    spheres = [(sphere.centre, sphere.radius) for sphere in hand.link_balls]
-    link_count = len(spheres)
-    for tip in hand.tips:
+    rng, points = np.random.default_rng(2), [np.zeros((0, 3))]
+    for link, shapes in hand.shapes.items():
+        pose = hand.poses[link]
+        points.append(link_samples(shapes, rng) @ pose[:3, :3].T + pose[:3, 3])
+    radii = [0.0] * sum(map(len, points))
+    for tip in hand.tips if not radii else ():
         if tip["type"] == "sphere":
             frame = hand.poses[str(tip["link"])]
-            centre = frame[:3, :3] @ array("offset", tip["offset"], (3,)) + frame[:3, 3]
-            spheres.append((centre, float(tip["radius"])))
-    return np.array([c for c, _ in spheres]).reshape(-1, 3), np.array([radius for _, radius in spheres]), link_count
+            points.append((frame[:3, :3] @ array("offset", tip["offset"], (3,)) + frame[:3, 3])[None])
+            radii.append(float(tip["radius"]))
+    return np.concatenate(points), np.array(radii)

@@ -96,7 +96,7 @@ class _LinkComparison:
         self.solution, self.hand, self.solids = solution, hand, solids
         self.shapes, self.contacts = hand.shapes, solution.require_grasp().points
         rng = np.random.default_rng(2)
-        self.samples = {link: _link_samples(shapes, rng) for link, shapes in self.shapes.items()}
+        self.samples = {link: link_samples(shapes, rng) for link, shapes in self.shapes.items()}
         self.trees = {
             link: [SearchTree(shape.vertices, shape.faces) for shape in shapes] for link, shapes in self.shapes.items()
         }
@@ -271,7 +271,7 @@ class _LinkComparison:
         return self.hand.with_posture({"joint_positions": joints, "palm_pose": pose})
 
 
-def _link_samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:
+def link_samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:
     """Return sample points (m, 3) on the surfaces of a link's shapes, including corners, metres, link frame."""
     samples = []
     for shape in shapes:
