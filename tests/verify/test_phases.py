@@ -81,7 +81,7 @@ def test_an_approach_through_the_body():
         ]
         d["hand"]["phases"][1]["clearance"] = -1.0
 
-    assert failures(edited(data(), through), FOLDER) == ["links on the way in", "approach"]
+    assert failures(edited(data(), through), FOLDER) == ["links on the way in"]
 
 
 NEW = put(("solver", "options"), {"link_tolerance": 1e-3})  # among the options of a solve of this version
