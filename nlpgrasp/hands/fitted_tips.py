@@ -301,16 +301,14 @@ def _end_piece(corners: FloatArray, direction: FloatArray, length: float) -> Flo
 
 def supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> FloatArray:
     """Return at most ``most`` corners that nearly keep the support function along normals (m, 3)."""
-    heights = normals @ corners.T
-    support = heights.max(axis=1)
-    chosen = [int(np.argmax(heights[0]))]
-    best = heights[:, chosen[0]]
-    while len(chosen) < most:
+    farthest = np.concatenate([np.argmax(part @ corners.T, axis=1) for part in np.array_split(normals, 16)])
+    support = np.einsum("mx,mx->m", normals, corners[farthest])
+    chosen, best = list[int](), np.full(len(normals), -np.inf)
+    worst = 0
+    while len(chosen) < most and support[worst] - best[worst] > FIT:
+        chosen.append(int(farthest[worst]))
+        best = np.maximum(best, normals @ corners[chosen[-1]])
         worst = int(np.argmax(support - best))
-        if support[worst] - best[worst] <= FIT:
-            break
-        chosen.append(int(np.argmax(heights[worst])))
-        best = np.maximum(best, heights[:, chosen[-1]])
     return np.asarray(corners[chosen])
 
 

@@ -20,6 +20,7 @@ from nlpgrasp.optimize.hand_shapes import HandShapes
 
 KINDS = "ball", "slab"
 FIELDS = "joints", "middles", "axes", "radii", "scores"  # of postures
+TINY = 1e-12  # metres: fingertips in one place have no direction
 SMALLEST, CLASS, CLASSES = 0.004, 0.006, 10  # metres: least radius, width of a class of sizes; number of classes
 
 
@@ -79,6 +80,12 @@ def posture_library(shapes: HandShapes) -> dict[str, Postures]:
     return {name: Postures(*(arrays[f"{name} {field}"] for field in FIELDS)) for name in KINDS}
 
 
+def largest_opening(library: dict[str, Postures]) -> float:
+    """Return the largest size, metres, of what a hand's fingertips oppose each other about; 0 where they never do."""
+    radii = [postures.radii[postures.scores > 0.0] for postures in library.values()]
+    return 2.0 * float(np.max(np.concatenate(radii), initial=0.0))
+
+
 def _evolved(
     shapes: HandShapes, rng: np.random.Generator, drawn: int = 2000, count: int = 750, generations: int = 10,
     kept: int = 120,
@@ -119,7 +126,7 @@ def _improved(shapes: HandShapes, pool: Postures, joints: FloatArray, kind: str,
     cost = 60.0 * beyond.max(axis=1, initial=0.0) + 10.0 * uneven
     good = np.argsort(cost, kind="stable")[: 1 + len(cost) // 3]  # others are not worth their mu
     touching = (tips[which] + shapes.tips.radii[:, None] * inward - middles[:, None])[good]
-    score = _sampled_mu(touching, inward[good]) - cost[good]
+    score = sampled_mu(touching, inward[good]) - cost[good]
     new = Postures(joints[which[good]], middles[good], axes[good], radii[good], score)
     is_full = np.bincount(pool.sizes, minlength=CLASSES) >= kept
     least = [pool.scores[pool.sizes == size].min() if is_full[size] else -np.inf for size in range(CLASSES)]
@@ -129,7 +136,7 @@ def _improved(shapes: HandShapes, pool: Postures, joints: FloatArray, kind: str,
     return Postures.joined([pool, new.of(better[apart])]).best_of_sizes(kept)
 
 
-def _sampled_mu(points: FloatArray, normals: FloatArray, friction: float = 0.6, reach: float = 0.03) -> FloatArray:
+def sampled_mu(points: FloatArray, normals: FloatArray, friction: float = 0.6, reach: float = 0.03) -> FloatArray:
     """Return about mu of contacts (b, k, 3) with inward normals, for forces of 1 N with torques over ``reach``, (b,).
 
     Along a wrench direction (a, b) a contact at p has ``g = a + b x p``. The support under the L2 budget is the norm of
@@ -171,7 +178,7 @@ def _contacts(tips: FloatArray, radii: FloatArray, kind: str) -> tuple[IntArray,
     if kind == "ball":
         middles = tips.mean(axis=1)
         distances = np.linalg.norm(tips - middles[:, None], axis=2)
-        inward = (middles[:, None] - tips) / distances[..., None]
+        inward = (middles[:, None] - tips) / np.maximum(distances, TINY)[..., None]
         half, uneven = (distances - radii).mean(axis=1), np.ptp(distances, axis=1) / 4.0
         return np.arange(count), (inward, middles, np.zeros_like(middles), half, uneven)
     sides = np.array(list(product([1.0, -1.0], repeat=k)))[1 : 2 ** (k - 1)]  # two groups, the first fingertip in one
@@ -180,7 +187,7 @@ def _contacts(tips: FloatArray, radii: FloatArray, kind: str) -> tuple[IntArray,
     shares = [is_in / is_in.sum(axis=1, keepdims=True) for is_in in (sides > 0.0, sides < 0.0)]
     first, second = (np.einsum("nk,nkx->nx", share, x) for share in shares)
     length = np.linalg.norm(first - second, axis=1)
-    axes, middles = (first - second) / length[:, None], (first + second) / 2.0
+    axes, middles = (first - second) / np.maximum(length, TINY)[:, None], (first + second) / 2.0
     heights = np.einsum("nkx,nx->nk", x - middles[:, None], axes) * sides
     uneven = np.max(np.abs(heights - length[:, None] / 2.0), axis=1)
     return which, (-sides[..., None] * axes[:, None], middles, axes, length / 2.0 - radii.mean(), uneven)
