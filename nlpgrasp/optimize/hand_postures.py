@@ -98,7 +98,9 @@ def _evolved(
     fingers = np.array([links.moves[group] @ (links.coupling != 0.0) for group in shapes.tips.groups])  # joints of each
     first = rng.uniform(lower, upper, (drawn, len(lower)))
     none = Postures(first[:0], *np.zeros((2, 0, 3)), *np.zeros((2, 0)))
-    pools = {kind: _improved(shapes, none, first, kind, kept) for kind in KINDS}
+    pools = dict.fromkeys(KINDS, none)
+    for joints, kind in product(np.split(first, 4), KINDS):  # few at a time, to save memory
+        pools[kind] = _improved(shapes, pools[kind], joints, kind, kept)
     for _ in range(generations):
         for kind, pool in pools.items():
             best = pool.best_of_sizes(kept // 2)
