@@ -9,6 +9,7 @@ roots of E6 have inradius 0.612, and together with the 54 minimal vectors of the
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 
 import numpy as np
@@ -168,7 +169,7 @@ def _icosahedral() -> list[FloatArray]:
     return [icosahedron, dodecahedron]
 
 
-_FAMILIES = {
+_FAMILIES: dict[int, Callable[[], Sequence[FloatArray]]] = {
     1: _directions_on_line,
     2: _circle,
     3: _icosahedral,
