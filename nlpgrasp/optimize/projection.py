@@ -79,6 +79,14 @@ def project_onto_body(
     return on_faces, on_faces.projected_onto_faces(moved), violation
 
 
+def fix_to_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[CompiledProblem, GraspCandidate]:
+    """Return the compiled problem with the body's own faces, on a mesh triangles, and the candidate moved onto them."""
+    body = compiled.problem.body
+    if isinstance(body, Mesh):
+        return fix_to_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0]))
+    return compiled, compiled.projected_onto_faces(candidate)
+
+
 def fix_to_triangles(
     compiled: CompiledProblem, candidate: GraspCandidate, places: Sequence[FloatArray] = ()
 ) -> tuple[CompiledProblem, GraspCandidate]:
