@@ -28,7 +28,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
 SLOTS, SLOTS_WITH_FORCES = 64, 80  # cutting planes of the program; the same with finger forces as variables
-POINTS = 6  # points of each link of a hand that may be kept outside the body
+POINTS = 4  # points of each link of a hand that may be kept outside the body
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
 CONFIRMING_ITERATIONS = 5  # the same, from a local optimum
 Ipopt = dict[str, Option]

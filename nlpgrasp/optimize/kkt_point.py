@@ -135,7 +135,8 @@ def _solve_program(
     planes, refined = compiled.cutting_planes, point
     newton_first = not (planes.holds_supports and compiled.follows_contacts)
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
-    for number in range(PROGRAM_ROUNDS if planes.holds_supports else FORCE_ROUNDS):
+    rounds = PROGRAM_ROUNDS if planes.holds_supports else FORCE_ROUNDS
+    for number in range(rounds if compiled.follows_contacts else 1):
         if number == int(not newton_first):
             newton_point = _newton_point(compiled, refined)
             if newton_point is not None:

@@ -8,6 +8,7 @@ solved again from there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, LinkPoint
+from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.kkt_point import (
@@ -45,6 +47,8 @@ from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import LinkPenetration
 
 PASSES = 4  # solutions of the program, at most
+EXCHANGES, GAIN = 4, 2e-3  # exchanges of a hand's fingers on a mesh, at most; least relative gain of one
+ADDED = 3  # points of a link that are added at a time, at most
 DEEP, DEEP_TIP = 1e-4, 2.5e-4  # metres: least depth of a link in the body that is corrected; of one with a fingertip
 DEEP_IN_LINK, BEYOND = 5e-4, 2e-4  # metres: least depth of links in each other likewise; distance added beyond it
 WORTH_FREEING = 0.8  # least mu without a penetration over that with it
@@ -97,8 +101,10 @@ def polish(
         Relative gap of the certificate; that of starts if not given.
     """
     program = _PolishProgram(compiled, candidate, compiled.options.rtol if rtol is None else rtol)
+    program.search(deadline)
     grasps = [program.solve(deadline)]
     while len(grasps) < PASSES and not deadline.should_stop() and program.learn(grasps[-1]):
+        program.refine(deadline)
         grasps.append(program.solve(deadline))
     feasible = [grasp for grasp in grasps if grasp.on_body.is_feasible] or grasps
     best = max(grasp.bounds.lower for grasp in feasible)
@@ -118,12 +124,7 @@ class _PolishProgram:
 
     def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate, rtol: float) -> None:
         self.compiled, self.rtol, self.smooth_points = compiled, rtol, candidate.points
-        self.on_faces, self.candidate = fix_to_faces(compiled, candidate)
-        if compiled.hand_functions.has_flat_tips:
-            self.on_faces, self.candidate, _ = project_onto_body(compiled, candidate)
-        self.edge_points = [self.candidate.points]
-        self.clearance = _overestimated_clearance(compiled, self.candidate)  # metres, beyond that of each constraint
-        self.points = _points_near_body(compiled, self.candidate)
+        self._fix_to_faces(candidate)
         self.missed = np.zeros((0, compiled.problem.dimension))
         margin = compiled.options.joint_margin if compiled.options.seeks_room else 0.0
         self.margins = JointLimitMargins.of(compiled.hand_functions.linked_hand, margin)
@@ -132,6 +133,16 @@ class _PolishProgram:
         lacking = self.keeps_margin & self.margins.is_below_margin(self.candidate.hand["joints"])
         if np.any(lacking) and self._projected()[1] > TOUCHING:
             self.keeps_margin &= ~lacking
+
+    def _fix_to_faces(self, candidate: GraspCandidate) -> None:
+        """Fix a candidate's contacts to the faces under them, and keep its links away from the body there."""
+        compiled = self.compiled
+        self.on_faces, self.candidate = fix_to_faces(compiled, candidate)
+        if compiled.hand_functions.has_flat_tips:
+            self.on_faces, self.candidate, _ = project_onto_body(compiled, candidate)
+        self.edge_points = [self.candidate.points]
+        self.clearance = _overestimated_clearance(compiled, self.candidate)  # metres, beyond that of each constraint
+        self.points = _points_near_body(compiled, self.candidate)
 
     @property
     def compiled_program(self) -> CompiledProblem:
@@ -151,11 +162,37 @@ class _PolishProgram:
         moved, violation = project_onto_constraints(program, clipped)
         return program.projected_onto_faces(moved), violation
 
+    def refine(self, deadline: Deadline) -> RefinementResult:
+        """Return the candidate after trust-region steps as long as they gain; it moves there."""
+        program, (moved, _) = self.compiled_program, self._projected()
+        self.refined = advance(program, moved, deadline, known=self.missed if len(self.missed) else None)
+        best = self.refined.point.candidate
+        self.candidate = replace(self.candidate, points=best.points, hand=best.hand)
+        return self.refined
+
+    def search(self, deadline: Deadline) -> None:
+        """Refine the candidate, on a mesh in turn with exchanges of its fingers' contacts."""
+        compiled, body = self.compiled, self.compiled.problem.body
+        value = self.refine(deadline).point.value
+        for _ in range(EXCHANGES if isinstance(body, Mesh) and compiled.options.rounds else 0):
+            if value <= 0.0 or deadline.should_stop():
+                break
+            on_body = put_on_body(compiled, self.on_faces, self.refined.point.candidate)
+            rng, normals = np.random.default_rng(0), on_body.grasp.normals
+            exchanged = exchange_fingers(compiled, on_body.candidate, normals, rng, deadline)
+            if exchanged is None:
+                break
+            before = dict(self.__dict__)
+            self._fix_to_faces(exchanged)
+            is_near = self._projected()[1] <= TOUCHING
+            if not is_near or self.refine(deadline).point.value <= (1.0 + GAIN) * value:
+                self.__dict__.update(before)
+                break
+            value = self.refined.point.value
+
     def solve(self, deadline: Deadline) -> PolishedGrasp:
         """Return the grasp at the program's local optimum, projected onto the body, certified and measured."""
-        compiled, program = self.compiled, self.compiled_program
-        moved, _ = self._projected()
-        refined = advance(program, moved, deadline, known=self.missed if len(self.missed) else None)
+        compiled, program, refined = self.compiled, self.compiled_program, self.refined
         optimum, reason = None, self._reason_against_optimum
         if not reason:
             optimum = optimum_near(program, refined, deadline)
@@ -190,8 +227,7 @@ class _PolishProgram:
             self.edge_points.append(self.candidate.points)
             self.on_faces, _ = fix_to_triangles(self.compiled, self.candidate, self.edge_points)
             learned = True
-        lacking = _missing_clearance(self.compiled, on_body)
-        if np.max(lacking, initial=0.0) > 10.0 * TOUCHING * self.compiled.scaling.length * 0.1:
+        if not on_body.is_feasible and (lacking := _missing_clearance(self.compiled, on_body)).any():
             self.clearance += lacking
             learned = True
         for penetration in self._penetrations(on_body):
@@ -235,10 +271,10 @@ class _PolishProgram:
         if hulls is None:
             return False
         link, values = str(penetration.link), self.candidate.hand
-        least = hand.least_clearance(link)
-        added = [LinkPoint(link, point, least) for point in hulls.points_inside(values, penetration)]
-        # the program holds the first few of a link
-        self.points = added[:3] + self.points
+        local = hulls.points_inside(values, penetration)
+        pose = hand.tree.body_poses(values)[link]
+        added = _link_points(self.compiled, [link] * len(local), local, local @ pose[:3, :3].T + pose[:3, 3])
+        self.points = added[:ADDED] + self.points  # the program holds the first few of a link
         return bool(added)
 
     def _keep_apart(self, penetration: LinkPenetration) -> bool:
@@ -278,13 +314,26 @@ def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reac
         return []
     shapes, palm = compiled.hand_shapes, hand.tree.palm_frame(candidate.hand)
     state = HandState(palm[None, :3, :3], palm[None, :3, 3], candidate.hand["joints"][None])
-    _, index, _, distances, _ = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)
-    nearest = index[np.argsort(distances, kind="stable")]
-    return [
-        LinkPoint(link, points[0], hand.least_clearance(link))
-        for i in range(len(nearest))
-        for link, points in shapes.points_by_link(nearest[i : i + 1]).items()
-    ]
+    _, index, x, distances, _ = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)
+    order = np.argsort(distances, kind="stable")
+    local = [item for i in index[order, None] for item in shapes.points_by_link(i).items()]
+    points = np.concatenate([np.zeros((0, 3)), *(point for _, point in local)])
+    return _link_points(compiled, [link for link, _ in local], points, x[order])
+
+
+def _link_points(
+    compiled: CompiledProblem, links: Sequence[str], local: FloatArray, x: FloatArray
+) -> list[LinkPoint]:
+    """Return points of links to be kept outside the body, given in their links' frames and in the body's, (m, 3).
+
+    Where the smooth distance of a mesh exceeds that from the mesh itself, as much more of it is required.
+    """
+    hand, excess = compiled.hand_functions.linked_hand, np.zeros(len(x))
+    if isinstance(compiled.problem.body, Mesh) and len(x):
+        smooth = compiled.distance_grid.smooth_distance(x)[0]
+        excess = np.maximum(smooth - compiled.problem.body.clearance(x), 0.0)
+    least = [hand.least_clearance(link) for link in links]
+    return [LinkPoint(*parts) for parts in zip(links, local, np.array(least) + excess, strict=True)]
 
 
 def _overestimated_clearance(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
