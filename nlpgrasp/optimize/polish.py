@@ -36,6 +36,7 @@ from nlpgrasp.optimize.local_search import RefinementResult, advance
 from nlpgrasp.optimize.projection import (
     TOUCHING,
     fix_to_faces,
+    fix_to_patches,
     fix_to_triangles,
     project_onto_body,
     project_onto_constraints,
@@ -47,6 +48,7 @@ from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import LinkPenetration
 
 PASSES = 4  # solutions of the program, at most
+COARSE = 1e-3  # relative gain of a step on faces below which it is idle: Newton steps follow
 EXCHANGES, GAIN = 4, 2e-3  # exchanges of a hand's fingers on a mesh, at most; least relative gain of one
 ADDED = 3  # points of a link that are added at a time, at most
 DEEP, DEEP_TIP = 1e-4, 2.5e-4  # metres: least depth of a link in the body that is corrected; of one with a fingertip
@@ -124,7 +126,7 @@ class _PolishProgram:
 
     def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate, rtol: float) -> None:
         self.compiled, self.rtol, self.smooth_points = compiled, rtol, candidate.points
-        self._fix_to_faces(candidate)
+        self._set_faces(*fix_to_faces(compiled, candidate))
         self.missed = np.zeros((0, compiled.problem.dimension))
         margin = compiled.options.joint_margin if compiled.options.seeks_room else 0.0
         self.margins = JointLimitMargins.of(compiled.hand_functions.linked_hand, margin)
@@ -136,10 +138,14 @@ class _PolishProgram:
 
     def _fix_to_faces(self, candidate: GraspCandidate) -> None:
         """Fix a candidate's contacts to the faces under them, and keep its links away from the body there."""
-        compiled = self.compiled
-        self.on_faces, self.candidate = fix_to_faces(compiled, candidate)
-        if compiled.hand_functions.has_flat_tips:
-            self.on_faces, self.candidate, _ = project_onto_body(compiled, candidate)
+        on_faces, fixed = fix_to_faces(self.compiled, candidate)
+        if self.compiled.hand_functions.has_flat_tips:
+            on_faces, fixed, _ = project_onto_body(self.compiled, candidate)
+        self._set_faces(on_faces, fixed)
+
+    def _set_faces(self, on_faces: CompiledProblem, candidate: GraspCandidate) -> None:
+        """Set the compiled problem with the contacts' faces and a candidate on them."""
+        compiled, self.on_faces, self.candidate = self.compiled, on_faces, candidate
         self.edge_points = [self.candidate.points]
         self.clearance = _overestimated_clearance(compiled, self.candidate)  # metres, beyond that of each constraint
         self.points = _points_near_body(compiled, self.candidate)
@@ -165,14 +171,35 @@ class _PolishProgram:
     def refine(self, deadline: Deadline) -> RefinementResult:
         """Return the candidate after trust-region steps as long as they gain; it moves there."""
         program, (moved, _) = self.compiled_program, self._projected()
-        self.refined = advance(program, moved, deadline, known=self.missed if len(self.missed) else None)
+        known = self.missed if len(self.missed) else None
+        self.refined = advance(program, moved, deadline, least=COARSE, known=known)
         best = self.refined.point.candidate
         self.candidate = replace(self.candidate, points=best.points, hand=best.hand)
         return self.refined
 
+    def _move_on_smooth_surface(self, deadline: Deadline, passes: int = 2, rounds: int = 6, gain: float = 5e-3) -> None:
+        """Refine the candidate on the mesh's smoothed surface, where contacts move farther than on its triangles.
+
+        In each pass on patches of it, as long as one gains.
+        """
+        compiled, faces = self.compiled, self.compiled.problem.body.face_names * len(self.candidate.points)
+        for _ in range(passes):
+            self._set_faces(*fix_to_patches(compiled, self.candidate))
+            moved, violation = self._projected()
+            if violation > TOUCHING or deadline.should_stop():
+                break
+            refined = advance(self.compiled_program, moved, deadline, rounds, least=gain)
+            best = refined.point.candidate
+            self.candidate = replace(self.candidate, points=best.points, hand=best.hand)
+            if refined.point.value < (1.0 + 2.0 * gain) * refined.history[0]:
+                break
+        self._fix_to_faces(replace(self.candidate, faces=faces))
+
     def search(self, deadline: Deadline) -> None:
         """Refine the candidate, on a mesh in turn with exchanges of its fingers' contacts."""
         compiled, body = self.compiled, self.compiled.problem.body
+        if isinstance(body, Mesh) and compiled.options.rounds:
+            self._move_on_smooth_surface(deadline)
         value = self.refine(deadline).point.value
         for _ in range(EXCHANGES if isinstance(body, Mesh) and compiled.options.rounds else 0):
             if value <= 0.0 or deadline.should_stop():
