@@ -110,7 +110,8 @@ def polish(
         grasps.append(program.solve(deadline))
     feasible = [grasp for grasp in grasps if grasp.on_body.is_feasible] or grasps
     best = max(grasp.bounds.lower for grasp in feasible)
-    return min((g for g in feasible if g.bounds.lower >= WORTH_FREEING * best), key=lambda g: (g.depth, -g.bounds.lower))
+    worthwhile = [grasp for grasp in feasible if grasp.bounds.lower >= WORTH_FREEING * best]
+    return min(worthwhile, key=lambda grasp: (grasp.depth, -grasp.bounds.lower))
 
 
 class _PolishProgram:
@@ -348,9 +349,7 @@ def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reac
     return _link_points(compiled, [link for link, _ in local], points, x[order])
 
 
-def _link_points(
-    compiled: CompiledProblem, links: Sequence[str], local: FloatArray, x: FloatArray
-) -> list[LinkPoint]:
+def _link_points(compiled: CompiledProblem, links: Sequence[str], local: FloatArray, x: FloatArray) -> list[LinkPoint]:
     """Return points of links to be kept outside the body, given in their links' frames and in the body's, (m, 3).
 
     Where the smooth distance of a mesh exceeds that from the mesh itself, as much more of it is required.

@@ -1,4 +1,4 @@
-"""Mesh body whose faces are the triangles or smooth patches that contacts lie on: the surfaces ``h_i(p) = 0`` of (3.5-1)."""
+"""Mesh body whose faces are the triangles or smooth patches that contacts lie on: ``h_i(p) = 0`` of (3.5-1)."""
 
 from __future__ import annotations
 
