@@ -54,6 +54,7 @@ ADDED = 3  # points of a link that are added at a time, at most
 DEEP, DEEP_TIP = 1e-4, 2.5e-4  # metres: least depth of a link in the body that is corrected; of one with a fingertip
 DEEP_IN_LINK, BEYOND = 5e-4, 2e-4  # metres: least depth of links in each other likewise; distance added beyond it
 WORTH_FREEING = 0.8  # least mu without a penetration over that with it
+UNREACHED = "no posture near this grasp keeps all constraints"
 EDGES = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
 
 
@@ -88,25 +89,15 @@ class PolishedGrasp:
         return self.optimum is not None and 0.0 < self.bounds.upper < (1.0 - EXCESS) * self.optimum.value
 
 
-def polish(
-    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rtol: float | None = None
-) -> PolishedGrasp:
-    """Return the certified grasp at the local optimum near a candidate of a hand with links.
-
-    Parameters
-    ----------
-    compiled : CompiledProblem
-    candidate : GraspCandidate
-        Its fingertips are near the body.
-    deadline : Deadline
-    rtol : float, optional
-        Relative gap of the certificate; that of starts if not given.
-    """
-    program = _PolishProgram(compiled, candidate, compiled.options.rtol if rtol is None else rtol)
+def polish(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> PolishedGrasp:
+    """Return the certified grasp at the local optimum near a candidate of a hand with links, which nearly touches."""
+    program = _PolishProgram(compiled, candidate)
     program.search(deadline)
     grasps = [program.solve(deadline)]
     while len(grasps) < PASSES and not deadline.should_stop() and program.learn(grasps[-1]):
         program.refine(deadline)
+        if program.violation > TOUCHING:
+            break
         grasps.append(program.solve(deadline))
     feasible = [grasp for grasp in grasps if grasp.on_body.is_feasible] or grasps
     best = max(grasp.bounds.lower for grasp in feasible)
@@ -121,12 +112,21 @@ class _PolishProgram:
     ----------
     compiled : CompiledProblem
     candidate : GraspCandidate
-    rtol : float
-        Relative gap of certificates.
+
+    Attributes
+    ----------
+    candidate : GraspCandidate
+        Where the search is.
+    clearance : (rows,) array
+        Metres that are required of each constraint beyond its own limit.
+    points : list of LinkPoint
+        Points kept outside the body; the program holds the first few of each link.
+    missed : (m, d) array
+        Weak directions that certificates showed.
     """
 
-    def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate, rtol: float) -> None:
-        self.compiled, self.rtol, self.smooth_points = compiled, rtol, candidate.points
+    def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate) -> None:
+        self.compiled, self.smooth_points = compiled, candidate.points
         self._set_faces(*fix_to_faces(compiled, candidate))
         self.missed = np.zeros((0, compiled.problem.dimension))
         margin = compiled.options.joint_margin if compiled.options.seeks_room else 0.0
@@ -148,7 +148,7 @@ class _PolishProgram:
         """Set the compiled problem with the contacts' faces and a candidate on them."""
         compiled, self.on_faces, self.candidate = self.compiled, on_faces, candidate
         self.edge_points = [self.candidate.points]
-        self.clearance = _overestimated_clearance(compiled, self.candidate)  # metres, beyond that of each constraint
+        self.clearance = _overestimated_clearance(compiled, self.candidate)
         self.points = _points_near_body(compiled, self.candidate)
 
     @property
@@ -171,7 +171,7 @@ class _PolishProgram:
 
     def refine(self, deadline: Deadline) -> RefinementResult:
         """Return the candidate after trust-region steps as long as they gain; it moves there."""
-        program, (moved, _) = self.compiled_program, self._projected()
+        program, (moved, self.violation) = self.compiled_program, self._projected()
         known = self.missed if len(self.missed) else None
         self.refined = advance(program, moved, deadline, least=COARSE, known=known)
         best = self.refined.point.candidate
@@ -194,7 +194,8 @@ class _PolishProgram:
             self.candidate = replace(self.candidate, points=best.points, hand=best.hand)
             if refined.point.value < (1.0 + 2.0 * gain) * refined.history[0]:
                 break
-        self._fix_to_faces(replace(self.candidate, faces=faces))
+        alike = _places_of_like_normals(compiled, self.candidate.points, self.on_faces.inward_normals(self.candidate))
+        self._fix_to_faces(replace(self.candidate, faces=faces, points=alike))
 
     def search(self, deadline: Deadline) -> None:
         """Refine the candidate, on a mesh in turn with exchanges of its fingers' contacts."""
@@ -230,7 +231,7 @@ class _PolishProgram:
         bounds = certify(
             on_body.grasp,
             compiled.problem.task,
-            self.rtol,
+            compiled.options.rtol,
             compiled.budget(on_body.candidate),
             deadline=deadline.certificate_deadline(),
         )
@@ -267,7 +268,7 @@ class _PolishProgram:
         """Why no local optimum of the program is sought; empty if it is."""
         if self.on_faces is self.compiled and isinstance(self.compiled.problem.body, Mesh):
             return EDGES
-        return reason_against_optimum(self.compiled)
+        return reason_against_optimum(self.compiled) or (UNREACHED if self.violation > TOUCHING else "")
 
     def _costly_margins(self, optimum: LocalOptimum) -> BoolArray:
         """Return the mask of joints whose margins are given up, so that the rest cost at most ``room_price``."""
@@ -302,7 +303,7 @@ class _PolishProgram:
         local = hulls.points_inside(values, penetration)
         pose = hand.tree.body_poses(values)[link]
         added = _link_points(self.compiled, [link] * len(local), local, local @ pose[:3, :3].T + pose[:3, 3])
-        self.points = added[:ADDED] + self.points  # the program holds the first few of a link
+        self.points = added[:ADDED] + self.points
         return bool(added)
 
     def _keep_apart(self, penetration: LinkPenetration) -> bool:
@@ -335,6 +336,30 @@ def _search_state(compiled: CompiledProblem, refined: RefinementResult, optimum:
     return SearchState(optimum.candidate, optimum.value, optimum.cuts, multipliers, optimum.effort, history)
 
 
+def _places_of_like_normals(
+    compiled: CompiledProblem, points: FloatArray, normals: FloatArray, reach: float = 0.05, weight: float = 0.1
+) -> FloatArray:
+    """Return a mesh point near each contact where the mesh's own normal is most like that of the smoothed surface.
+
+    Parameters
+    ----------
+    compiled : CompiledProblem
+    points, normals : (k, 3) arrays
+        On the smoothed surface, metres, and inward unit normals.
+    reach : float
+        Largest distance from a contact, over the body's size.
+    weight : float
+        Angle, radians, that a distance of ``reach`` counts as.
+    """
+    cloud, result, radius = compiled.surface.mesh_cloud, points.copy(), reach * compiled.scaling.length
+    for i, near in enumerate(cloud.tree.query_ball_point(points, radius)):
+        if near:
+            distances = np.linalg.norm(cloud.points[near] - points[i], axis=1)
+            angles = np.arccos(np.clip(cloud.normals[near] @ normals[i], -1.0, 1.0))
+            result[i] = cloud.points[near[int(np.argmin(angles + weight * distances / radius))]]
+    return result
+
+
 def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> list[LinkPoint]:
     """Return the samples of a candidate's links near the body, the nearest first."""
     hand = compiled.hand_functions.linked_hand
@@ -344,7 +369,7 @@ def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reac
     state = HandState(palm[None, :3, :3], palm[None, :3, 3], candidate.hand["joints"][None])
     _, index, x, distances, _ = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)
     order = np.argsort(distances, kind="stable")
-    local = [item for i in index[order, None] for item in shapes.points_by_link(i).items()]
+    local = [item for i in order.tolist() for item in shapes.points_by_link(index[i : i + 1]).items()]
     points = np.concatenate([np.zeros((0, 3)), *(point for _, point in local)])
     return _link_points(compiled, [link for link, _ in local], points, x[order])
 
