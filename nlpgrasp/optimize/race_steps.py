@@ -346,11 +346,7 @@ class RaceSteps:
             if not twists:
                 break
             moving = [racers[i] for i in twists]
-            state = HandState.joined([racer.state for racer in moving]).moved(
-                np.stack([twist for twist, _ in twists.values()]),
-                np.stack([racer.pivot for racer in moving]),
-                self.shapes.limits,
-            )
+            state = self._moved(moving, np.stack([twist for twist, _ in twists.values()]))
             trials = self.linearise(state, _known([[racer] for racer in moving]))
             rejected = dict[int, Racer]()
             for (i, (_, predicted)), trial in zip(twists.items(), trials, strict=True):
@@ -360,6 +356,19 @@ class RaceSteps:
                     rejected[i] = trial
             self._learn(racers, rejected)
         return racers
+
+    def _moved(self, racers: Sequence[Racer], twists: FloatArray, corrections: int = 2) -> HandState:
+        """Return the postures of racers after twists (b, n), corrected to the second order so that fingertips touch."""
+        scale = np.concatenate([np.ones(3), np.full(twists.shape[1] - 3, 1.0 / 0.06)])
+        J, pivot = np.stack([racer.touch for racer in racers]) * scale, np.stack([racer.pivot for racer in racers])
+        state = HandState.joined([racer.state for racer in racers]).moved(twists, pivot, self.shapes.limits)
+        pivot = pivot + twists[:, :3]
+        for _ in range(corrections):
+            gaps = self.touch(self.shapes.links.frames(state)).gaps
+            forces = np.linalg.solve(J @ J.transpose(0, 2, 1) + 1e-4 * np.eye(J.shape[1]), -gaps[..., None])
+            correction = scale * (J.transpose(0, 2, 1) @ forces)[..., 0]
+            state, pivot = state.moved(correction, pivot, self.shapes.limits), pivot + correction[:, :3]
+        return state
 
     def _twist(self, racer: Racer, price: float) -> tuple[FloatArray, float] | None:
         """Return the twist that gains most in the linearised program, and its predicted gain; None without one.
