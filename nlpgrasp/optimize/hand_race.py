@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.moving_links import HandState
-from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
@@ -90,15 +89,6 @@ def raced_candidates(
         price = 1e3 * round_.price * steps.unit
         racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], round_.steps, price)
     return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
-
-
-def points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> LinkConstraints:
-    """Return the samples of a candidate's links near the body, as constraints of the program."""
-    palm = compiled.hand_functions.linked_hand.tree.palm_frame(candidate.hand)
-    state = HandState(palm[None, :3, :3], palm[None, :3, 3], candidate.hand["joints"][None])
-    shapes = compiled.hand_shapes
-    index = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)[1]
-    return LinkConstraints(shapes.points_by_link(index))
 
 
 def _entrants(steps: RaceSteps, state: HandState, count: int) -> list[Racer]:
