@@ -67,7 +67,8 @@ class LinkPart:
         hull = _hull(vertices)
         if hull is None:  # flat
             return cls(link, shape, vertices, 0.0, np.zeros((0, 3)), np.zeros(0), False, vertices[faces])
-        normals = np.unique(hull.equations[:, :3].round(6), axis=0)
+        many = len(hull.equations) > 1000
+        normals = hull.equations[:, :3] if many else np.unique(hull.equations[:, :3].round(6), axis=0)
         if len(normals) > 200:  # planes that support the hull, somewhat outside it in between
             normals = directions_around(np.eye(3)[2], 200)
         planes = normals, np.max(normals @ vertices[hull.vertices].T, axis=1)
@@ -136,7 +137,8 @@ class LinkParts:
     def __init__(self, hand: URDFHand, spacing: float = 2.5e-3, hulls: bool = False) -> None:
         self.hand, robot = hand, hand.robot
         shapes = [(link, shape) for link, shapes in robot.shapes.items() for shape in shapes]
-        parts = [LinkPart.of(link, shape, hulls) for link, shape in shapes]
+        known = {shape.fingerprint: LinkPart.of(link, shape, hulls) for link, shape in _first(shapes)}
+        parts = [replace(known[shape.fingerprint], link=link, shape=shape) for link, shape in shapes]
         key = [repr((spacing, hulls, [link for link, _ in shapes])).encode(), *(shape.content for _, shape in shapes)]
         samples = cached_arrays("link-samples", key, partial(_all_samples, parts, spacing))
         split = np.split(samples["points"], np.cumsum(samples["counts"]).astype(int))[: len(parts)]
@@ -377,13 +379,18 @@ class _SampleTable:
         return cls(points, first, sizes, np.cumsum(counts) - counts, counts, middles, reaches)
 
 
+def _first(shapes: Sequence[tuple[str, CollisionShape]]) -> list[tuple[str, CollisionShape]]:
+    """Return the first of alike shapes: those of fingers often are."""
+    return list({shape.fingerprint: (link, shape) for link, shape in reversed(shapes)}.values())
+
+
 def _reaches(part: LinkPart, hand: URDFHand, link: str, tip: Tip) -> bool:
     """Return whether a part is fixed to the link of a fingertip and reaches its ball, or the middle of its patch."""
     pose = hand.robot.fixed_transform(link, part.link)
     if pose is None:
         return False
     centre = pose[:3, :3] @ tip.centre + pose[:3, 3]
-    return bool(part.distance(centre[None])[0] < (tip.standoff if tip.standoff > 0.0 else 2e-3))
+    return bool(part.outer_distance(centre[None])[0] < (tip.standoff if tip.standoff > 0.0 else 2e-3))
 
 
 def _ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
