@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,9 +19,6 @@ from nlpgrasp.common.registry import JsonPart
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, format_known_names
 from nlpgrasp.errors import InputError
-
-if TYPE_CHECKING:
-    from nlpgrasp.bodies.distance_grid import DistanceGrid
 
 # functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")
@@ -220,13 +217,6 @@ class Body(DisplayedBody):
         """Return ``distance`` at the points of a tensor grid with the given coordinates, (nx, ny, nz), metres."""
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         return np.asarray(Body.signed_distance(self, grid.reshape(-1, len(axes)))).reshape(grid.shape[:-1])
-
-    @cached_property
-    def distance_grid(self) -> DistanceGrid:
-        """Distance of this body, which is in space, on a grid that reaches 30 mm beyond it."""
-        from nlpgrasp.bodies.distance_grid import DistanceGrid
-
-        return DistanceGrid(self, 0.03)
 
     def smooth_distance_on_grid(self, axes: Sequence[FloatArray]) -> FloatArray:
         """Return a distance from the surface of contacts, without edges, on such a grid, (nx, ny, nz), metres."""

@@ -11,6 +11,15 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 Field = NDArray[np.float32]  # one value for each grid point
 
 
+def distance_grid(body: Body) -> DistanceGrid:
+    """Return the distance of a body in space on a grid that reaches 30 mm beyond it, made once a body."""
+    kept = vars(body)  # bodies leave it out of their state
+    if "distance_grid" not in kept:
+        kept["distance_grid"] = DistanceGrid(body, 0.03)
+    grid: DistanceGrid = kept["distance_grid"]
+    return grid
+
+
 class DistanceGrid:
     """Signed distance of a body on a regular grid about it, metres, negative inside.
 

@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.distance_grid import distance_grid
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
@@ -123,7 +124,7 @@ class Clearance:
             return self.fields[0].distance(points)
         lower, upper = self.body.bounds
         from_box = np.linalg.norm(np.maximum(np.maximum(lower - points, points - upper), 0.0), axis=1)
-        grid = self.body.distance_grid
+        grid = distance_grid(self.body)
         return np.asarray(
             np.where(from_box > 0.02, from_box, np.maximum(from_box, grid.nearest(points) - grid.spacing))
         )
@@ -136,7 +137,7 @@ class Clearance:
         field = self.fields[number]
         if number > 0:
             return self.parts.nearest_samples(chosen, frames, field.distance)[0]
-        grid = self.body.distance_grid if isinstance(self.body, Mesh) else None
+        grid = distance_grid(self.body) if isinstance(self.body, Mesh) else None
         result = self.parts.nearest_samples(chosen, frames, field.distance, grid, close=close)[0]
         for i in np.flatnonzero(result < 2e-3):  # farther away points of the body do not lower it
             part, local = self.parts.parts[chosen[i]], (self._body_points - frames[i, :3, 3]) @ frames[i, :3, :3]

@@ -20,6 +20,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
 from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.bodies.distance_grid import distance_grid
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.unit_directions import directions_around, directions_beside
@@ -166,9 +167,10 @@ class PenetrationModel:
         if part.radius > 0.0:  # towards the obstacle
             points = points + part.radius * directions_around(np.eye(3)[2], 400)
         if obstacle.name == BODY and isinstance(self._body, Mesh):
-            coarse, spacing = self._body.distance_grid.nearest(points), self._body.distance_grid.spacing
-            points = points[coarse < min(float(np.min(coarse)) + 2.0 * spacing, spacing)]
-            points = points[np.argsort(self._body.distance_grid.distance(points)[0])[:16]]
+            grid = distance_grid(self._body)
+            coarse = grid.nearest(points)
+            points = points[coarse < min(float(np.min(coarse)) + 2.0 * grid.spacing, grid.spacing)]
+            points = points[np.argsort(grid.distance(points)[0])[:16]]
         distances = obstacle.fast_distance(points)
         order = np.argsort(distances, kind="stable")[:3]
         return np.asarray(points[order[distances[order] < 0.0]])

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.bodies.distance_grid import DistanceGrid
+from nlpgrasp.bodies.distance_grid import DistanceGrid, distance_grid
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
@@ -139,7 +139,7 @@ class CompiledProblem:
     @cached_property
     def distance_grid(self) -> DistanceGrid:
         """Signed distance of the body on a grid."""
-        return self.problem.body.distance_grid
+        return distance_grid(self.problem.body)
 
     def with_task(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem for another task, sharing programs and samples.
