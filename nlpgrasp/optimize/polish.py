@@ -357,11 +357,12 @@ def _places_of_like_normals(
         Angle, radians, that a distance of ``reach`` counts as.
     """
     cloud, result, radius = compiled.surface.mesh_cloud, points.copy(), reach * compiled.scaling.length
-    for i, near in enumerate(cloud.tree.query_ball_point(points, radius)):
-        if near:
-            distances = np.linalg.norm(cloud.points[near] - points[i], axis=1)
+    for i, point in enumerate(points):
+        near = np.array(cloud.tree.query_ball_point(point, radius), dtype=int)
+        if len(near):
+            distances = np.linalg.norm(cloud.points[near] - point, axis=1)
             angles = np.arccos(np.clip(cloud.normals[near] @ normals[i], -1.0, 1.0))
-            result[i] = cloud.points[near[int(np.argmin(angles + weight * distances / radius))]]
+            result[i] = cloud.points[near[np.argmin(angles + weight * distances / radius)]]
     return result
 
 
