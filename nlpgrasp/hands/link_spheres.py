@@ -4,8 +4,8 @@ A sphere of radius ``d + e`` about an inner point at depth ``d`` reaches at most
 cover chooses few such spheres that cover samples of the surface; the error e grows until they are few enough. Where
 more than ``MOST_ERROR`` is needed, as for thick blocks, spheres are reduced to it: they no longer forbid grasps that
 the hand can take, and the link sticks out of them by ``uncovered``. The penetration of the shapes themselves is
-measured at every grasp (``nlpgrasp.motion.penetration``); where a link penetrates, points of its surface join the
-spheres (``URDFHand.with_link_constraints``).
+measured at every grasp (``nlpgrasp.motion.penetration``); where a link penetrates, points of its surface are kept
+outside the body as well (``nlpgrasp.optimize.polish``).
 """
 
 from __future__ import annotations

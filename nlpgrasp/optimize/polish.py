@@ -149,7 +149,7 @@ class _PolishProgram:
         compiled, self.on_faces, self.candidate = self.compiled, on_faces, candidate
         self.edge_points = [self.candidate.points]
         self.clearance = _overestimated_clearance(compiled, self.candidate)
-        self.points = _points_near_body(compiled, self.candidate)
+        self.points = _points_near_body(compiled, self.candidate) if compiled.options.rounds else []
 
     @property
     def compiled_program(self) -> CompiledProblem:
@@ -202,7 +202,11 @@ class _PolishProgram:
         compiled, body = self.compiled, self.compiled.problem.body
         if isinstance(body, Mesh) and compiled.options.rounds:
             self._move_on_smooth_surface(deadline)
-        value = self.refine(deadline).point.value
+        self.refine(deadline)
+        if self.violation > TOUCHING:
+            self.points = []  # links that cannot be free are stated
+            self.refine(deadline)
+        value = self.refined.point.value
         for _ in range(EXCHANGES if isinstance(body, Mesh) and compiled.options.rounds else 0):
             if value <= 0.0 or deadline.should_stop():
                 break
@@ -243,8 +247,9 @@ class _PolishProgram:
 
     def learn(self, grasp: PolishedGrasp) -> bool:
         """Add what a grasp shows to be missing in the program; return whether anything was added."""
-        on_body, optimum = grasp.on_body, grasp.optimum
-        learned = False
+        on_body, optimum, learned = grasp.on_body, grasp.optimum, False
+        if not self.compiled.options.rounds:
+            return False
         if grasp.has_missed:
             self.missed = np.concatenate([self.missed, [np.asarray(grasp.bounds.worst_direction, dtype=float)]])
             learned = True
@@ -352,11 +357,12 @@ def _places_of_like_normals(
         Angle, radians, that a distance of ``reach`` counts as.
     """
     cloud, result, radius = compiled.surface.mesh_cloud, points.copy(), reach * compiled.scaling.length
-    for i, near in enumerate(cloud.tree.query_ball_point(points, radius)):
-        if near:
-            distances = np.linalg.norm(cloud.points[near] - points[i], axis=1)
+    for i, point in enumerate(points):
+        near = np.array(cloud.tree.query_ball_point(point, radius), dtype=int)
+        if len(near):
+            distances = np.linalg.norm(cloud.points[near] - point, axis=1)
             angles = np.arccos(np.clip(cloud.normals[near] @ normals[i], -1.0, 1.0))
-            result[i] = cloud.points[near[int(np.argmin(angles + weight * distances / radius))]]
+            result[i] = cloud.points[near[np.argmin(angles + weight * distances / radius)]]
     return result
 
 

@@ -3,7 +3,8 @@
 - compile, ``optimize/compiled_problem.py``: programs, constraint functions, surface samples, shared by all starts
 - root bound, ``global_bound/branch_and_bound.py``: upper bound on mu over all placements, without branching
 - propose, ``optimize/propose.py``: candidates, by coordinate exchange of contacts over surface samples
-- refine, ``optimize/refine_on_body.py``: local search by cutting planes, with a certificate for each start
+- refine, ``optimize/refine_on_body.py``: local search by cutting planes, with a certificate for each start; with a hand
+  that has a pose ``optimize/polish.py``
 - close gap: branch and bound in turn with further starts, where a gap is requested
 - choose, ``pipeline/answer.py``: the answer among the starts, at its KKT point (``optimize/local_convergence.py``)
 - bound, ``global_bound/branch_and_bound.py``: a short branch and bound, where no gap is requested
