@@ -87,11 +87,12 @@ def _evolved(
 ) -> Postures:
     """Return the best postures of a kind after some generations of ``count`` each."""
     lower, upper = shapes.limits
-    pool = _scored(shapes, kind, rng.uniform(lower, upper, (3 * count, len(lower)))).best_of_sizes(most)
+    first = shapes.closed(rng.uniform(lower, upper, (3 * count, len(lower))))
+    pool = _scored(shapes, kind, first).best_of_sizes(most)
     for _ in range(generations):
         parents = pool.joints[rng.integers(len(pool.radii), size=count)]
         width = (upper - lower) * rng.choice([0.03, 0.08, 0.15], (count, 1))
-        children = np.clip(parents + width * rng.standard_normal(parents.shape), lower, upper)
+        children = shapes.closed(np.clip(parents + width * rng.standard_normal(parents.shape), lower, upper))
         pool = Postures.joined([pool, _scored(shapes, kind, children)]).best_of_sizes(most)
     return pool
 

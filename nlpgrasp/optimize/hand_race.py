@@ -19,10 +19,9 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
 from nlpgrasp.optimize.hand_postures import overhang, posture_library
+from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import Racer, RaceSteps
 from nlpgrasp.problem.problem import GraspProblem
-
-MANY = 6  # number of contacts from which hands rarely touch with all
 
 
 @dataclass(frozen=True)
@@ -45,21 +44,8 @@ ROUNDS = Round(80, 3, 0.03), Round(32, 4, 0.05), Round(16, 6, 0.1), Round(8, 10,
 
 
 def can_race(problem: GraspProblem) -> bool:
-    """Return whether a race finds candidates for a problem's hand; others come from the reach of palm poses.
-
-    It knows no constraints of the user, no contacts that are kept to some faces and no closed linkages; flat pads need
-    their whole face on the body, with many contacts few postures touch, and a hand without shapes has none to clear.
-    """
-    hand, k = problem.hand, len(problem.models)
-    return (
-        isinstance(hand, URDFHand)
-        and any(hand.robot.shapes.values())
-        and not hand.robot.has_linkages
-        and not problem.constraints
-        and k < MANY
-        and all(problem.allowed_faces(i) == problem.body.face_names for i in range(k))
-        and all(tip.normal is None for _, tip in hand.tips)
-    )
+    """Return whether a race finds candidates for a problem's hand: one with links and a pose."""
+    return isinstance(problem.hand, URDFHand)
 
 
 def raced_candidates(
@@ -81,11 +67,12 @@ def raced_candidates(
     chosen = rng.integers(len(cloud.points), size=1500)
     places = BodyPlaces.of(compiled.problem.body, grid, cloud.points[chosen], -cloud.normals[chosen])
     budget = (compiled.l2_variant or compiled).screening_budget
-    steps = RaceSteps(compiled.problem, shapes, grid, budget, rng)
-    state = placements(posture_library(shapes), shapes, grid, places, drawn, kept, rng)
+    limits = RaceLimits(compiled)
+    steps = RaceSteps(compiled.problem, shapes, grid, budget, limits, rng)
+    state = placements(posture_library(shapes), shapes, grid, places, steps.solids, limits, drawn, kept, rng)
     if not len(state):
         return []
-    racers = _entrants(steps, in_contact(shapes, grid, state), ROUNDS[0].racers)
+    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), ROUNDS[0].racers)
     for round_ in ROUNDS:
         price = 1e3 * round_.price * steps.unit
         racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], round_.steps, price)
@@ -107,10 +94,12 @@ def _entrants(steps: RaceSteps, state: HandState, count: int) -> list[Racer]:
     touch = steps.touch(frames)
     mu = steps.screen(touch)
     gaps = np.max(np.abs(touch.gaps), axis=1)
-    depths = -np.min(steps.grid.nearest(frames.cloud(shapes.middles)), axis=1)
+    depths = -np.min(steps.solids.nearest(frames.cloud(shapes.middles)), axis=1, initial=np.inf)
     balls = frames.points(shapes.tips.at, shapes.tips.groups)
     beyond = np.max(overhang(shapes, frames, balls, -touch.normals), axis=1)
     disorder = 40.0 * np.maximum(gaps - 5e-4, 0.0) + 60.0 * np.maximum(depths - 5e-4, 0.0) + 60.0 * beyond
+    if steps.limits:
+        disorder += 40.0 * steps.limits.lacks(PosedContacts.nearest(shapes, steps.grid, state, frames))
     rank = np.zeros(len(state), int)
     for kind in np.array_split(np.arange(len(state)), 2):  # both kinds of postures in turn
         rank[kind[np.argsort((disorder - mu / steps.unit)[kind], kind="stable")]] = np.arange(len(kind))

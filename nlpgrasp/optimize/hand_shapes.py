@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.common.cache import cached_arrays
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.moving_links import Frames, LinkPoints, MovingLinks
+from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
 from nlpgrasp.hands.self_collision import colliding_tips
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
+
+
+class HasDistance(Protocol):
+    """Distance of solids, such as a grid of it."""
+
+    spacing: float
+
+    def nearest(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (..., 3), metres, up to the spacing."""
+
+    def distance(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distance (n,), metres, of points (n, 3), and its gradient (n, 3)."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +48,7 @@ class TipBalls:
     facing : (k, 3) array
         Middle of each patch, frame of its group; zero for a patch all around.
     cosines : (k,) array
-        Least cosine between the contact's normal and ``facing``.
+        Least cosine between the contact's normal and ``facing``; 1 for flat tips, which touch with their middles.
     patches : tuple of k (m, 3) arrays
         Points of each patch, metres, frame of its group.
     standoffs : (k,) array
@@ -50,35 +63,47 @@ class TipBalls:
     patches: tuple[FloatArray, ...]
     standoffs: FloatArray
 
+    @cached_property
+    def flat(self) -> BoolArray:
+        """Which fingertips are flat, (k,)."""
+        return np.asarray(self.cosines == 1.0)
+
+    @cached_property
+    def across(self) -> FloatArray:
+        """Two unit vectors across each ``facing``, (k, 2, 3); zero where that is."""
+        return np.stack([tangents(f[None])[0] if np.any(f) else np.zeros((2, 3)) for f in self.facing])
+
     @classmethod
     def of(cls, hand: URDFHand, links: MovingLinks) -> TipBalls:
         """Return the balls of a hand's fingertips."""
         poses = [links.pose[link] for link, _ in hand.tips]
         at = [pose[:3, :3] @ tip.centre + pose[:3, 3] for pose, (_, tip) in zip(poses, hand.tips, strict=True)]
-        stated = [getattr(tip, "facing", None) for _, tip in hand.tips]
+        stated = [getattr(tip, "facing", tip.normal) for _, tip in hand.tips]
         facing = [
             np.zeros(3) if direction is None else pose[:3, :3] @ np.asarray(direction)
             for pose, direction in zip(poses, stated, strict=True)
         ]
         cosines = [
-            -1.0 if direction is None else float(np.cos(getattr(tip, "angle", np.pi)))
+            -1.0 if direction is None else float(np.cos(getattr(tip, "angle", 0.0)))
             for direction, (_, tip) in zip(stated, hand.tips, strict=True)
         ]
         groups, radii = [links.group[link] for link, _ in hand.tips], [tip.posing_radius for _, tip in hand.tips]
         standoffs = np.array([tip.standoff for _, tip in hand.tips])
-        patches = [tip.backbone if tip.standoff > 0.0 else tip.surface().vertices for _, tip in hand.tips]
+        patches = [
+            tip.backbone if tip.standoff > 0.0 or tip.normal is not None else tip.surface().vertices
+            for _, tip in hand.tips
+        ]
         patches = [p @ pose[:3, :3].T + pose[:3, 3] for p, pose in zip(patches, poses, strict=True)]
         balls = np.array(at), np.array(groups), np.array(radii)
         return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs)
 
 
 class HandShapes:
-    """Shapes of a hand's links, its fingertips and joint limits.
+    """Shapes of a hand's links, its fingertips, joint limits and closed linkages.
 
     Parameters
     ----------
     hand : URDFHand
-        Without closed linkages.
     margin : float
         Of joints from their limits, radians.
     spacing : float
@@ -89,14 +114,17 @@ class HandShapes:
         self.links = MovingLinks(hand.robot)
         self.tips = TipBalls.of(hand, self.links)
         margins = JointLimitMargins.of(hand, margin)
-        self.limits = margins.narrow_limits(np.full(len(margins.names), margin > 0.0))
+        self.linkages = hand.tree.linkages if hand.robot.has_linkages else None
+        held = {*hand.robot.passive, *hand.robot.stop_positions}  # others move them, or springs hold them at a limit
+        self.limits = margins.narrow_limits(np.array([margin > 0.0 and name not in held for name in margins.names]))
         self._set_spheres(hand)
         at, groups, cells, self._owners = self._samples(hand, spacing)
         self.samples = LinkPoints(at, groups)
         self.bins, self.first = cells, np.flatnonzero(np.diff(cells, prepend=-1))
         self.counts = np.diff(np.append(self.first, len(at)))
         middles = np.stack([np.bincount(cells, at[:, i]) for i in range(3)], axis=1) / self.counts[:, None]
-        self.reach = np.maximum.reduceat(np.linalg.norm(at - middles[cells], axis=1), self.first)
+        self.reach = np.zeros(len(middles))
+        np.maximum.at(self.reach, cells, np.linalg.norm(at - middles[cells], axis=1))
         self.middles = LinkPoints(middles, groups[self.first])
 
     def _set_spheres(self, hand: URDFHand) -> None:
@@ -146,6 +174,27 @@ class HandShapes:
         whole = table[order].astype(int)
         return table[order, 1:4], whole[:, 0], bins.ravel()[order], whole[:, 4]
 
+    def closed(self, joints: FloatArray) -> FloatArray:
+        """Return joint positions (b, m) moved so that linkages are closed."""
+        return joints if self.linkages is None else self.linkages.close(joints)
+
+    def moved(self, state: HandState, twist: FloatArray, pivot: FloatArray) -> HandState:
+        """Return postures after twists (b, 6 + m) about pivots (b, 3), within the limits and with linkages closed."""
+        result = state.moved(twist, pivot, self.limits)
+        return replace(result, joints=self.closed(result.joints))
+
+    def linkage_rows(self, joints: FloatArray) -> FloatArray:
+        """Return the derivatives (b, r, 6 + m) by the twist of what closed linkages keep."""
+        if self.linkages is None:
+            return np.zeros((len(joints), 0, self.links.size))
+        slopes = self.linkages.jacobians(joints)
+        return np.concatenate([np.zeros((*slopes.shape[:2], 6)), slopes], axis=2)
+
+    def free_twists(self, joints: FloatArray, scale: FloatArray) -> FloatArray:
+        """Return the projections (b, n, n) of twists over ``scale``, (n,), onto those that keep linkages closed."""
+        rows = self.linkage_rows(joints) * scale
+        return np.eye(len(scale)) - np.linalg.pinv(rows, rcond=1e-6) @ rows
+
     def points_by_link(self, chosen: IntArray) -> dict[str, FloatArray]:
         """Return chosen samples by link, (m, 3) each, metres, link frame."""
         result = dict[str, FloatArray]()
@@ -163,9 +212,9 @@ class HandShapes:
         return np.asarray(np.max(self.apart - np.linalg.norm(centres[:, a] - centres[:, b], axis=2), axis=1))
 
     def lowest_samples(
-        self, grid: DistanceGrid, frames: Frames, reach: float
+        self, grid: HasDistance, frames: Frames, reach: float
     ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-        """Return, of each bin of samples, the one nearest to the body, where nearer than ``reach``, metres.
+        """Return, of each bin of samples, the one nearest to a solid, where nearer than ``reach``, metres.
 
         Their postures and indices (n,), positions (n, 3), distances and gradients of these (n, 3).
         """

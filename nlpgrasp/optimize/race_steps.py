@@ -20,6 +20,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.hands.urdf_hand import POINT_CLEARANCE
 from nlpgrasp.optimize.hand_shapes import HandShapes
+from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits, Solids
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
@@ -46,6 +47,8 @@ class Racer:
         Distances of the fingertips from the body, metres, and their derivatives.
     values, rows : (r,) and (r, n) arrays
         What must not be negative and may become so, metres, and the derivatives.
+    linkages : (l, n) array
+        Rows whose product with a twist has to be zero: what keeps linkages closed.
     pivot : (3,) array
         Of the twist.
     radius : float
@@ -65,6 +68,7 @@ class Racer:
     touch: FloatArray
     values: FloatArray
     rows: FloatArray
+    linkages: FloatArray
     pivot: FloatArray
     radius: float = 8e-3
     idle: int = 0
@@ -109,6 +113,8 @@ class RaceSteps:
         Of the body.
     budget : ForceBudget
         One that does not depend on the contacts' frames.
+    limits : RaceLimits
+        Of the problem.
     rng : numpy.random.Generator
 
     Attributes
@@ -118,10 +124,11 @@ class RaceSteps:
     """
 
     def __init__(
-        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, budget: ForceBudget,
+        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, budget: ForceBudget, limits: RaceLimits,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.problem, self.shapes, self.grid, self._budget, self._rng = problem, shapes, grid, budget, rng
+        self.limits, self.solids = limits, Solids.around(grid, problem)
         self.unit = 1.0
 
     def screen(self, touch: Touch) -> FloatArray:
@@ -187,11 +194,7 @@ class RaceSteps:
         frames = self.shapes.links.frames(state)
         touch = self.touch(frames)
         (count, k), pivot = touch.gaps.shape, touch.centres.mean(axis=1)
-        which, groups = np.repeat(np.arange(count), k), np.tile(self.shapes.tips.groups, count)
-        flat = touch.centres.reshape(-1, 3)
-        motion = np.stack(
-            [frames.rows(flat, groups, np.broadcast_to(e, flat.shape), pivot, which) for e in np.eye(3)], axis=1
-        ).reshape(count, k, 3, -1)  # of the centres by the twist
+        motion = frames.motions(touch.centres, self.shapes.tips.groups, pivot)
         cuts, ratios = self._weakest(touch, known)
         by_point, by_normal = self._support_slopes(touch, cuts)
         by_centre = np.einsum("bmky,bkyx->bmkx", by_point, touch.by_centre)
@@ -199,6 +202,12 @@ class RaceSteps:
         slopes = by_centre.reshape(count, -1, 3 * k) @ motion.reshape(count, 3 * k, -1)
         approaching = np.einsum("bkx,bkxn->bkn", touch.normals, motion)
         rows, values, owners = self._limits(frames, touch, motion, pivot)
+        if self.limits:
+            moving = touch.by_centre @ motion, -touch.turning @ motion
+            contacts = PosedContacts(state, touch.points, -touch.normals, *moving, pivot)
+            parts = zip((owners, values, rows), self.limits.rows(contacts), strict=True)
+            owners, values, rows = (np.concatenate(pair) for pair in parts)
+        linkages = self.shapes.linkage_rows(state.joints)
         racers = list[Racer]()
         for i in range(count):
             real, own = np.isfinite(ratios[i]), owners == i
@@ -206,7 +215,7 @@ class RaceSteps:
                 Racer(
                     state.of(slice(i, i + 1)), float(np.min(ratios[i])), touch.points[i], -touch.normals[i],
                     cuts[i][real], ratios[i][real], slopes[i][real], touch.gaps[i], approaching[i], values[own],
-                    rows[own], pivot[i],
+                    rows[own], linkages[i], pivot[i],
                 )
             )  # fmt: skip
         return racers
@@ -274,17 +283,17 @@ class RaceSteps:
         self, frames: Frames, touch: Touch, motion: FloatArray, pivot: FloatArray, reach: float = 6e-3
     ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return derivatives, values, metres, and postures of what must not be negative and is near zero."""
-        shapes, grid, tips = self.shapes, self.grid, self.shapes.tips
-        # samples of links outside the body
-        which, index, x, value, slope = shapes.lowest_samples(grid, frames, reach)
+        shapes, grid, solids, tips = self.shapes, self.grid, self.solids, self.shapes.tips
+        # samples of links outside body and surroundings
+        which, index, x, value, slope = shapes.lowest_samples(solids, frames, reach)
         groups = shapes.samples.groups[index]
         rows = [frames.rows(x, groups, slope, pivot, which)]
         values, owners = [value - np.where(np.isin(groups, tips.groups), 0.0, POINT_CLEARANCE)], [which]
-        # spheres of links outside the body
+        # spheres of links outside these
         spheres = frames.points(shapes.spheres, shapes.sphere_groups)
-        near = grid.nearest(spheres[:, : len(shapes.least)]) < shapes.least + reach + grid.spacing
+        near = solids.nearest(spheres[:, : len(shapes.least)]) < shapes.least + reach + grid.spacing
         which, index = np.nonzero(near)
-        value, slope = grid.distance(spheres[which, index])
+        value, slope = solids.distance(spheres[which, index])
         rows.append(frames.rows(spheres[which, index], shapes.sphere_groups[index], slope, pivot, which))
         values.append(value - shapes.least[index])
         owners.append(which)
@@ -302,7 +311,7 @@ class RaceSteps:
         values.append((lengths - shapes.apart)[which, pair])
         owners.append(which)
         # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
-        limited = np.flatnonzero(tips.cosines > -1.0)
+        limited = np.flatnonzero((tips.cosines > -1.0) & ~tips.flat)
         which, tip = np.repeat(np.arange(len(pivot)), len(limited)), np.tile(limited, len(pivot))
         facing, n = frames.directions(tips.facing, tips.groups)[which, tip], -touch.normals[which, tip]
         turning = frames.turning_rows(np.cross(facing, n), tips.groups[tip], which)
@@ -310,6 +319,18 @@ class RaceSteps:
         rows.append(0.01 * turning)
         values.append(0.01 * (np.sum(facing * n, axis=1) - tips.cosines[tip]))
         owners.append(which)
+        # flat tips along the surface: sines of their angles count as cosines do
+        flat = np.flatnonzero(tips.flat)
+        across = tips.across[flat].transpose(1, 0, 2)
+        for direction in (*across, *-across):
+            which, tip = np.repeat(np.arange(len(pivot)), len(flat)), np.tile(flat, len(pivot))
+            side = frames.directions(direction, tips.groups[flat]).reshape(-1, 3)
+            n = -touch.normals[which, tip]
+            turning = frames.turning_rows(np.cross(side, n), tips.groups[tip], which)
+            turning -= np.einsum("ix,ixy,iyn->in", side, touch.turning[which, tip], motion[which, tip])
+            rows.append(0.01 * turning)
+            values.append(0.01 * np.sum(side * n, axis=1))
+            owners.append(which)
         # contacts off sharp edges
         edges = grid.edge_distance(touch.points.reshape(-1, 3))
         if edges is not None:
@@ -346,10 +367,10 @@ class RaceSteps:
             if not twists:
                 break
             moving = [racers[i] for i in twists]
-            state = HandState.joined([racer.state for racer in moving]).moved(
+            state = self.shapes.moved(
+                HandState.joined([racer.state for racer in moving]),
                 np.stack([twist for twist, _ in twists.values()]),
                 np.stack([racer.pivot for racer in moving]),
-                self.shapes.limits,
             )
             trials = self.linearise(state, _known([[racer] for racer in moving]))
             rejected = dict[int, Racer]()
@@ -370,18 +391,25 @@ class RaceSteps:
         n, limits = self.shapes.links.size, self.shapes.limits
         scale = np.concatenate([np.full(3, racer.radius), np.full(n - 3, racer.radius / 0.06)])
         near = racer.values < 4.0 * racer.radius + 1e-3
+        # closed linkages allow no motion along their rows, of which some may depend on others
+        _, sizes, closed = np.linalg.svd(racer.linkages * scale, full_matrices=False)
+        closed = closed[sizes > 1e-6 * np.max(sizes, initial=0.0)]
         parts = [racer.slopes / self.unit, 1e3 * racer.touch, -1e3 * racer.touch, 1e3 * racer.rows[near]]
         least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
         slack = np.repeat([[-1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]], list(map(len, parts)), axis=0)
         A = np.hstack([np.concatenate(parts) * scale, slack])
+        A = np.concatenate([A, np.hstack([closed, np.zeros((len(closed), 3))])])
         room = (limits - racer.state.joints[0]) / scale[6:]
         low = np.concatenate([np.full(6, -1.0), np.clip(room[0], -1.0, 0.0), [-10.0, 0.0, 0.0]])
         high = np.concatenate([np.full(6, 1.0), np.clip(room[1], 0.0, 1.0), [1e3, 1e3, 1e3]])
         millimetre = 1e-3 * price / self.unit
         H = np.diag(np.concatenate([np.full(n, 2e-3), np.full(3, 1e-7)]))
         f = np.concatenate([np.zeros(n), [-1.0, millimetre, millimetre]])
-        upper, lower = np.concatenate([high, np.full(len(A), 1e30)]), np.concatenate([low, *least])
-        z, _, flag, _ = daqp.solve(H, f, A, upper, lower, np.zeros(len(upper), np.int32))
+        upper = np.concatenate([high, np.full(len(A) - len(closed), 1e30), np.zeros(len(closed))])
+        lower = np.concatenate([low, *least, np.zeros(len(closed))])
+        sense = np.zeros(len(upper), np.int32)
+        sense[len(upper) - len(closed) :] = 5  # equations
+        z, _, flag, _ = daqp.solve(H, f, A, upper, lower, sense)
         if flag <= 0:
             return None
         predicted = self.unit * float(z[n] - millimetre * (z[n + 1] + z[n + 2])) - racer.merit(price)
