@@ -192,7 +192,7 @@ class LinkPoints:
     def __init__(self, at: FloatArray, groups: IntArray) -> None:
         self.at, self.groups = at, groups
         starts = np.flatnonzero(np.diff(groups, prepend=-1))
-        ends = [*starts[1:].tolist(), len(at)]
+        ends = [*starts.tolist(), len(at)][1:]
         self.parts = [(int(groups[i]), slice(int(i), j)) for i, j in zip(starts, ends, strict=True)]
 
 

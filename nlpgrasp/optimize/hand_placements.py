@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice, permutations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,6 +12,8 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.moving_links import HandState, LinkPoints, turned
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 from nlpgrasp.optimize.hand_postures import Postures
 from nlpgrasp.optimize.hand_shapes import HandShapes, HasDistance
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
@@ -47,12 +50,32 @@ class BodyPlaces:
 
 
 def placements(
-    library: dict[str, Postures], shapes: HandShapes, grid: DistanceGrid, places: BodyPlaces, solids: HasDistance,
+    compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces, solids: HasDistance,
     limits: RaceLimits, count: int, keep: int, rng: np.random.Generator,
-) -> HandState:  # fmt: skip
-    """Return ``keep`` postures nearly in contact with the body, of ``count`` drawn ones, one kind after the other."""
+) -> list[HandState]:  # fmt: skip
+    """Return ``keep`` postures of each kind nearly in contact with the body, of ``count`` drawn ones in all."""
     kinds = [_around(library["ball"], places, count // 2, rng), _across(library["slab"], places, count // 2, rng)]
-    return HandState.joined([_screened(shapes, grid, solids, limits, state, keep // 2) for state in kinds])
+    if limits or compiled.hand_functions.linked_hand.count == 2:  # whose openings tell little of where they may be
+        kinds.append(_onto_free_grasps(compiled, rng))
+    shapes, grid = compiled.hand_shapes, compiled.distance_grid
+    return [_screened(shapes, grid, solids, limits, state, keep) for state in kinds]
+
+
+def _onto_free_grasps(compiled: CompiledProblem, rng: np.random.Generator, most: int = 12) -> HandState:
+    """Return postures whose fingertips are near the contacts of good grasps without a hand, ``most`` for each."""
+    free, hand = compiled.handless_variant, compiled.hand_functions.linked_hand
+    search = CoordinateExchange(free, free.sample_tables, rng)
+    points, normals = free.sample_tables.contacts_of(search.exchange(search.draw()))
+    interchangeable = len(set(free.sample_tables.of_contact)) == 1
+    orders = np.array(list(islice(permutations(range(hand.count)), 24 if interchangeable else 1)))
+    near = max(4, 2 * most // len(orders))
+    targets = points[:, orders] - np.asarray(hand.posing_radii)[:, None] * normals[:, orders]
+    values, tips = hand.reach(targets.reshape(-1, *points.shape[1:]), near, rng)
+    misses = np.linalg.norm(tips - np.repeat(targets.reshape(-1, *points.shape[1:]), near, axis=0), axis=2).sum(axis=1)
+    first = np.argsort(misses.reshape(len(points), -1), axis=1, kind="stable")[:, :most]
+    chosen = (first + len(orders) * near * np.arange(len(points))[:, None]).ravel()
+    turns = Rotation.from_quat(values["palm_quaternion"][chosen], scalar_first=True).as_matrix()
+    return HandState(turns, values["palm_position"][chosen], values["joints"][chosen])
 
 
 def _around(postures: Postures, places: BodyPlaces, count: int, rng: np.random.Generator) -> HandState:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.hands.urdf_hand import LinkConstraints
@@ -49,7 +49,7 @@ def can_race(problem: GraspProblem) -> bool:
 
 
 def raced_candidates(
-    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 240
+    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 120
 ) -> list[GraspCandidate]:
     """Return the best ``count`` candidates of a race, the best first; none where no posture fits the body's size.
 
@@ -60,7 +60,7 @@ def raced_candidates(
     rng : numpy.random.Generator
     count : int
     drawn, kept : int
-        Postures placed about the body at random; those of them that are moved into contact.
+        Postures placed about the body at random; those of each kind that are moved into contact.
     """
     shapes, grid = compiled.hand_shapes, compiled.distance_grid
     cloud = compiled.surface.cloud(0)
@@ -69,10 +69,12 @@ def raced_candidates(
     budget = (compiled.l2_variant or compiled).screening_budget
     limits = RaceLimits(compiled)
     steps = RaceSteps(compiled.problem, shapes, grid, budget, limits, rng)
-    state = placements(posture_library(shapes), shapes, grid, places, steps.solids, limits, drawn, kept, rng)
+    kinds = placements(compiled, posture_library(shapes), places, steps.solids, limits, drawn, kept, rng)
+    state = HandState.joined(kinds)
     if not len(state):
         return []
-    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), ROUNDS[0].racers)
+    kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
+    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, ROUNDS[0].racers)
     for round_ in ROUNDS:
         price = 1e3 * round_.price * steps.unit
         racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], round_.steps, price)
@@ -88,8 +90,11 @@ def points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach
     return LinkConstraints(shapes.points_by_link(index))
 
 
-def _entrants(steps: RaceSteps, state: HandState, count: int) -> list[Racer]:
-    """Return the most promising postures as racers: by bounds on mu less what is not in order yet."""
+def _entrants(steps: RaceSteps, state: HandState, kinds: IntArray, count: int) -> list[Racer]:
+    """Return the most promising postures as racers, of each of their ``kinds`` in turn.
+
+    By bounds on mu less what is not in order yet.
+    """
     shapes, frames = steps.shapes, steps.shapes.links.frames(state)
     touch = steps.touch(frames)
     mu = steps.screen(touch)
@@ -101,7 +106,7 @@ def _entrants(steps: RaceSteps, state: HandState, count: int) -> list[Racer]:
     if steps.limits:
         disorder += 40.0 * steps.limits.lacks(PosedContacts.nearest(shapes, steps.grid, state, frames))
     rank = np.zeros(len(state), int)
-    for kind in np.array_split(np.arange(len(state)), 2):  # both kinds of postures in turn
+    for kind in (np.flatnonzero(kinds == kind) for kind in np.unique(kinds)):
         rank[kind[np.argsort((disorder - mu / steps.unit)[kind], kind="stable")]] = np.arange(len(kind))
     return steps.first(state.of(np.argsort(rank, kind="stable")[:count]))
 

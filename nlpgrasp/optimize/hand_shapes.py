@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from nlpgrasp.common.cache import cached_arrays
-from nlpgrasp.common.spatial import tangents
-from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
 from nlpgrasp.hands.self_collision import colliding_tips
+from nlpgrasp.hands.tips import FlatTip
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
 
 
@@ -48,11 +48,17 @@ class TipBalls:
     facing : (k, 3) array
         Middle of each patch, frame of its group; zero for a patch all around.
     cosines : (k,) array
-        Least cosine between the contact's normal and ``facing``; 1 for flat tips, which touch with their middles.
+        Least cosine between the contact's normal and ``facing``; 1 for flat tips.
     patches : tuple of k (m, 3) arrays
         Points of each patch, metres, frame of its group.
     standoffs : (k,) array
         Radii of the balls about these, metres; 0 where the points are on the patch itself.
+    flat : (f,) int array
+        Numbers of the flat fingertips.
+    across : (f, 2, 3) array
+        Unit vectors along their sides, frames of their groups.
+    halves : (f, 2) array
+        Half their lengths, metres.
     """
 
     at: FloatArray
@@ -62,16 +68,9 @@ class TipBalls:
     cosines: FloatArray
     patches: tuple[FloatArray, ...]
     standoffs: FloatArray
-
-    @cached_property
-    def flat(self) -> BoolArray:
-        """Which fingertips are flat, (k,)."""
-        return np.asarray(self.cosines == 1.0)
-
-    @cached_property
-    def across(self) -> FloatArray:
-        """Two unit vectors across each ``facing``, (k, 2, 3); zero where that is."""
-        return np.stack([tangents(f[None])[0] if np.any(f) else np.zeros((2, 3)) for f in self.facing])
+    flat: IntArray
+    across: FloatArray
+    halves: FloatArray
 
     @classmethod
     def of(cls, hand: URDFHand, links: MovingLinks) -> TipBalls:
@@ -89,13 +88,15 @@ class TipBalls:
         ]
         groups, radii = [links.group[link] for link, _ in hand.tips], [tip.posing_radius for _, tip in hand.tips]
         standoffs = np.array([tip.standoff for _, tip in hand.tips])
-        patches = [
-            tip.backbone if tip.standoff > 0.0 or tip.normal is not None else tip.surface().vertices
-            for _, tip in hand.tips
-        ]
+        patches = [tip.backbone if tip.standoff > 0.0 else tip.surface().vertices for _, tip in hand.tips]
         patches = [p @ pose[:3, :3].T + pose[:3, 3] for p, pose in zip(patches, poses, strict=True)]
         balls = np.array(at), np.array(groups), np.array(radii)
-        return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs)
+        flat = [i for i, (_, tip) in enumerate(hand.tips) if isinstance(tip, FlatTip)]
+        rectangles = [tip for _, tip in hand.tips if isinstance(tip, FlatTip)]
+        across = [(poses[i][:3, :3] @ tip.frame[:3, :2]).T for i, tip in zip(flat, rectangles, strict=True)]
+        halves = np.array([tip.extents for tip in rectangles]).reshape(-1, 2) / 2.0
+        pads = np.array(flat, int), np.array(across).reshape(-1, 2, 3), halves
+        return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs, *pads)
 
 
 class HandShapes:

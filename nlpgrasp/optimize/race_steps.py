@@ -102,6 +102,26 @@ class Touch:
     turning: FloatArray
 
 
+@dataclass(frozen=True)
+class Pads:
+    """Places of the contacts on the f flat fingertips of b postures.
+
+    Parameters
+    ----------
+    sides : (b, f, 2, 3) array
+        Unit vectors along the pads' sides, body frame.
+    places : (b, f, 2) array
+        Of the contacts from the pads' middles along these, metres.
+    slopes, stiffness : (b, f, 2) and (b, f, 2, 2) arrays
+        Derivatives by the place of what is least there.
+    """
+
+    sides: FloatArray
+    places: FloatArray
+    slopes: FloatArray
+    stiffness: FloatArray
+
+
 class RaceSteps:
     """Linearisation and steps of a problem's hand.
 
@@ -149,13 +169,58 @@ class RaceSteps:
         return self.linearise(state, y / self.problem.task.support(y.reshape(-1, y.shape[2]))[0].reshape(len(y), -1, 1))
 
     def touch(self, frames: Frames) -> Touch:
-        """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body."""
+        """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body.
+
+        On a flat patch it is found by Newton steps from its middle.
+        """
         tips, centres = self.shapes.tips, list[FloatArray]()
         for patch, group in zip(tips.patches, tips.groups, strict=True):
             points = frames.points(patch, np.full(len(patch), group))
             distances = self.grid.distance(points.reshape(-1, 3))[0].reshape(points.shape[:2])
             centres.append(points[np.arange(len(points)), np.argmin(distances, axis=1)])
-        return self._contacts(np.stack(centres, axis=1))
+        nearest = np.stack(centres, axis=1)
+        nearest[:, tips.flat] = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
+        result = self._contacts(nearest)
+        for _ in range(3 if len(tips.flat) else 0):
+            pads = self._pads(frames, result)
+            step = -np.linalg.solve(pads.stiffness, pads.slopes[..., None])[..., 0]
+            places = np.clip(pads.places + step, -tips.halves, tips.halves)
+            middles = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
+            nearest[:, tips.flat] = middles + np.einsum("bfa,bfax->bfx", places, pads.sides)
+            result = self._contacts(nearest)
+        return result
+
+    def _pads(self, frames: Frames, touch: Touch, pull: float = 1.0) -> Pads:
+        """Return where flat fingertips touch, as minima over the pad of the distance and ``pull`` / 2 times the square
+        of that from its middle, 1 / m, which decides on a flat face.
+        """
+        tips = self.shapes.tips
+        groups = tips.groups[tips.flat]
+        sides = np.stack([frames.directions(tips.across[:, axis], groups) for axis in range(2)], axis=2)
+        offsets = touch.centres[:, tips.flat] - frames.points(tips.at[tips.flat], groups)
+        places = np.einsum("bfax,bfx->bfa", sides, offsets)
+        slopes = np.einsum("bfax,bfx->bfa", sides, touch.normals[:, tips.flat]) + pull * places
+        stiffness = sides @ touch.turning[:, tips.flat] @ sides.transpose(0, 1, 3, 2) + pull * np.eye(2)
+        return Pads(sides, places, slopes, stiffness)
+
+    def _with_rolling(self, frames: Frames, touch: Touch, motion: FloatArray) -> FloatArray:
+        """Return the motion (b, k, 3, n) of contacts' centres by the twist, with the rolling of flat fingertips.
+
+        A contact stays where the distance over the pad is least, as far as the pad reaches.
+        """
+        tips = self.shapes.tips
+        if not len(tips.flat):
+            return motion
+        pads, result, flat = self._pads(frames, touch), motion.copy(), tips.flat
+        at_end = (np.abs(pads.places) > tips.halves - 1e-9) & (pads.places * pads.slopes < 0.0)
+        stiffness = pads.stiffness + 1e6 * at_end[..., None] * np.eye(2)
+        which, tip = np.repeat(np.arange(len(motion)), len(flat)), np.tile(flat, len(motion))
+        rates = pads.sides @ touch.turning[:, flat] @ motion[:, flat]
+        for axis in range(2):
+            turned = np.cross(pads.sides[:, :, axis], touch.normals[:, flat]).reshape(-1, 3)
+            rates[:, :, axis] += frames.turning_rows(turned, tips.groups[tip], which).reshape(*rates.shape[:2], -1)
+        result[:, flat] -= pads.sides.transpose(0, 1, 3, 2) @ np.linalg.solve(stiffness, rates)
+        return result
 
     def _contacts(self, centres: FloatArray, steps: int = 4) -> Touch:
         """Return the contacts of balls with centres (b, k, 3).
@@ -194,7 +259,7 @@ class RaceSteps:
         frames = self.shapes.links.frames(state)
         touch = self.touch(frames)
         (count, k), pivot = touch.gaps.shape, touch.centres.mean(axis=1)
-        motion = frames.motions(touch.centres, self.shapes.tips.groups, pivot)
+        motion = self._with_rolling(frames, touch, frames.motions(touch.centres, self.shapes.tips.groups, pivot))
         cuts, ratios = self._weakest(touch, known)
         by_point, by_normal = self._support_slopes(touch, cuts)
         by_centre = np.einsum("bmky,bkyx->bmkx", by_point, touch.by_centre)
@@ -311,7 +376,7 @@ class RaceSteps:
         values.append((lengths - shapes.apart)[which, pair])
         owners.append(which)
         # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
-        limited = np.flatnonzero((tips.cosines > -1.0) & ~tips.flat)
+        limited = np.setdiff1d(np.flatnonzero(tips.cosines > -1.0), tips.flat)
         which, tip = np.repeat(np.arange(len(pivot)), len(limited)), np.tile(limited, len(pivot))
         facing, n = frames.directions(tips.facing, tips.groups)[which, tip], -touch.normals[which, tip]
         turning = frames.turning_rows(np.cross(facing, n), tips.groups[tip], which)
@@ -320,11 +385,10 @@ class RaceSteps:
         values.append(0.01 * (np.sum(facing * n, axis=1) - tips.cosines[tip]))
         owners.append(which)
         # flat tips along the surface: sines of their angles count as cosines do
-        flat = np.flatnonzero(tips.flat)
-        across = tips.across[flat].transpose(1, 0, 2)
+        across = tips.across.transpose(1, 0, 2)
         for direction in (*across, *-across):
-            which, tip = np.repeat(np.arange(len(pivot)), len(flat)), np.tile(flat, len(pivot))
-            side = frames.directions(direction, tips.groups[flat]).reshape(-1, 3)
+            which, tip = np.repeat(np.arange(len(pivot)), len(tips.flat)), np.tile(tips.flat, len(pivot))
+            side = frames.directions(direction, tips.groups[tips.flat]).reshape(-1, 3)
             n = -touch.normals[which, tip]
             turning = frames.turning_rows(np.cross(side, n), tips.groups[tip], which)
             turning -= np.einsum("ix,ixy,iyn->in", side, touch.turning[which, tip], motion[which, tip])
