@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
 
@@ -89,27 +89,6 @@ class ConstraintValues:
             rows, columns = self._row_function.jac_sparsity(0, i).get_triplet()
             result[rows, np.array(columns, dtype=int) // space if i < 2 else k] = True
         return result
-
-    def user_violation_sums(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the summed violation of the user's inequalities at each placement, relative to their scales, (b,)."""
-        users = {index for indices in self.sources[: len(self.problem.constraints)] for index in indices}
-        return self.violation_sums(points, normals, hand, users) if users else np.zeros(len(points))
-
-    def violation_sums(
-        self, points: FloatArray, normals: FloatArray, hand: Values, indices: Collection[int] | None = None
-    ) -> FloatArray:
-        """Return the summed violation of inequalities at each placement, relative to their scales, (b,).
-
-        The inequalities are those with some ``indices``, by default all.
-        """
-        values = self.values(points, normals, hand)
-        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper and (indices is None or i in indices)]
-        lower, upper, scale = (
-            np.array([getattr(self.named[i], key) for i in rows]) for key in ("lower", "upper", "scale")
-        )
-        return np.asarray(
-            np.sum(np.maximum(np.maximum(lower - values[:, rows], values[:, rows] - upper), 0.0) / scale, axis=1)
-        )
 
     @cached_property
     def clearances(self) -> IntArray:

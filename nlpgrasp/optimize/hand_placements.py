@@ -55,7 +55,8 @@ def placements(
 ) -> list[HandState]:  # fmt: skip
     """Return ``keep`` postures of each kind nearly in contact with the body, of ``count`` drawn ones in all."""
     kinds = [_around(library["ball"], places, count // 2, rng), _across(library["slab"], places, count // 2, rng)]
-    if limits or compiled.hand_functions.linked_hand.count == 2:  # whose openings tell little of where they may be
+    # where limits or two contacts leave few placements, or no posture fits the body
+    if limits or compiled.hand_functions.linked_hand.count == 2 or not any(map(len, kinds)):
         kinds.append(_onto_free_grasps(compiled, rng))
     shapes, grid = compiled.hand_shapes, compiled.distance_grid
     return [_screened(shapes, grid, solids, limits, state, keep) for state in kinds]
@@ -161,7 +162,10 @@ def in_contact(
         points = np.concatenate([centres, lowest], axis=1)
         groups = np.concatenate([np.broadcast_to(tips.groups, centres.shape[:2]), few.groups[deepest]], axis=1)
         parts = [grid.distance(centres.reshape(-1, 3)), solids.distance(lowest.reshape(-1, 3))]
-        values, slopes = (np.concatenate([p.reshape(count, -1, *p.shape[1:]) for p in pair], axis=1) for pair in zip(*parts, strict=True))
+        values, slopes = (
+            np.concatenate([p.reshape(count, -1, *p.shape[1:]) for p in pair], axis=1)
+            for pair in zip(*parts, strict=True)
+        )
         which = np.repeat(np.arange(count), points.shape[1])
         pivot = centres.mean(axis=1)
         J = scale * frames.rows(points.reshape(-1, 3), groups.ravel(), slopes.reshape(-1, 3), pivot, which)

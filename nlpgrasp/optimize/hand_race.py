@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray, IntArray
-from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.candidate import GraspCandidate
@@ -21,7 +20,6 @@ from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
 from nlpgrasp.optimize.hand_postures import overhang, posture_library
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import Racer, RaceSteps
-from nlpgrasp.problem.problem import GraspProblem
 
 
 @dataclass(frozen=True)
@@ -43,20 +41,15 @@ class Round:
 ROUNDS = Round(80, 3, 0.03), Round(32, 4, 0.05), Round(16, 6, 0.1), Round(8, 10, 0.3), Round(4, 20, 0.6)
 
 
-def can_race(problem: GraspProblem) -> bool:
-    """Return whether a race finds candidates for a problem's hand: one with links and a pose."""
-    return isinstance(problem.hand, URDFHand)
-
-
 def raced_candidates(
     compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 120
 ) -> list[GraspCandidate]:
-    """Return the best ``count`` candidates of a race, the best first; none where no posture fits the body's size.
+    """Return the best ``count`` candidates of a race, the best first, at least one.
 
     Parameters
     ----------
     compiled : CompiledProblem
-        Of a problem that ``can_race``.
+        Of a problem with a hand that has a pose.
     rng : numpy.random.Generator
     count : int
     drawn, kept : int
@@ -71,8 +64,6 @@ def raced_candidates(
     steps = RaceSteps(compiled.problem, shapes, grid, budget, limits, rng)
     kinds = placements(compiled, posture_library(shapes), places, steps.solids, limits, drawn, kept, rng)
     state = HandState.joined(kinds)
-    if not len(state):
-        return []
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
     racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, ROUNDS[0].racers)
     for round_ in ROUNDS:

@@ -122,11 +122,17 @@ class RaceLimits:
     def __init__(self, compiled: CompiledProblem, least_cosine: float = 0.95) -> None:
         rows, problem = compiled.rows, compiled.problem
         self._slides = compiled.hand_functions.linked_hand.tree.initial_slides
-        spheres = {f"{link}/{i}" for link, fit in compiled.hand_functions.linked_hand.fits.items() for i in range(len(fit.radii))}
+        spheres = {
+            f"{link}/{i}"
+            for link, fit in compiled.hand_functions.linked_hand.fits.items()
+            for i in range(len(fit.radii))
+        }
         users = [i for source in rows.sources[: len(problem.constraints)] for i in source]
         users = [i for i in users if rows.named[i].link not in spheres]  # solids keep links away
         self._rows, self._indices = rows, users
-        self._lower, self._upper = (np.array([getattr(rows.named[i], end) for i in users]) for end in ("lower", "upper"))
+        self._lower, self._upper = (
+            np.array([getattr(rows.named[i], end) for i in users]) for end in ("lower", "upper")
+        )
         self._units: FloatArray | None = None
         self._least_cosine = least_cosine
         every = problem.body.face_names

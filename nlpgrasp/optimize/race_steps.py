@@ -191,8 +191,18 @@ class RaceSteps:
         return result
 
     def _pads(self, frames: Frames, touch: Touch, pull: float = 1.0) -> Pads:
-        """Return where flat fingertips touch, as minima over the pad of the distance and ``pull`` / 2 times the square
-        of that from its middle, 1 / m, which decides on a flat face.
+        """Return where flat fingertips touch, as minima of the distance over each pad.
+
+        To the distance ``pull`` / 2 times the square of that from the pad's middle is added, which decides on a flat
+        face.
+
+        Parameters
+        ----------
+        frames : Frames
+        touch : Touch
+            With the contacts' present places.
+        pull : float
+            One over metres.
         """
         tips = self.shapes.tips
         groups = tips.groups[tips.flat]
