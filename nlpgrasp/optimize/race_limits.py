@@ -109,8 +109,9 @@ class RaceLimits:
     """Evaluator of the limits of a problem: what must not be negative, in lengths, with derivatives by the twist.
 
     A contact has to be near a sample of the faces that it may use, with about its normal: off the edges between faces,
-    which the smooth surface rounds. A constraint's value is divided by its slope along the unit of motion, a metre or the turn that moves a point at
-    60 mm by it, in the median of some postures, so that it counts as a length whatever its unit.
+    which the smooth surface rounds. A constraint's value is divided by its slope along the unit of motion, a metre or
+    the turn that moves a point at 60 mm by it, in the median of some postures, so that it counts as a length whatever
+    its unit.
 
     Parameters
     ----------
