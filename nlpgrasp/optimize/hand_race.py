@@ -66,9 +66,10 @@ def raced_candidates(
     state = HandState.joined(kinds)
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
     racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, ROUNDS[0].racers)
+    longer = 1 + len(compiled.problem.models) // 6  # many contacts take more steps to touch
     for round_ in ROUNDS:
         price = 1e3 * round_.price * steps.unit
-        racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], round_.steps, price)
+        racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], longer * round_.steps, price)
     return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
 
 

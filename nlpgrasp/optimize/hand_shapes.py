@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from nlpgrasp.common.cache import cached_arrays
+from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
@@ -88,7 +89,7 @@ class TipBalls:
         ]
         groups, radii = [links.group[link] for link, _ in hand.tips], [tip.posing_radius for _, tip in hand.tips]
         standoffs = np.array([tip.standoff for _, tip in hand.tips])
-        patches = [tip.backbone if tip.standoff > 0.0 else tip.surface().vertices for _, tip in hand.tips]
+        patches = [tip.backbone if tip.standoff > 0.0 else _filled(tip.surface()) for _, tip in hand.tips]
         patches = [p @ pose[:3, :3].T + pose[:3, 3] for p, pose in zip(patches, poses, strict=True)]
         balls = np.array(at), np.array(groups), np.array(radii)
         flat = [i for i, (_, tip) in enumerate(hand.tips) if isinstance(tip, FlatTip)]
@@ -232,6 +233,15 @@ class HandShapes:
         lowest = order[np.any(np.diff(keys, axis=1, prepend=-1), axis=0)]
         lowest = lowest[value[lowest] < reach]
         return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
+
+
+def _filled(patch: Triangles, spacing: float = 4e-3) -> FloatArray:
+    """Return the vertices of a patch, and points of its triangles that are larger than ``spacing``, metres."""
+    import trimesh
+
+    points = trimesh.remesh.subdivide_to_size(patch.vertices, patch.faces, spacing)[0]
+    _, first = np.unique(np.round(points / 1e-5), axis=0, return_index=True)
+    return np.asarray(points[np.sort(first)])
 
 
 def _surface(shapes: Sequence[CollisionShape], spacing: float) -> dict[str, FloatArray]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.added_clearance import AddedClearance
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -110,15 +111,19 @@ def _best_of_candidates(
     # hand poses are scored under the L2 budget
     comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
-    refinement = _Refinement(compiled, index, origin, deadline, clock)
+    refinement, results = _Refinement(compiled, index, origin, deadline, clock), list[StartGrasp]()
     if not compiled.follows_contacts:
         clock.mark("propose")
         values = [weakest_directions_of(comparing, raced, rng).value for raced in proposed]
         links = [points_near_body(compiled, raced) for raced in proposed]
         scored = [ScoredCandidate(*parts) for parts in zip(proposed, values, links, strict=True)]
-        return _best_of_results(refinement.best_first(sorted(scored, key=lambda raced: -raced.score)))
+        scored.sort(key=lambda raced: -raced.score)
+        results = refinement.best_first(scored)
+        if not any(result.record.has_grasp for result in results) and not deadline.should_stop():
+            results += refinement.best_first([replace(raced, links=LinkConstraints()) for raced in scored])
+        return _best_of_results(results)
     clock.mark("propose")
-    results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
+    unpromising, initial_effort = list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
     batch = list[ScoredCandidate]()
     for count, initial in enumerate(initial_grasps, 1):
