@@ -62,7 +62,7 @@ def placements(
     return [_screened(shapes, grid, solids, limits, state, keep) for state in kinds]
 
 
-def _onto_free_grasps(compiled: CompiledProblem, rng: np.random.Generator, most: int = 12) -> HandState:
+def _onto_free_grasps(compiled: CompiledProblem, rng: np.random.Generator, most: int = 40) -> HandState:
     """Return postures whose fingertips are near the contacts of good grasps without a hand, ``most`` for each."""
     free, hand = compiled.handless_variant, compiled.hand_functions.linked_hand
     search = CoordinateExchange(free, free.sample_tables, rng)

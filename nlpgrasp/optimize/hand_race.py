@@ -65,11 +65,15 @@ def raced_candidates(
     kinds = placements(compiled, posture_library(shapes), places, steps.solids, limits, drawn, kept, rng)
     state = HandState.joined(kinds)
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
-    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, ROUNDS[0].racers)
+    wider = 1.6 if limits else 1.0  # for placements that keep limits are few
+    entrants = round(wider * ROUNDS[0].racers)
+    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, entrants)
     longer = 1 + len(compiled.problem.models) // 6  # many contacts take more steps to touch
     for round_ in ROUNDS:
         price = 1e3 * round_.price * steps.unit
-        racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], longer * round_.steps, price)
+        racers = steps.advance(
+            _best(racers, price)[: max(round(wider * round_.racers), count)], longer * round_.steps, price
+        )
     return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
 
 

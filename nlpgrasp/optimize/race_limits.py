@@ -77,7 +77,7 @@ class Solids:
     def __init__(self, grid: DistanceGrid, others: Distance, box: FloatArray, count: int = 48) -> None:
         self._grid, self._others, self.spacing = grid, others, grid.spacing
         self._corner, self._step = box[0], (box[1] - box[0]) / (count - 1)
-        axes = [np.linspace(*ends, count) for ends in box.T]
+        axes = [np.linspace(low, high, count) for low, high in box.T]
         coarse = others(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
         self._coarse = coarse.reshape(count, count, count)
 
@@ -120,7 +120,7 @@ class RaceLimits:
         Between a contact's normal and that of the nearest sample.
     """
 
-    def __init__(self, compiled: CompiledProblem, least_cosine: float = 0.95) -> None:
+    def __init__(self, compiled: CompiledProblem, least_cosine: float = 0.985) -> None:
         rows, problem = compiled.rows, compiled.problem
         self._slides = compiled.hand_functions.linked_hand.tree.initial_slides
         spheres = {
@@ -134,7 +134,7 @@ class RaceLimits:
         self._lower, self._upper = (
             np.array([getattr(rows.named[i], end) for i in users]) for end in ("lower", "upper")
         )
-        self._units: FloatArray | None = None
+        self._units = np.zeros(0)  # of the constraints, from the first postures
         self._least_cosine = least_cosine
         every = problem.body.face_names
         kept = [i for i in range(len(problem.models)) if len(every) > 1 or problem.allowed_faces(i) != every]
@@ -151,7 +151,7 @@ class RaceLimits:
     def lacks(self, contacts: PosedContacts) -> FloatArray:
         """Return the summed violations of each posture, (b,), metres."""
         which, values, _ = self.rows(contacts)
-        return np.bincount(which, np.maximum(-values, 0.0), len(contacts.points))
+        return np.asarray(np.bincount(which, np.maximum(-values, 0.0), len(contacts.points)), dtype=float)
 
     def rows(self, contacts: PosedContacts) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return postures (n,), values (n,), metres, and derivatives by the twist (n, 6 + m) of all limits."""
@@ -197,7 +197,7 @@ class RaceLimits:
         inputs[:, end + 4 : end + 7, 3:6] = 0.5 * (w[:, None, None] * np.eye(3) - _cross(v))
         inputs[:, end + 7 : end + 1 + size, 6:] = np.eye(size - 6)
         by_twist = by_inputs.reshape(count, -1, width) @ inputs
-        if self._units is None:
+        if not len(self._units):
             scaled = by_twist * np.concatenate([np.ones(3), np.full(size - 3, 1.0 / 0.06)])
             self._units = np.maximum(np.median(np.max(np.abs(scaled), axis=2), axis=0), NOTHING)
         return values.reshape(count, -1), by_twist
