@@ -11,13 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import HandState
+from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
-from nlpgrasp.optimize.hand_postures import overhang, posture_library
+from nlpgrasp.optimize.hand_postures import Postures, overhang, posture_library
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import Racer, RaceSteps
 
@@ -56,13 +58,16 @@ def raced_candidates(
         Postures placed about the body at random; those of each kind that are moved into contact.
     """
     shapes, grid = compiled.hand_shapes, compiled.distance_grid
-    cloud = compiled.surface.cloud(0)
-    chosen = rng.integers(len(cloud.points), size=1500)
-    places = BodyPlaces.of(compiled.problem.body, grid, cloud.points[chosen], -cloud.normals[chosen])
+    clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
+    points, normals = (np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ("points", "normals"))
+    chosen = rng.integers(len(points), size=1500)
+    places = BodyPlaces.of(compiled.problem.body, grid, points[chosen], -normals[chosen])
     budget = (compiled.l2_variant or compiled).screening_budget
     limits = RaceLimits(compiled)
     steps = RaceSteps(compiled.problem, shapes, grid, budget, limits, rng)
-    kinds = placements(compiled, posture_library(shapes), places, steps.solids, limits, drawn, kept, rng)
+    library = posture_library(shapes)
+    _warn_of_openings(compiled, library, places)
+    kinds = placements(compiled, library, places, steps.solids, limits, drawn, kept, rng)
     state = HandState.joined(kinds)
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
     wider = 1.6 if limits else 1.0  # for placements that keep limits are few
@@ -75,6 +80,21 @@ def raced_candidates(
             _best(racers, price)[: max(round(wider * round_.racers), count)], longer * round_.steps, price
         )
     return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
+
+
+def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
+    """Warn once of fingertips that no posture opposes, and of a body that is thicker than any opening everywhere."""
+    tree = compiled.hand_functions.linked_hand.tree
+    if all(np.max(postures.scores, initial=0.0) <= 0.0 for postures in library.values()):
+        nearest = min(opposition(tree, tree.joint_limits.mean(axis=0)).pairs, key=lambda pair: pair.opposed)
+        names = " and ".join(tree.tips[i][0] for i in nearest.fingers)
+        apart = f"face to face {names} come within {1e3 * nearest.opposed:.3g} mm at best"
+        warn_once(f"URDFHand.fingertips: no posture was found in which the fingertips oppose each other; {apart}")
+    opening = 2.0 * max(float(np.max(postures.radii, initial=0.0)) for postures in library.values())
+    thickness = float(np.min(places.thickness))
+    if thickness > 1.1 * opening:
+        text = f"at least {1e3 * thickness:.3g} mm thick, and the hand opens to {1e3 * opening:.3g} mm"
+        warn_once(f"GraspProblem.body: {text}: no posture was found that holds it from two sides")
 
 
 def points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> LinkConstraints:

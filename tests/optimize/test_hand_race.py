@@ -121,6 +121,13 @@ def test_the_same_seed_gives_the_same_candidates():
         np.testing.assert_array_equal(a.hand["joints"], b.hand["joints"])
 
 
+def test_a_body_larger_than_any_opening_is_said():
+    with pytest.warns(UserWarning, match="reach 0.188 m"):
+        compiled = compiled_problem(ng.Sphere(0.5))
+    with pytest.warns(UserWarning, match=r"at least .* mm thick, and the hand opens to 1\d\d mm: no posture was found"):
+        raced_candidates(compiled, np.random.default_rng(0), 1)
+
+
 def test_derivatives_of_the_problems_constraints_by_the_twist():
     """Of contacts, normals, palm and joints, by central differences along random twists."""
 
