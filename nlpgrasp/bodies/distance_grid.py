@@ -35,11 +35,14 @@ class DistanceGrid:
         self._strides = np.array([self._shape[1] * self._shape[2], self._shape[2], 1])
         axes = [self._corner[i] + self.spacing * np.arange(self._shape[i]) for i in range(3)]
         edges, smooth = body.edge_distance_on_grid(axes), body.smooth_distance_on_grid(axes)
-        slopes = np.gradient(smooth, self.spacing)
-        curvatures = [part for slope in slopes for part in np.gradient(slope, self.spacing)]
         self._values: Field = body.distance_on_grid(axes).astype(np.float32).ravel()
         self._edges: Field | None = None if edges is None else edges.astype(np.float32).ravel()
-        self._smooth: Field = np.stack([smooth, *slopes, *curvatures], axis=-1).astype(np.float32).reshape(-1, 13)
+        self._smooth: Field = np.empty((smooth.size, 13), dtype=np.float32)  # value, slopes, curvatures
+        self._smooth[:, 0] = smooth.ravel()
+        for i, slope in enumerate(np.gradient(smooth, self.spacing)):
+            self._smooth[:, 1 + i] = slope.ravel()
+            for j, curvature in enumerate(np.gradient(slope, self.spacing)):
+                self._smooth[:, 4 + 3 * i + j] = curvature.ravel()
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """Return the distance at the grid point nearest to each point (..., 3), metres: quick, and off by a cell."""

@@ -9,7 +9,8 @@ roots of E6 have inradius 0.612, and together with the 54 minimal vectors of the
 from __future__ import annotations
 
 import itertools
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -96,7 +97,8 @@ def directions_inradius(dimension: int, shells: int = 1) -> float:
     return float(np.min(-ConvexHull(points).equations[:, -1]))
 
 
-def e6_shells() -> list[FloatArray]:
+@cache
+def e6_shells() -> tuple[FloatArray, FloatArray]:
     """Return the 72 roots of E6 and the 54 minimal vectors of its dual lattice, (72, 6) and (54, 6).
 
     The E6 roots are the E8 roots orthogonal to an A2 subsystem; projecting the other E8 roots onto that complement
@@ -111,7 +113,7 @@ def e6_shells() -> list[FloatArray]:
     projected = roots[~orthogonal] @ complement.T
     length = np.linalg.norm(projected, axis=1)
     dual = np.unique(np.round(projected[length > 1e-6], 9), axis=0)
-    return [roots[orthogonal] @ complement.T, dual]
+    return roots[orthogonal] @ complement.T, dual
 
 
 def _e8_roots() -> FloatArray:
@@ -167,7 +169,7 @@ def _icosahedral() -> list[FloatArray]:
     return [icosahedron, dodecahedron]
 
 
-_FAMILIES = {
+_FAMILIES: dict[int, Callable[[], Sequence[FloatArray]]] = {
     1: _directions_on_line,
     2: _circle,
     3: _icosahedral,

@@ -100,6 +100,8 @@ class BranchAndBound:
         """Return an independent copy of the search, on the same problem."""
         problem = self.scope.problem
         shared = [problem, problem.body, problem.task, *problem.models, *problem.constraints]
+        for group in self.scope.contact_cells:
+            shared += group.fixed_parts
         return deepcopy(self, {id(part): part for part in shared})
 
     def update_incumbent(self, mu: float, weak: FloatArray | None = None) -> None:

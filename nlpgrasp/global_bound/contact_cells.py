@@ -71,6 +71,11 @@ class ContactCells:
         allowed_cells = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
         self.roots = tuple(self._add(cell, NONE) for cell in _bundle(allowed_cells, roots.level, size))
 
+    @property
+    def fixed_parts(self) -> list[object]:
+        """Parts that no split changes, which copies of the search share."""
+        return []
+
     def _add(self, cell: SurfaceCell, parent: int) -> int:
         self.cells.append(cell)
         self.parents.append(parent)
@@ -121,6 +126,12 @@ class ContactClusters(ContactCells):
     ) -> None:
         super().__init__(contact_indices, roots, allowed, supports, size)
         self.roots = self.roots and (1,)
+
+    @property
+    def fixed_parts(self) -> list[object]:
+        """Cluster tree and rows of the whole mesh: a split adds none."""
+        supports = self.supports
+        return [self.clusters, supports.points, supports.normals, supports.maps]
 
     @property
     def clusters(self) -> ClusterTree:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -104,7 +104,9 @@ class CollisionShape:
         """Return a box with the pose (4, 4)."""
         import trimesh
 
-        mesh = trimesh.creation.box(size, transform=pose)
+        cube = _unit_cube()
+        vertices = (cube.vertices * size) @ pose[:3, :3].T + pose[:3, 3]
+        mesh = trimesh.Trimesh(vertices, cube.faces, process=False)
         return cls("box", mesh, size=tuple(map(float, size)), pose=pose)
 
     @property
@@ -148,3 +150,11 @@ class CollisionShape:
     @cached_property
     def _tree(self) -> SearchTree:
         return SearchTree(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+
+
+@cache
+def _unit_cube() -> trimesh.Trimesh:
+    """Return the cube of unit sides about the origin."""
+    import trimesh
+
+    return trimesh.creation.box()

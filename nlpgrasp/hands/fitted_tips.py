@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from nlpgrasp.common.cache import cached_arrays
+from nlpgrasp.common.cache import Arrays, cached_arrays
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.closed_linkages import closed_linkages, random_joints
@@ -60,7 +60,8 @@ def fit_hull_tips(robot: Robot, links: Sequence[str], others: Sequence[str] = ()
     ends = {link: _LinkEnd(robot, link) for link in links}
     centres = {link: end.centre for link, end in ends.items()} | {link: np.zeros(3) for link in others}
     towards_others = _directions_to_others(robot, centres) if links else {}
-    return {link: end.hull_tip(towards_others[link]) for link, end in ends.items()}
+    patches: dict[bytes, Arrays] = {}  # fingers are often alike
+    return {link: end.hull_tip(towards_others[link], patches) for link, end in ends.items()}
 
 
 class _LinkEnd:
@@ -85,6 +86,8 @@ class _LinkEnd:
         direction = self.group.mean(axis=0) - frame[:3, 3]
         length = float(np.linalg.norm(direction))
         self.direction = direction / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])  # about its joint alike
+        vertices = [_hull_corners(points) for points in vertices]
+        self.group = np.concatenate(vertices)
         farthest = int(np.argmax([np.max(points @ self.direction) for points in vertices]))
         self.cut = _long_side(*self.shapes[farthest], self.direction)
         self.centre = self._cut_end(vertices[farthest]).mean(axis=0)
@@ -100,11 +103,11 @@ class _LinkEnd:
         if moved is not None:  # the last joint's own motion would open a linkage
             (self.motion, self.slides), self.closing = moved, 0.0
 
-    def hull_tip(self, towards_others: FloatArray) -> HullTip:
+    def hull_tip(self, towards_others: FloatArray, patches: dict[bytes, Arrays]) -> HullTip:
         """Return the hull fingertip of the link's end.
 
         Its patch faces between the link's direction and the closing motion, which is that of the last joint towards the
-        other fingertips.
+        other fingertips. ``patches`` are those of other ends, by what they are made from.
         """
         distance = max(float(np.linalg.norm(towards_others)), 1e-12)
         closes = self.motion @ towards_others / distance + self.closing >= 0.0
@@ -119,8 +122,12 @@ class _LinkEnd:
             raise InputError(f"URDFHand.fingertips[{self.name!r}]", given, "the link that is outside")
         shapes = [part for shape, T in self.shapes for part in (shape.content, T)]
         covers = [part for shape, T in self.covers for part in (shape.content, T)]
-        inputs = [*shapes, b"covered by", *covers, self.cut, normals, str(self.slides).encode()]
-        arrays = cached_arrays("fingertips", inputs, lambda: self._best_patch(normals))
+        directions = np.round([self.cut, *normals], 9) + 0.0
+        inputs = [*shapes, b"covered by", *covers, directions, str(self.slides).encode()]
+        key = b"".join(part if isinstance(part, bytes) else part.tobytes() for part in inputs)
+        if key not in patches:
+            patches[key] = cached_arrays("fingertips", inputs, lambda: self._best_patch(normals))
+        arrays = patches[key]
         return HullTip(arrays["points"], arrays["facing"], float(arrays["angle"]), ROUNDING)
 
     def _best_patch(self, normals: FloatArray) -> dict[str, FloatArray]:
@@ -216,6 +223,14 @@ def _depths(shapes: Sequence[tuple[CollisionShape, FloatArray]], points: FloatAr
     return np.reshape(depths, (len(shapes), len(points)))
 
 
+def _hull_corners(points: FloatArray) -> FloatArray:
+    """Return the corners of the convex hull of points (n, 3); flat and few points as they are."""
+    try:
+        return points if len(points) <= 64 else np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        return points
+
+
 def _long_side(shape: CollisionShape, transform: FloatArray, direction: FloatArray) -> FloatArray:
     """Return the direction of a box's longest side if nearly along the link, else the link's direction, unit."""
     if shape.kind != "box" or shape.pose is None:
@@ -286,16 +301,14 @@ def _end_piece(corners: FloatArray, direction: FloatArray, length: float) -> Flo
 
 def supporting_points(corners: FloatArray, normals: FloatArray, most: int) -> FloatArray:
     """Return at most ``most`` corners that nearly keep the support function along normals (m, 3)."""
-    heights = normals @ corners.T
-    support = heights.max(axis=1)
-    chosen = [int(np.argmax(heights[0]))]
-    best = heights[:, chosen[0]]
-    while len(chosen) < most:
+    farthest = np.concatenate([np.argmax(part @ corners.T, axis=1) for part in np.array_split(normals, 16)])
+    support = np.einsum("mx,mx->m", normals, corners[farthest])
+    chosen, best = list[int](), np.full(len(normals), -np.inf)
+    worst = 0
+    while len(chosen) < most and support[worst] - best[worst] > FIT:
+        chosen.append(int(farthest[worst]))
+        best = np.maximum(best, normals @ corners[chosen[-1]])
         worst = int(np.argmax(support - best))
-        if support[worst] - best[worst] <= FIT:
-            break
-        chosen.append(int(np.argmax(heights[worst])))
-        best = np.maximum(best, heights[:, chosen[-1]])
     return np.asarray(corners[chosen])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
-from nlpgrasp.hands.robot import Robot, joint_motion
+from nlpgrasp.hands.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,13 @@ class MovingLinks:
         self.group, self.pose = group, pose  # of each link: its group, and its pose there
         self.axes = np.array([joint.axis for joint in moving])
         self.slides = np.array([not joint.is_revolute for joint in moving])
+        self._motions = np.zeros((2, len(moving), 3, 4))
+        for i, axis in enumerate(self.axes):
+            turning, cross = self.frame[i, :3, :3], np.cross(axis, np.eye(3)).T  # cross @ v is axis x v
+            if self.slides[i]:
+                self._motions[0, i, :, 3] = turning @ axis
+            else:
+                self._motions[:, i, :, :3] = turning @ cross, turning @ cross @ cross
         self.coupling, self.offset = np.zeros((len(moving), len(free))), np.zeros(len(moving))
         for i, joint in enumerate(moving):
             driver, self.coupling[i, free[driver]], self.offset[i] = robot.driving_joint(joint)
@@ -94,14 +101,16 @@ class MovingLinks:
 
     def frames(self, state: HandState) -> Frames:
         """Return the frames of all groups in the postures."""
-        positions = state.joints @ self.coupling.T + self.offset
+        positions = (state.joints @ self.coupling.T + self.offset)[..., None, None]
+        # frame times motion is A + B sin q + C (1 - cos q) of a turning joint, A + B q of a sliding one
+        first = np.where(self.slides[:, None, None], positions, np.sin(positions))
+        local = self.frame[:, :3] + first * self._motions[0] + (1.0 - np.cos(positions)) * self._motions[1]
         R = np.empty((len(state), len(self.parent) + 1, 3, 3))
         t = np.empty((len(state), len(self.parent) + 1, 3))
         R[:, 0], t[:, 0] = state.rotation, state.position
         for i, parent in enumerate(self.parent):
-            local = self.frame[i] @ joint_motion(bool(self.slides[i]), self.axes[i], positions[:, i])
-            R[:, i + 1] = R[:, parent] @ local[:, :3, :3]
-            t[:, i + 1] = t[:, parent] + turned(R[:, parent], local[:, :3, 3])
+            moved = R[:, parent] @ local[:, i]
+            R[:, i + 1], t[:, i + 1] = moved[..., :3], t[:, parent] + moved[..., 3]
         return Frames(self, R, t)
 
 
@@ -120,6 +129,10 @@ class Frames:
     links: MovingLinks
     R: FloatArray
     t: FloatArray
+
+    def of(self, chosen: IntArray) -> Frames:
+        """Return the frames of some of the postures."""
+        return Frames(self.links, self.R[chosen], self.t[chosen])
 
     @cached_property
     def _axes(self) -> FloatArray:

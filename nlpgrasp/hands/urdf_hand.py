@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, NoReturn
@@ -60,36 +59,11 @@ from nlpgrasp.hands.visible_shapes import visible_warning
 ROUNDING = 1e-9  # metres: rounding tolerance of an overhang
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 SPHERES = 6  # of a link
-SURFACE_POINT, ADDED = "surface point", " (added)"  # in names of added constraints
 POINT_CLEARANCE = 1e-3  # metres: distance from the body of surface points of links without a fingertip
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
-
-
-@dataclass(frozen=True)
-class LinkConstraints:
-    """Constraints on a hand's links beside those of its collision spheres.
-
-    Parameters
-    ----------
-    points : mapping of str to (m, 3) array
-        By link, points of its surface that must be outside the body as well, metres, link frame.
-    pairs : tuple of LinkPair
-        Pairs of links whose spheres are kept apart as well.
-    """
-
-    points: Mapping[str, FloatArray] = field(default_factory=dict)
-    pairs: tuple[LinkPair, ...] = ()
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """Hashable content."""
-        return tuple((link, points.tobytes()) for link, points in self.points.items()), self.pairs
-
-    def __bool__(self) -> bool:
-        return bool(self.points or self.pairs)
 
 
 class URDFHand(LinkedHand):
@@ -112,8 +86,6 @@ class URDFHand(LinkedHand):
         Link and patch of each contact, in the order of the contacts.
     fits : mapping of str to SphereFit
         Collision spheres of each link, with their error.
-    link_constraints : LinkConstraints
-        Constraints on its links beside those of the spheres.
     """
 
     kind: ClassVar[str] = "urdf"
@@ -134,7 +106,6 @@ class URDFHand(LinkedHand):
         if not isinstance(self_collision, bool):
             raise InputError("URDFHand.self_collision", self_collision, "True or False")
         self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
-        self.link_constraints = LinkConstraints()
         if not self.robot.free_joints:
             fixed = ", ".join(j.name for j in self.robot.joints)
             given = f"no movable joints below {self.robot.root}" + (f" (fixed: {fixed})" if fixed else "")
@@ -266,12 +237,6 @@ class URDFHand(LinkedHand):
         result.clearance = number("URDFHand.clearance", clearance)
         return result
 
-    def with_link_constraints(self, constraints: LinkConstraints) -> URDFHand:
-        """Return the same hand with other constraints on its links beside those of the spheres."""
-        result = copy(self)
-        result.link_constraints = constraints
-        return result
-
     def with_limits(self, limits: FloatArray) -> URDFHand:
         """Return the same hand with other limits of its free joints, (2, m)."""
         result = copy(self)
@@ -319,12 +284,10 @@ class URDFHand(LinkedHand):
             rows += self.tree.linkages.rows(variables["joints"])
         if self.self_collision:
             rows += tip_clearance_constraints(self.tree, variables)
-        rows += self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
-        added = self_collision_constraints(self.link_constraints.pairs, placement.spheres, self.tree.span)
-        return rows + [replace(row, part=row.part + ADDED) for row in added]
+        return rows + self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return the links' collision spheres in the body frame; a surface point is one without a radius."""
+        """Return the links' collision spheres in the body frame."""
         poses = self.tree.poses(variables)
         result = []
         for link, fit in self.fits.items():
@@ -332,18 +295,21 @@ class URDFHand(LinkedHand):
             for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
                 position = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
                 result.append(LinkSphere(f"{link}/{i}", position, float(radius), self.clearance))
-        groups = self.robot.rigid_groups
-        with_tip = {groups[link] for link, _ in self.tips}
-        for link, points in self.link_constraints.points.items():
-            least = 0.0 if groups[link] in with_tip else POINT_CLEARANCE
-            for i, point in enumerate(points):
-                position = poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(point))
-                result.append(LinkSphere(f"{link}/{SURFACE_POINT} {i}", position, 0.0, least))
         for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
             if centre is not None:
                 depth = -TIP_DEPTH * tip.standoff
                 result.append(LinkSphere(link, centre, tip.standoff, depth, finger=i))
         return result
+
+    @property
+    def shaped_links(self) -> tuple[str, ...]:
+        """Links with collision shapes."""
+        return tuple(link for link, shapes in self.robot.shapes.items() if shapes)
+
+    def least_clearance(self, link: str) -> float:
+        """Return the least distance of a link's surface from the body, metres: none for links with a fingertip."""
+        groups = self.robot.rigid_groups
+        return 0.0 if groups[link] in {groups[tip] for tip, _ in self.tips} else POINT_CLEARANCE
 
     @cached_property
     def fits(self) -> dict[str, SphereFit]:

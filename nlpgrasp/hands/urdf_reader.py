@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,6 +20,9 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
 from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, raise_invalid
+
+if TYPE_CHECKING:
+    import trimesh
 
 LARGEST_RPY = 4.0 * np.pi  # rad, angle of an origin above which degrees are suspected: exporters round and add turns
 SUSPECTED = 4.0  # rad, whole number from which degrees are suspected: more than half a turn
@@ -95,13 +98,14 @@ def urdf_visible_shapes(path: Path, names: Sequence[str], units: UrdfUnits) -> d
     """
     source, root, _ = _read_links(path)
     units.convert(root)
-    result = {}
+    result: dict[str, tuple[CollisionShape, ...]] = {}
+    meshes: dict[Path, trimesh.Trimesh] = {}
     for element in root.findall("link"):
         name = element.get("name", "")
         visuals = element.findall("visual")
         solid = {_geometry_text(collision) for collision in element.findall("collision")}
         if name in names and not {_geometry_text(visual) for visual in visuals} <= solid:
-            shapes = [_urdf_shape(source, name, visual, []) for visual in visuals]
+            shapes = [_urdf_shape(source, name, visual, [], meshes) for visual in visuals]
             result[name] = tuple(shape for shape in shapes if shape is not None)
     return result
 
@@ -407,10 +411,11 @@ def read_shapes(
     """
     shapes: dict[str, tuple[CollisionShape, ...]] = {}
     missing: list[str] = []
+    meshes: dict[Path, trimesh.Trimesh] = {}
     for name in names:
         link_shapes = []
         for element in links[name].findall("collision"):
-            shape = _urdf_shape(source, name, element, missing)
+            shape = _urdf_shape(source, name, element, missing, meshes)
             if shape is not None:
                 link_shapes.append(shape)
         if link_shapes:
@@ -424,8 +429,10 @@ def read_shapes(
     return shapes, tuple(missing)
 
 
-def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> CollisionShape | None:
-    """Return the shape of a <collision> element; None if the mesh file is missing."""
+def _urdf_shape(
+    source: Path, link: str, element: ET.Element, missing: list[str], meshes: dict[Path, trimesh.Trimesh]
+) -> CollisionShape | None:
+    """Return the shape of a <collision> element; None if the mesh file is missing. ``meshes`` are those read so far."""
     label = f"collision of link {link}"
     origin, geometry = element.find("origin"), element.find("geometry")
     pose = np.eye(4)
@@ -438,7 +445,7 @@ def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]
         allowed = "a sphere, cylinder, capsule, box or mesh"
         raise InputError(f"URDFHand.path: {source.name}", f"{label} with <{tag or 'nothing'}>", allowed)
     if tag == "mesh":
-        return _urdf_mesh_shape(source, link, kind, pose, missing)
+        return _urdf_mesh_shape(source, link, kind, pose, missing, meshes)
     keys = {"sphere": ["radius"], "cylinder": ["radius", "length"], "capsule": ["radius", "length"], "box": ["size"]}
     values = [
         attribute_numbers(source, f"{label}, {key}", kind.get(key) or "missing", np.ones(3 if key == "size" else 1))
@@ -457,8 +464,9 @@ def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]
 
 
 def _urdf_mesh_shape(
-    source: Path, link: str, element: ET.Element, pose: FloatArray, missing: list[str]
-) -> CollisionShape | None:
+    source: Path, link: str, element: ET.Element, pose: FloatArray, missing: list[str],
+    meshes: dict[Path, trimesh.Trimesh],
+) -> CollisionShape | None:  # fmt: skip
     """Return the shape of a <mesh> element; None if the mesh file is missing."""
     import trimesh
 
@@ -472,7 +480,7 @@ def _urdf_mesh_shape(
         given = f"collision of link {link}, scale {scale.tolist()}"
         raise InputError(f"URDFHand.path: {source.name}", given, "a scale that is not zero")
     try:
-        mesh = load_scene(path, process=True).to_mesh()
+        mesh = meshes[path].copy() if path in meshes else load_scene(path, process=True).to_mesh()
     except ImportError as error:
         if path.suffix.lower() == ".dae":
             raise MissingExtraError(f"{source.name}: reading {path.name} (link {link}, pycollada)", "hands") from None
@@ -484,6 +492,7 @@ def _urdf_mesh_shape(
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         missing.append(f"{name} (link {link}: no triangles)")
         return None
+    meshes.setdefault(path, mesh.copy())
     mesh.apply_scale(metres_of_format(path, mesh) or 1.0)
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)

@@ -37,7 +37,13 @@ def visible_gaps(robot: Robot, links: Iterable[str]) -> dict[str, float]:
         visible = read(robot.path, shaped, robot.units)
     except (NlpgraspError, OSError, ET.ParseError):  # a mesh that cannot be read, or a file that is gone by now
         return {}
-    gaps = {link: _gap(visible[link], robot.shapes[link]) for link in shaped if visible.get(link)}
+    gaps, alike = dict[str, float](), dict[bytes, float]()  # fingers are often alike
+    for link in shaped:
+        if visible.get(link):
+            key = b"and".join(shape.fingerprint for shape in (*visible[link], *robot.shapes[link]))
+            if key not in alike:
+                alike[key] = _gap(visible[link], robot.shapes[link])
+            gaps[link] = alike[key]
     return {link: gap for link, gap in gaps.items() if gap > NOTICEABLE}
 
 

@@ -124,8 +124,8 @@ class ProgramFunctions:
     @cached_property
     def _distances(self) -> DistanceConstraints:
         """Clearance constraints on spline distances, at the variables ``x``."""
-        points = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
-        return DistanceConstraints(self.program, points(self._x))
+        points = ca.Function("points", [self.program.z, self.program.theta], [self.program.points], {"cse": True})
+        return DistanceConstraints(self.program, points(self._x, self._p))
 
     @cached_property
     def _rows(self) -> ca.MX:

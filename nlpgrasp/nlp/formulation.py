@@ -27,10 +27,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import Label, ScalarConstraint
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.scalar_constraints import CLEARANCE, Clearance, Label, ScalarConstraint
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import Work
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands import URDFHand
 from nlpgrasp.nlp.blocks import HAND, FaceConstraints
 from nlpgrasp.nlp.program import ForceTemplate, Program
 from nlpgrasp.nlp.scaling import Scaling
@@ -55,6 +57,7 @@ def optimal_grasp_program(
     eliminated: bool = False,
     pieces: bool = False,
     scaled: bool = True,
+    link_points: int = 0,
 ) -> Program:
     """Build the program (3.5-4) with task constraints at ``count`` directions or wrenches (parameters).
 
@@ -71,6 +74,9 @@ def optimal_grasp_program(
         parameters. All weight on the largest piece gives a lower bound, exact where it was chosen.
     scaled : bool
         Whether variables and constraints are in the solver's units (``Scaling``) instead of SI.
+    link_points : int
+        Number of points on each link of a hand, parameters in the link's frame, whose distance from the body is a
+        constraint without limits; see ``Program.with_point_limits``.
     """
     check_transcription(transcription)
     program, scaling = Program(scaled=scaled), Scaling.of(problem)
@@ -89,6 +95,8 @@ def optimal_grasp_program(
     if not surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     _add_reachability_and_hand(program, problem, contacts)
+    if link_points and isinstance(problem.hand, URDFHand):
+        _add_link_points(program, problem.body, problem.hand, link_points)
     if surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     return program
@@ -330,6 +338,20 @@ def _add_reachability_and_hand(program: Program, problem: GraspProblem, contacts
         problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols
     )
     program.constrain_placement(constraints, len(problem.constraints))
+
+
+def _add_link_points(program: Program, body: Body, hand: URDFHand, count: int) -> None:
+    """Add the distances from the body of ``count`` points on each link with shapes, metres, link frame."""
+    poses, begin = hand.tree.poses(program.hand_symbols), len(program.limits[0])
+    for number, link in enumerate(hand.shaped_links):
+        local = ca.reshape(program.parameter("surface points", 3 * count, number), 3, count)
+        points = poses[link][:3, :3] @ local + ca.repmat(poses[link][:3, 3], 1, count)
+        for i, point in enumerate(ca.horzsplit(points)):
+            part = f"{link}, surface point {i}"
+            program.constrain_clearance(
+                Clearance(CLEARANCE, body.distance_function, point, -np.inf, body.size, link=part)
+            )
+    program.link_points = slice(begin, begin + count * len(hand.shaped_links))
 
 
 def has_closed_form(problem: GraspProblem) -> bool:

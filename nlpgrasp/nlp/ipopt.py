@@ -102,14 +102,21 @@ class CompiledProgram:
 
         Arguments as of ``Program.with_hand_bounds``.
         """
-        result = copy(self)
-        result.program = self.program.with_hand_bounds(name, lower, upper)
-        return result
+        return self._with_program(self.program.with_hand_bounds(name, lower, upper))
 
     def with_raised_lower_limits(self, increase: FloatArray) -> CompiledProgram:
         """Return a copy with raised lower limits, without recompilation; see ``Program.with_raised_lower_limits``."""
+        return self._with_program(self.program.with_raised_lower_limits(increase))
+
+    def with_point_limits(self, lower: FloatArray) -> CompiledProgram:
+        """Return a copy with other lower limits of points on links, without recompilation."""
+        return self._with_program(self.program.with_point_limits(lower))
+
+    def _with_program(self, program: Program) -> CompiledProgram:
+        """Return a copy with the limits of another program, which shares the compiled functions."""
+        self._linearised  # noqa: B018  compiled once for all copies
         result = copy(self)
-        result.program = self.program.with_raised_lower_limits(increase)
+        result.program = program
         return result
 
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +14,6 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
@@ -20,6 +21,7 @@ from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_programs import (
+    POINTS,
     CuttingPlaneProgram,
     budget_at,
     closure_budget,
@@ -35,6 +37,24 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 
 FEASIBLE = 1e-5  # feasibility tolerance, relative to a constraint's scale
+
+
+@dataclass(frozen=True)
+class LinkPoint:
+    """Point of a link's surface that is kept outside the body.
+
+    Parameters
+    ----------
+    link : str
+    position : (3,) array
+        Metres, link frame.
+    least : float
+        Least distance from the body, metres.
+    """
+
+    link: str
+    position: FloatArray
+    least: float
 
 
 class CompiledProblem:
@@ -54,6 +74,8 @@ class CompiledProblem:
     surface : SurfaceSamples
     hand_functions : HandFunctions
     cutting_planes : CuttingPlaneProgram
+    point_parameters : (q,) array
+        Positions of the points of links in the program, metres, frames of their links.
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
@@ -66,7 +88,7 @@ class CompiledProblem:
         self._initial_nlps: dict[int, CompiledProgram] = {}  # by the number of task samples
         self._parent: CompiledProblem | None = None  # the problem that this one shares its parts with
         self._program_for_faces: CuttingPlaneProgram | None = None
-        self._with_added: tuple[tuple[object, ...], CompiledProblem] | None = None
+        self.point_parameters = np.zeros(3 * POINTS * len(self.cutting_planes.point_links))
 
     @cached_property
     def link_depths(self) -> PenetrationModel | None:
@@ -178,25 +200,25 @@ class CompiledProblem:
         result.cutting_planes = self.cutting_planes.with_raised_lower_limits(raised)
         return result
 
-    def with_link_constraints(self, added: LinkConstraints) -> CompiledProblem:
-        """Return the compiled problem with constraints on the hand's links beside those of their spheres.
+    def with_link_points(self, points: Sequence[LinkPoint]) -> CompiledProblem:
+        """Return the compiled problem with points of links that are kept outside the body, without recompiling.
 
-        Constraints and programs are compiled anew, once for the same ones.
+        Of each link the program holds the first few points.
         """
-        hand = self.problem.hand
-        if not added or not isinstance(hand, URDFHand):
-            return self
-        if self._with_added is None or self._with_added[0] != added.key:
-            problem = self.problem.unchecked(hand=hand.with_link_constraints(added))
-            result = CompiledProblem(problem, self.options)
-            result.surface, result._parent = self.surface, self
-            self._with_added = added.key, result
-        return self._with_added[1]
+        links = self.cutting_planes.point_links
+        positions, lower = np.zeros((len(links), POINTS, 3)), np.full((len(links), POINTS), -np.inf)
+        for i, link in enumerate(links):
+            for j, point in enumerate([point for point in points if point.link == link][:POINTS]):
+                positions[i, j], lower[i, j] = point.position, point.least / self.scaling.length
+        result = self._share_with(CompiledProblem(self.problem, self.options))
+        result.cutting_planes = self.cutting_planes.with_point_limits(lower.ravel())
+        result.point_parameters = positions.ravel()
+        return result
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Share constraint functions and surface samples with another compiled problem, and return the other."""
         other.rows, other.surface, other.hand_functions = self.rows, self.surface, self.hand_functions
-        other._parent = self
+        other._parent, other.point_parameters = self, self.point_parameters
         return other
 
     @cached_property

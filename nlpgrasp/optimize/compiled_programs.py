@@ -12,7 +12,7 @@ from functools import cached_property
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import contact_supports
-from nlpgrasp.hands import PosedHand
+from nlpgrasp.hands import PosedHand, URDFHand
 from nlpgrasp.nlp import (
     SUPPORT,
     CompiledProgram,
@@ -28,6 +28,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
 SLOTS, SLOTS_WITH_FORCES = 64, 80  # cutting planes of the program; the same with finger forces as variables
+POINTS = 4  # points of each link of a hand that may be kept outside the body
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
 CONFIRMING_ITERATIONS = 5  # the same, from a local optimum
 Ipopt = dict[str, Option]
@@ -79,10 +80,16 @@ class CuttingPlaneProgram:
     ----------
     problem : GraspProblem
     options : SolveOptions
+
+    Attributes
+    ----------
+    point_links : tuple of str
+        Links of a hand with points that may be kept outside the body, ``POINTS`` each.
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
         self._problem, self._options = problem, options
+        self.point_links = problem.hand.shaped_links if isinstance(problem.hand, URDFHand) else ()
         self._changes: tuple[Callable[[CompiledProgram], CompiledProgram], ...] = ()  # of limits, since compilation
 
     @cached_property
@@ -111,7 +118,9 @@ class CuttingPlaneProgram:
     @cached_property
     def functions(self) -> CompiledProgram:
         """The compiled program with its solver."""
-        program = optimal_grasp_program(self._problem, SUPPORT, self.slots, eliminated=True, pieces=True)
+        program = optimal_grasp_program(
+            self._problem, SUPPORT, self.slots, eliminated=True, pieces=True, link_points=POINTS
+        )
         return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     @cached_property
@@ -132,7 +141,7 @@ class CuttingPlaneProgram:
         """
         if self.holds_supports:
             return self.functions.with_options(CLOSING | dict(self._options.ipopt))
-        program = optimal_grasp_program(self._problem, SUPPORT, SLOTS_WITH_FORCES)
+        program = optimal_grasp_program(self._problem, SUPPORT, SLOTS_WITH_FORCES, link_points=POINTS)
         settings: Ipopt = {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
         result = _compile_program(program, self._options, settings)
         for change in self._changes:
@@ -146,6 +155,10 @@ class CuttingPlaneProgram:
     def with_raised_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
         """Return the program with raised lower constraint limits; see ``Program.with_raised_lower_limits``."""
         return self._change_limits(lambda functions: functions.with_raised_lower_limits(increase))
+
+    def with_point_limits(self, lower: FloatArray) -> CuttingPlaneProgram:
+        """Return the program with other lower limits of points on links; see ``Program.with_point_limits``."""
+        return self._change_limits(lambda functions: functions.with_point_limits(lower))
 
     def _change_limits(self, change: Callable[[CompiledProgram], CompiledProgram]) -> CuttingPlaneProgram:
         """Return the cutting-plane program with changed limits, without recompiling."""

@@ -20,7 +20,6 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
-from nlpgrasp.hands.urdf_hand import ADDED, SURFACE_POINT
 from nlpgrasp.motion.distance_fields import Distance, DistanceField, build_distance_fields, distance_to_all
 from nlpgrasp.motion.jaw_clearance import JawClearance, JawPose, contact_patches
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
@@ -94,18 +93,6 @@ class ConstraintValues:
     def clearances(self) -> IntArray:
         """Indices of the constraints that keep a link away from the held body."""
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
-
-    @cached_property
-    def as_given(self) -> IntArray:
-        """Indices of the problem's own constraints: those other than the ``LinkConstraints`` added to the hand."""
-        return np.array(
-            [
-                i
-                for i, constraint in enumerate(self.named)
-                if f"/{SURFACE_POINT} " not in constraint.link and not constraint.part.endswith(ADDED)
-            ],
-            dtype=int,
-        )
 
     @cached_property
     def _rows(self) -> tuple[CandidateConstraints, list[ca.SX]]:

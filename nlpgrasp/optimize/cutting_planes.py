@@ -132,11 +132,12 @@ def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: F
     """Return a program's parameters (q,) for cuts (m, d) with ``phi_A = 1``, padded with zeros to its slots.
 
     Where the program takes the largest of the contacts' supports, the support along each cut is that of the contact
-    which is largest there. Without slots the parameters are those of the faces alone.
+    which is largest there. Without slots the parameters are those of faces and of points of links alone.
     """
     faces = face_parameters(compiled.problem, candidate.faces)
+    points = compiled.point_parameters
     if not slots:
-        return faces
+        return np.concatenate([faces, points])
     pieces = compiled.cutting_planes.pieces(compiled.grasp(candidate), cuts)
     directions = np.zeros((slots, compiled.problem.dimension))
     directions[: len(cuts)] = cuts
@@ -146,4 +147,4 @@ def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: F
     if pieces is not None:
         weights = np.zeros((slots, pieces.shape[1]))
         weights[np.arange(len(cuts)), np.argmax(pieces, axis=1)] = 1.0
-    return np.concatenate([directions.ravel(), reach, weights.ravel(), faces])
+    return np.concatenate([directions.ravel(), reach, weights.ravel(), faces, points])

@@ -73,8 +73,8 @@ def constraint_reports(
     The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the scaled constraint; over the
     scales of task and constraint, it is the derivative of mu with respect to the limit in the constraint's unit.
     """
-    reports, rows = [], list(zip(compiled.rows.named, on_body.values, multipliers, strict=True))
-    for constraint, value, multiplier in (rows[i] for i in compiled.rows.as_given):
+    reports = []
+    for constraint, value, multiplier in zip(compiled.rows.named, on_body.values, multipliers, strict=True):
         distance = min(value - constraint.lower, constraint.upper - value)
         active = bool(distance <= ACTIVE * constraint.scale)
         price = float(multiplier) / (compiled.scaling.beta * constraint.scale) if active else 0.0

@@ -7,23 +7,20 @@ contacts that a posture suggests, less what its links extend beyond the planes i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.cache import cached_arrays
+from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray, IntArray
-from nlpgrasp.contacts import FrictionContact
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.optimize.hand_shapes import HandShapes
-from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.screening import sampled_ratios, spread_directions
-from nlpgrasp.tasks import TaskEllipsoid
 
+KINDS = "ball", "slab"
 FIELDS = "joints", "middles", "axes", "radii", "scores"  # of postures
+TINY = 1e-12  # metres: fingertips in one place have no direction
 SMALLEST, CLASS, CLASSES = 0.004, 0.006, 10  # metres: least radius, width of a class of sizes; number of classes
 
 
@@ -55,22 +52,23 @@ class Postures:
         """Return several sets as one."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in FIELDS))
 
+    @property
+    def sizes(self) -> IntArray:
+        """Class of sizes of each posture, (n,)."""
+        return np.clip((self.radii - SMALLEST) / CLASS, 0, CLASSES - 1).astype(int)
+
     def best_of_sizes(self, most: int) -> Postures:
-        """Return the best postures of each class of sizes, ``most`` in all."""
-        sizes = np.clip((self.radii - SMALLEST) / CLASS, 0, CLASSES - 1).astype(int)
+        """Return the best postures of each class of sizes, at most ``most`` of each."""
         order = np.argsort(-self.scores, kind="stable")
-        return self.of(np.concatenate([order[sizes[order] == size][: most // CLASSES] for size in range(CLASSES)]))
+        return self.of(np.concatenate([order[self.sizes[order] == size][:most] for size in range(CLASSES)]))
 
 
 def posture_library(shapes: HandShapes) -> dict[str, Postures]:
     """Return postures around balls and across slabs, by these names."""
 
     def make() -> dict[str, FloatArray]:
-        rng, result = np.random.default_rng(0), dict[str, FloatArray]()
-        for name in ("ball", "slab"):
-            pool = _evolved(shapes, name, rng)
-            result |= {f"{name} {field}": getattr(pool, field) for field in FIELDS}
-        return result
+        kinds = _evolved(shapes, np.random.default_rng(0))
+        return {f"{name} {field}": getattr(pool, field) for name, pool in kinds.items() for field in FIELDS}
 
     tips, links = shapes.tips, shapes.links
     made_from = [
@@ -79,47 +77,92 @@ def posture_library(shapes: HandShapes) -> dict[str, Postures]:
         *(links.frame, links.parent, links.axes, links.slides, links.coupling, links.offset),
     ]
     arrays = cached_arrays("postures", made_from, make)
-    return {name: Postures(*(arrays[f"{name} {field}"] for field in FIELDS)) for name in ("ball", "slab")}
+    return {name: Postures(*(arrays[f"{name} {field}"] for field in FIELDS)) for name in KINDS}
+
+
+def largest_opening(library: dict[str, Postures]) -> float:
+    """Return the largest size, metres, of what a hand's fingertips oppose each other about; 0 where they never do."""
+    radii = [postures.radii[postures.scores > 0.0] for postures in library.values()]
+    return 2.0 * float(np.max(np.concatenate(radii), initial=0.0))
 
 
 def _evolved(
-    shapes: HandShapes, kind: str, rng: np.random.Generator, count: int = 3000, generations: int = 5, most: int = 1200
-) -> Postures:
-    """Return the best postures of a kind after some generations of ``count`` each."""
-    lower, upper = shapes.limits
-    first = shapes.closed(rng.uniform(lower, upper, (3 * count, len(lower))))
-    pool = _scored(shapes, kind, first).best_of_sizes(most)
+    shapes: HandShapes, rng: np.random.Generator, drawn: int = 2000, count: int = 750, generations: int = 10,
+    kept: int = 120,
+) -> dict[str, Postures]:  # fmt: skip
+    """Return the best postures of each kind, ``kept`` of each size, after generations of ``count`` children.
+
+    A child moves one finger of a parent, or a quarter of its joints.
+    """
+    (lower, upper), links = shapes.limits, shapes.links
+    fingers = np.array([links.moves[group] @ (links.coupling != 0.0) for group in shapes.tips.groups])  # joints of each
+    first = shapes.closed(rng.uniform(lower, upper, (drawn, len(lower))))
+    none = Postures(first[:0], *np.zeros((2, 0, 3)), *np.zeros((2, 0)))
+    pools = dict.fromkeys(KINDS, none)
+    for joints, kind in product(np.split(first, 4), KINDS):  # few at a time, to save memory
+        pools[kind] = _improved(shapes, pools[kind], joints, kind, kept)
     for _ in range(generations):
-        parents = pool.joints[rng.integers(len(pool.radii), size=count)]
-        width = (upper - lower) * rng.choice([0.03, 0.08, 0.15], (count, 1))
-        children = shapes.closed(np.clip(parents + width * rng.standard_normal(parents.shape), lower, upper))
-        pool = Postures.joined([pool, _scored(shapes, kind, children)]).best_of_sizes(most)
-    return pool
+        for kind, pool in pools.items():
+            best = pool.best_of_sizes(kept // 2)
+            rarity = 1.0 / np.bincount(best.sizes)[best.sizes]  # all sizes have as many children
+            parents = best.joints[rng.choice(len(rarity), count, p=rarity / rarity.sum()) if len(rarity) else []]
+            finger = fingers[rng.integers(len(fingers), size=len(parents))]
+            moves = np.where(rng.random((len(parents), 1)) < 0.5, finger, rng.random(parents.shape) < 0.25)
+            width = (upper - lower) * rng.choice([0.03, 0.08, 0.15], (len(parents), 1))
+            children = parents + moves * width * rng.standard_normal(parents.shape)
+            pools[kind] = _improved(shapes, pool, shapes.closed(np.clip(children, lower, upper)), kind, kept)
+    return pools
 
 
-def _scored(shapes: HandShapes, kind: str, joints: FloatArray) -> Postures:
-    """Return those of the postures whose links are apart, with their scores."""
+def _improved(shapes: HandShapes, pool: Postures, joints: FloatArray, kind: str, kept: int) -> Postures:
+    """Return the best of each size among a pool and further postures, of which those are tried whose links are apart.
+
+    What is cheap comes first: the tips' unevenness and overhang, mu, and at last the links' distances.
+    """
     frames = palm_frames(shapes, joints)
-    apart = shapes.overlaps(frames) <= 0.0
-    joints, frames = joints[apart], Frames(frames.links, frames.R[apart], frames.t[apart])
-    tips, parts = frames.points(shapes.tips.at, shapes.tips.groups), list[Postures]()
-    for inward, middles, axes, radii, uneven in _contacts(tips, shapes.tips.radii, kind):
-        cost = 60.0 * overhang(shapes, frames, tips, inward).max(axis=1, initial=0.0) + 10.0 * uneven
-        usable = np.flatnonzero(radii > SMALLEST)
-        usable = usable[np.argsort(cost[usable], kind="stable")[: 1 + len(cost) // 3]]  # others are not worth their mu
-        if len(usable):
-            contacts = (tips + shapes.tips.radii[:, None] * inward)[usable] - middles[usable, None]
-            score = _sampled_mu(contacts, inward[usable]) - cost[usable]
-            parts.append(Postures(joints[usable], middles[usable], axes[usable], radii[usable], score))
-    none = np.zeros((0, 3))
-    return Postures.joined([Postures(joints[:0], none, none, none[:, 0], none[:, 0]), *parts])
+    tips = frames.points(shapes.tips.at, shapes.tips.groups)
+    which, contacts = _contacts(tips, shapes.tips.radii, kind)
+    usable = np.flatnonzero(contacts[3] > SMALLEST)
+    which, (inward, middles, axes, radii, uneven) = which[usable], (part[usable] for part in contacts)
+    beyond = overhang(shapes, frames.of(which), tips[which], inward)
+    cost = 60.0 * beyond.max(axis=1, initial=0.0) + 10.0 * uneven
+    good = np.argsort(cost, kind="stable")[: 1 + len(cost) // 3]  # others are not worth their mu
+    touching = (tips[which] + shapes.tips.radii[:, None] * inward - middles[:, None])[good]
+    score = sampled_mu(touching, inward[good]) - cost[good]
+    new = Postures(joints[which[good]], middles[good], axes[good], radii[good], score)
+    is_full = np.bincount(pool.sizes, minlength=CLASSES) >= kept
+    least = [pool.scores[pool.sizes == size].min() if is_full[size] else -np.inf for size in range(CLASSES)]
+    better = np.flatnonzero(score > np.array(least)[new.sizes])
+    tried, place = np.unique(which[good[better]], return_inverse=True)
+    apart = (shapes.overlaps(frames.of(tried)) <= 0.0)[place]
+    return Postures.joined([pool, new.of(better[apart])]).best_of_sizes(kept)
 
 
-def _sampled_mu(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return about mu of contacts (b, k, 3) with inward normals, for forces of 1 N with torques over 30 mm, (b,)."""
-    stack = GraspStack(points, normals, FrictionContact(0.6), np.zeros(3))
-    task = TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-    return np.asarray(np.min(sampled_ratios(stack, task, spread_directions(stack, task), L2Budget()), axis=1))
+def sampled_mu(points: FloatArray, normals: FloatArray, friction: float = 0.6, reach: float = 0.03) -> FloatArray:
+    """Return about mu of contacts (b, k, 3) with inward normals, for forces of 1 N with torques over ``reach``, (b,).
+
+    Along a wrench direction (a, b) a contact at p has ``g = a + b x p``. The support under the L2 budget is the norm of
+    the projections of all g onto their friction cones; that of the task is 1 for the directions used.
+    """
+    y = directions(6, 2)
+    a, b = y[:, :3].T, y[:, 3:].T / reach
+    # |g|^2 = |a|^2 + 2 p . (a x b) + |b|^2 |p|^2 - (b . p)^2, in terms of 1, p and the products of p's components
+    squares = [a[0] ** 2 + a[1] ** 2 + a[2] ** 2, *2.0 * np.cross(a.T, b.T).T]
+    squares += [b[j] ** 2 + b[k] ** 2 for j, k in ((1, 2), (2, 0), (0, 1))]
+    squares += [-2.0 * b[j] * b[k] for j, k in ((1, 2), (2, 0), (0, 1))]
+    along, lengths = np.concatenate([a, b]).astype(np.float32), np.array(squares, dtype=np.float32)
+    result = np.zeros(len(points))
+    for start in range(0, len(points), 512):
+        part = slice(start, start + 512)
+        p, n = points[part].reshape(-1, 3), normals[part].reshape(-1, 3)
+        features = np.column_stack([np.ones(len(p)), p, p**2, p[:, [1, 2, 0]] * p[:, [2, 0, 1]]])
+        normal = np.concatenate([n, np.cross(p, n)], axis=1).astype(np.float32) @ along
+        square = features.astype(np.float32) @ lengths
+        tangent = np.sqrt(np.maximum(square - normal**2, 0.0))
+        on_cone = np.maximum(normal + friction * tangent, 0.0) ** 2 / (1.0 + friction**2)
+        projected = np.where(tangent <= friction * normal, square, on_cone)
+        result[part] = np.sqrt(projected.reshape(-1, points.shape[1], y.shape[0]).sum(axis=1).min(axis=1))
+    return result
 
 
 def palm_frames(shapes: HandShapes, joints: FloatArray) -> Frames:
@@ -128,27 +171,28 @@ def palm_frames(shapes: HandShapes, joints: FloatArray) -> Frames:
     return shapes.links.frames(HandState(palms, np.zeros((len(joints), 3)), joints))
 
 
-def _contacts(tips: FloatArray, radii: FloatArray, kind: str) -> Iterator[tuple[FloatArray, ...]]:
-    """Yield inward normals (b, k, 3), middles, axes, half sizes and unevenness of the contacts of fingertips (b, k, 3).
+def _contacts(tips: FloatArray, radii: FloatArray, kind: str) -> tuple[IntArray, tuple[FloatArray, ...]]:
+    """Return the contacts of fingertips (b, k, 3): the posture of each, and arrays as follows.
 
-    Normals point from the fingertip into the body.
+    Inward normals (n, k, 3), which point from the fingertip into the body, middles, axes, half sizes and unevenness.
     """
+    count, k = tips.shape[:2]
     if kind == "ball":
         middles = tips.mean(axis=1)
         distances = np.linalg.norm(tips - middles[:, None], axis=2)
-        inward = (middles[:, None] - tips) / distances[..., None]
-        yield inward, middles, np.zeros_like(middles), (distances - radii).mean(axis=1), np.ptp(distances, axis=1) / 4.0
-        return
-    for others in product([1.0, -1.0], repeat=tips.shape[1] - 1):
-        side = np.array([1.0, *others])
-        if np.all(side > 0.0):
-            continue
-        first, second = tips[:, side > 0.0].mean(axis=1), tips[:, side < 0.0].mean(axis=1)
-        length = np.linalg.norm(first - second, axis=1)
-        axes, middles = (first - second) / length[:, None], (first + second) / 2.0
-        heights = np.einsum("bkx,bx->bk", tips - middles[:, None], axes) * side
-        uneven = np.max(np.abs(heights - length[:, None] / 2.0), axis=1)
-        yield -side[:, None] * axes[:, None], middles, axes, length / 2.0 - radii.mean(), uneven
+        inward = (middles[:, None] - tips) / np.maximum(distances, TINY)[..., None]
+        half, uneven = (distances - radii).mean(axis=1), np.ptp(distances, axis=1) / 4.0
+        return np.arange(count), (inward, middles, np.zeros_like(middles), half, uneven)
+    sides = np.array(list(product([1.0, -1.0], repeat=k)))[1 : 2 ** (k - 1)]  # two groups, the first fingertip in one
+    which, sides = np.repeat(np.arange(count), len(sides)), np.tile(sides, (count, 1))
+    x = tips[which]
+    shares = [is_in / is_in.sum(axis=1, keepdims=True) for is_in in (sides > 0.0, sides < 0.0)]
+    first, second = (np.einsum("nk,nkx->nx", share, x) for share in shares)
+    length = np.linalg.norm(first - second, axis=1)
+    axes, middles = (first - second) / np.maximum(length, TINY)[:, None], (first + second) / 2.0
+    heights = np.einsum("nkx,nx->nk", x - middles[:, None], axes) * sides
+    uneven = np.max(np.abs(heights - length[:, None] / 2.0), axis=1)
+    return which, (-sides[..., None] * axes[:, None], middles, axes, length / 2.0 - radii.mean(), uneven)
 
 
 def overhang(shapes: HandShapes, frames: Frames, tips: FloatArray, inward: FloatArray) -> FloatArray:

@@ -15,11 +15,10 @@ from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.hands.opposition import opposition
-from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
-from nlpgrasp.optimize.hand_postures import Postures, overhang, posture_library
+from nlpgrasp.optimize.hand_postures import Postures, largest_opening, overhang, posture_library
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import Racer, RaceSteps
 
@@ -84,26 +83,16 @@ def raced_candidates(
 
 def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
     """Warn once of fingertips that no posture opposes, and of a body that is thicker than any opening everywhere."""
-    tree = compiled.hand_functions.linked_hand.tree
-    if all(np.max(postures.scores, initial=0.0) <= 0.0 for postures in library.values()):
+    thickness = float(np.min(places.thickness))
+    tree, opening = compiled.hand_functions.linked_hand.tree, largest_opening(library)
+    if not opening:
         nearest = min(opposition(tree, tree.joint_limits.mean(axis=0)).pairs, key=lambda pair: pair.opposed)
         names = " and ".join(tree.tips[i][0] for i in nearest.fingers)
         apart = f"face to face {names} come within {1e3 * nearest.opposed:.3g} mm at best"
         warn_once(f"URDFHand.fingertips: no posture was found in which the fingertips oppose each other; {apart}")
-    opening = 2.0 * max(float(np.max(postures.radii, initial=0.0)) for postures in library.values())
-    thickness = float(np.min(places.thickness))
-    if thickness > 1.1 * opening:
+    elif thickness > 1.1 * opening:
         text = f"at least {1e3 * thickness:.3g} mm thick, and the hand opens to {1e3 * opening:.3g} mm"
         warn_once(f"GraspProblem.body: {text}: no posture was found that holds it from two sides")
-
-
-def points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> LinkConstraints:
-    """Return the samples of a candidate's links near the body, as constraints of the program."""
-    palm = compiled.hand_functions.linked_hand.tree.palm_frame(candidate.hand)
-    state = HandState(palm[None, :3, :3], palm[None, :3, 3], candidate.hand["joints"][None])
-    shapes = compiled.hand_shapes
-    index = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)[1]
-    return LinkConstraints(shapes.points_by_link(index))
 
 
 def _entrants(steps: RaceSteps, state: HandState, kinds: IntArray, count: int) -> list[Racer]:

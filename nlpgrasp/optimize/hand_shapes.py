@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -157,24 +157,27 @@ class HandShapes:
 
     def _samples(self, hand: URDFHand, spacing: float) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
         """Return samples of the links' hulls outside the fingertips' balls, with groups, bins and links, in order."""
-        parts = list[FloatArray]()
+        parts, alike = list[FloatArray](), dict[bytes, FloatArray]()
         self._names = tuple(hand.robot.shapes)
         for number, (link, shapes) in enumerate(hand.robot.shapes.items()):
             pose, group = self.links.pose[link], self.links.group[link]
             if shapes:
-                key = [str(spacing).encode(), *(shape.content for shape in shapes)]
-                local = cached_arrays("samples", key, partial(_surface, shapes, spacing))["at"]
+                key = b"".join(shape.fingerprint for shape in shapes)
+                if key not in alike:
+                    content = [str(spacing).encode(), *(shape.content for shape in shapes)]
+                    alike[key] = cached_arrays("samples", content, partial(_surface, shapes, spacing))["at"]
+                local = alike[key]
                 at = local @ pose[:3, :3].T + pose[:3, 3]
                 for tip in np.flatnonzero(self.tips.groups == group):
                     gaps = cKDTree(self.tips.patches[tip]).query(at)[0] - self.tips.standoffs[tip]
                     at = at[gaps > (5e-4 if self.tips.standoffs[tip] else 1.5e-3)]
                 parts.append(np.column_stack([np.full(len(at), group), at, np.full(len(at), number)]))
         table = np.concatenate([np.zeros((0, 5)), *parts])
-        cells = np.column_stack([table[:, 0], np.floor(table[:, 1:4] / (3.0 * spacing))]).astype(int)
-        _, bins = np.unique(cells, axis=0, return_inverse=True)
-        order = np.argsort(bins.ravel(), kind="stable")
+        cells = _cell_numbers(np.column_stack([table[:, 0], np.floor(table[:, 1:4] / (3.0 * spacing))]))
+        _, bins = np.unique(cells, return_inverse=True)
+        order = np.argsort(bins, kind="stable")
         whole = table[order].astype(int)
-        return table[order, 1:4], whole[:, 0], bins.ravel()[order], whole[:, 4]
+        return table[order, 1:4], whole[:, 0], bins[order], whole[:, 4]
 
     def closed(self, joints: FloatArray) -> FloatArray:
         """Return joint positions (b, m) moved so that linkages are closed."""
@@ -207,11 +210,14 @@ class HandShapes:
 
     def overlaps(self, frames: Frames) -> FloatArray:
         """Return by how much the spheres of each posture are too near to one another at most, (b,), metres."""
-        if not len(self.pairs):
-            return np.zeros(len(frames.R))
-        centres = frames.points(self.spheres, self.sphere_groups)
-        a, b = self.pairs.T
-        return np.asarray(np.max(self.apart - np.linalg.norm(centres[:, a] - centres[:, b], axis=2), axis=1))
+        result, (first, second) = np.zeros(len(frames.R)), self.pairs.T
+        for start in range(0, len(result) if len(self.pairs) else 0, 128):  # of postures, to fit the processor's cache
+            part = slice(start, start + 128)
+            few = Frames(frames.links, frames.R[part], frames.t[part])
+            centres = few.points(self.spheres, self.sphere_groups).transpose(2, 0, 1)  # rounding is below a micrometre
+            x, y, z = (c[:, first] - c[:, second] for c in centres.astype(np.float32))
+            result[part] = np.max(self.apart - np.sqrt(x * x + y * y + z * z), axis=1)
+        return result
 
     def lowest_samples(
         self, grid: HasDistance, frames: Frames, reach: float
@@ -246,18 +252,31 @@ def _filled(patch: Triangles, spacing: float = 4e-3) -> FloatArray:
 
 def _surface(shapes: Sequence[CollisionShape], spacing: float) -> dict[str, FloatArray]:
     """Return points all over the convex hulls of shapes, corners included, without those inside another shape."""
-    import trimesh
-
     result = list[FloatArray]()
     for shape in shapes:
-        hull = shape.mesh.convex_hull
-        fine, _ = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, spacing)
+        hull = shape.mesh.convex_hull if shape.kind == "mesh" else shape.mesh
         corners = hull.vertices if len(hull.vertices) <= 64 else hull.vertices[:0]
-        points = np.concatenate([corners, fine])
-        _, first = np.unique(np.floor(points / (0.7 * spacing)), axis=0, return_index=True)
+        points = np.concatenate([corners, *_lattices(np.asarray(hull.triangles), spacing)])
+        _, first = np.unique(_cell_numbers(np.floor(points / (0.7 * spacing))), return_index=True)
         points = points[np.sort(first)]
         for other in shapes:
             if other is not shape:
                 points = points[other.depth(points) < 5e-4]
         result.append(points)
     return {"at": np.concatenate(result)}
+
+
+def _lattices(triangles: FloatArray, spacing: float) -> Iterator[FloatArray]:
+    """Yield points (m, 3) of triangles (n, 3, 3) on regular lattices whose sides are at most ``spacing``, metres."""
+    longest = np.max(np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2), axis=1, initial=0.0)
+    parts = np.maximum(np.ceil(longest / spacing), 1.0).astype(int)
+    for count in np.unique(parts):
+        i, j = np.nonzero(np.add.outer(np.arange(count + 1), np.arange(count + 1)) <= count)
+        weights = np.stack([i, j, count - i - j], axis=1) / count
+        yield (weights @ triangles[parts == count]).reshape(-1, 3)
+
+
+def _cell_numbers(cells: FloatArray) -> IntArray:
+    """Return a number for each cell of a grid (n, d), in the cells' order."""
+    whole = (cells - cells.min(axis=0, initial=np.inf)).astype(np.int64)
+    return np.asarray(np.ravel_multi_index(whole.T, whole.max(axis=0, initial=0) + 1))

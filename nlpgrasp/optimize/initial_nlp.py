@@ -11,7 +11,6 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
@@ -30,8 +29,6 @@ class ScoredCandidate:
     candidate : GraspCandidate
     score : float
         Least support ratio; the negative violation where constraints are violated.
-    links : LinkConstraints
-        Constraints on the hand's links beside those of the problem.
     message : str
         IPOPT's status; empty where the initial NLP was not solved.
     effort : SolverEffort
@@ -39,7 +36,6 @@ class ScoredCandidate:
 
     candidate: GraspCandidate
     score: float
-    links: LinkConstraints = field(default_factory=LinkConstraints)
     message: str = ""
     effort: SolverEffort = field(default_factory=SolverEffort)
 

@@ -24,7 +24,7 @@ from nlpgrasp.optimize.cutting_planes import (
     nearest_to_binding,
     weakest_directions_of,
 )
-from nlpgrasp.optimize.local_search import RefinementPoint, advance
+from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance, go_on
 from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
@@ -35,6 +35,8 @@ WIDE = 0.01  # solver units, largest trust-region radius, and that after the fir
 BINDING = 1e-9  # least weight of a binding direction
 SLACK = 1e-5  # largest relative slack of binding inequalities: the program smooths the apex of cones
 EXCESS = 1e-3  # largest relative excess of beta over the least ratio in all directions
+MISSED = "the last steps missed directions in which the grasp is weaker"  # reason why residuals are not small
+UNSETTLED = "the last steps did not settle"  # likewise
 
 
 @dataclass(frozen=True)
@@ -77,17 +79,37 @@ def find_local_optimum(
     that they missed one.
 
     None for a candidate that does not exert the task, and under a hand's torque limits, which the program does not
-    hold. Under other joint-torque limits there are no Newton steps: the support has kinks at most local optima.
+    hold.
+    """
+    return optimum_near(compiled, advance(compiled, candidate, deadline, 0, known=known), deadline)
+
+
+def optimum_near(compiled: CompiledProblem, refined: RefinementResult, deadline: Deadline) -> LocalOptimum | None:
+    """Return the local optimum near the result of a local search, as ``find_local_optimum`` does.
+
+    Under joint-torque limits there are no Newton steps: the support has kinks at most local optima.
     """
     budget = compiled.problem.budget
     if budget.follows_hand:
         return None
-    rounds = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
-    refined = advance(compiled, candidate, deadline, 0 if budget.depends_on_frames else rounds, 0.0, known)
+    radius = LEAST_RADIUS
+    if not budget.depends_on_frames:
+        refined = go_on(compiled, refined, deadline, NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS)
+        radius = min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     if refined.point.value <= 0.0:
         return None
-    radius = LEAST_RADIUS if budget.depends_on_frames else min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     return _solve_program(compiled, refined.point, radius, np.random.default_rng(0), deadline)
+
+
+def reason_against_optimum(compiled: CompiledProblem) -> str:
+    """Return why the problem or its options rule out a local optimum, as text; empty if they do not."""
+    if compiled.options.maximise_robust:
+        return "the contacts are where the worst placement is best, not where mu is"
+    if not compiled.options.rounds:
+        return "the search was asked not to refine contacts (rounds=0)"
+    if compiled.problem.budget.follows_hand:
+        return "the program along directions does not hold the torques of a hand's joints"
+    return ""
 
 
 def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
@@ -108,12 +130,14 @@ def _solve_program(
 
     Each solve adds weak directions of the last solution, until residuals are small. Where the first solve does not
     confirm the point, the multipliers of a Newton step may. They come first where finger forces are among IPOPT's
-    variables, since it knows neither multipliers nor forces.
+    variables, since it knows neither multipliers nor forces, and with a hand's pose, with which IPOPT takes longer.
     """
     planes, refined = compiled.cutting_planes, point
+    newton_first = not (planes.holds_supports and compiled.follows_contacts)
     cuts, effort, solutions = point.minimisers, SolverEffort(), list[LocalOptimum]()
-    for number in range(PROGRAM_ROUNDS if planes.holds_supports else FORCE_ROUNDS):
-        if number == int(planes.holds_supports):
+    rounds = PROGRAM_ROUNDS if planes.holds_supports else FORCE_ROUNDS
+    for number in range(rounds if compiled.follows_contacts else 1):
+        if number == int(not newton_first):
             newton_point = _newton_point(compiled, refined)
             if newton_point is not None:
                 solutions.append(newton_point)

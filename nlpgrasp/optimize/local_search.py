@@ -154,6 +154,12 @@ def advance(
     return _iterate_steps(compiled, _initial_result(compiled, candidate, rng, known), rng, deadline, rounds, least)
 
 
+def go_on(compiled: CompiledProblem, result: RefinementResult, deadline: Deadline, rounds: int) -> RefinementResult:
+    """Return a result after at most ``rounds`` further steps, all with the Lagrangian's curvature."""
+    rng = np.random.default_rng(0)
+    return _iterate_steps(compiled, replace(result, length=RADIUS), rng, deadline, rounds, 0.0)
+
+
 def _initial_result(
     compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator, known: FloatArray | None = None
 ) -> RefinementResult:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.bodies.mesh.facets import Facets
+from nlpgrasp.bodies.mesh.facets import Facets, SmoothPatches
 from nlpgrasp.common.quadratic_program import ConstraintSlack, Linearised, NewtonRules, restore_feasibility, step_bounds
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
@@ -43,6 +43,7 @@ TOUCHING = 1e-4  # violation, relative to the constraints' scales, that counts a
 STEPS = 12  # Newton steps of a hand towards the nearest mesh points, at most
 TIP_TOUCHING = 1e-6  # metres between tip and mesh at which these steps end
 LONGEST_HAND_STEP = 0.3  # longest of these steps, solver units
+PATCH_STEPS = 3  # Newton steps onto a mesh's smoothed surface
 OVERLAP = 0.2  # share of a tip's radius: nearer to the tip's centre the mesh has no usable normal
 
 
@@ -79,6 +80,14 @@ def project_onto_body(
     return on_faces, on_faces.projected_onto_faces(moved), violation
 
 
+def fix_to_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[CompiledProblem, GraspCandidate]:
+    """Return the compiled problem with the body's own faces, on a mesh triangles, and the candidate moved onto them."""
+    body = compiled.problem.body
+    if isinstance(body, Mesh):
+        return fix_to_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0]))
+    return compiled, compiled.projected_onto_faces(candidate)
+
+
 def fix_to_triangles(
     compiled: CompiledProblem, candidate: GraspCandidate, places: Sequence[FloatArray] = ()
 ) -> tuple[CompiledProblem, GraspCandidate]:
@@ -105,6 +114,31 @@ def fix_to_triangles(
     models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
     fixed = problem.unchecked(body=facets, contacts=models)
     return compiled.with_faces(fixed), replace(candidate, faces=facets.names)
+
+
+def fix_to_patches(
+    compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 0.1
+) -> tuple[CompiledProblem, GraspCandidate]:
+    """Return the compiled problem whose faces are patches of a mesh's smoothed surface at the contacts.
+
+    Parameters
+    ----------
+    compiled : CompiledProblem
+        Of a problem with a mesh.
+    candidate : GraspCandidate
+    reach : float
+        Distance to which the patches extend, over the body's size.
+    """
+    problem, points = compiled.problem, candidate.points
+    for _ in range(PATCH_STEPS):
+        values, slopes, bends = compiled.distance_grid.smooth_distance(points)
+        points = points - (values / np.sum(slopes**2, axis=1))[:, None] * slopes
+    lengths = np.linalg.norm(slopes, axis=1, keepdims=True)
+    patches = SmoothPatches(points, slopes / lengths, bends / lengths[..., None], reach * problem.body.size)
+    facets = Facets(compiled.surface.mesh, np.arange(len(points)), points[None], problem.margin, patches)
+    models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
+    on_patches = compiled.with_faces(problem.unchecked(body=facets, contacts=models))
+    return on_patches, replace(candidate, faces=facets.names, points=points)
 
 
 def put_on_body(

@@ -41,6 +41,8 @@ class Racer:
         Least support ratio found.
     points, normals : (k, 3) arrays
         Contacts, metres, and inward unit normals.
+    moving, turning : (k, 3, n) arrays
+        Derivatives of contacts and of inward normals by the twist.
     cuts, ratios, slopes : (m, d), (m,) and (m, n) arrays
         Weak directions with ``phi_A = 1``, the supports there and their derivatives by the twist.
     gaps, touch : (k,) and (k, n) arrays
@@ -61,6 +63,8 @@ class Racer:
     mu: float
     points: FloatArray
     normals: FloatArray
+    moving: FloatArray
+    turning: FloatArray
     cuts: FloatArray
     ratios: FloatArray
     slopes: FloatArray
@@ -268,18 +272,17 @@ class RaceSteps:
         """Return racers in given postures, with known weak directions (b, m, d) of each."""
         frames = self.shapes.links.frames(state)
         touch = self.touch(frames)
-        (count, k), pivot = touch.gaps.shape, touch.centres.mean(axis=1)
+        count, pivot = len(state), touch.centres.mean(axis=1)
         motion = self._with_rolling(frames, touch, frames.motions(touch.centres, self.shapes.tips.groups, pivot))
-        cuts, ratios = self._weakest(touch, known)
-        by_point, by_normal = self._support_slopes(touch, cuts)
-        by_centre = np.einsum("bmky,bkyx->bmkx", by_point, touch.by_centre)
-        by_centre -= np.einsum("bmky,bkyx->bmkx", by_normal, touch.turning)
-        slopes = by_centre.reshape(count, -1, 3 * k) @ motion.reshape(count, 3 * k, -1)
+        moving = touch.by_centre @ motion
+        turning = -touch.turning @ motion
+        points, normals = touch.points, -touch.normals
+        cuts, ratios = self._weakest(points, normals, known)
+        slopes = self._support_slopes(points, normals, moving, turning, cuts)
         approaching = np.einsum("bkx,bkxn->bkn", touch.normals, motion)
         rows, values, owners = self._limits(frames, touch, motion, pivot)
         if self.limits:
-            moving = touch.by_centre @ motion, -touch.turning @ motion
-            contacts = PosedContacts(state, touch.points, -touch.normals, *moving, pivot)
+            contacts = PosedContacts(state, points, normals, moving, turning, pivot)
             parts = zip((owners, values, rows), self.limits.rows(contacts), strict=True)
             owners, values, rows = (np.concatenate(pair) for pair in parts)
         linkages = self.shapes.linkage_rows(state.joints)
@@ -288,7 +291,7 @@ class RaceSteps:
             real, own = np.isfinite(ratios[i]), owners == i
             racers.append(
                 Racer(
-                    state.of(slice(i, i + 1)), float(np.min(ratios[i])), touch.points[i], -touch.normals[i],
+                    state.of(slice(i, i + 1)), float(np.min(ratios[i])), points[i], normals[i], moving[i], turning[i],
                     cuts[i][real], ratios[i][real], slopes[i][real], touch.gaps[i], approaching[i], values[own],
                     rows[own], linkages[i], pivot[i],
                 )
@@ -305,14 +308,15 @@ class RaceSteps:
         return np.asarray(random @ np.linalg.inv(self._metric))
 
     def _weakest(
-        self, touch: Touch, known: FloatArray, descents: int = 14, fresh: int = 6, steps: int = 5
-    ) -> tuple[FloatArray, FloatArray]:
+        self, points: FloatArray, normals: FloatArray, known: FloatArray, descents: int = 14, fresh: int = 6,
+        steps: int = 5,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """Return weak directions (b, CUTS, d) with ``phi_A = 1`` and their ratios, infinite where there are fewer.
 
         Descents begin from the weakest known directions (b, m, d) and from ``fresh`` random ones.
         """
         task = self.problem.task
-        view = GraspBatch(self._stack(touch.points, -touch.normals).G, self._forces)
+        view = GraspBatch(self._stack(points, normals).G, self._forces)
         supports = view.support(known)
         order = np.argsort(supports, axis=1, kind="stable")[:, :descents, None]
         begin = [np.take_along_axis(known, order, axis=1), self._random_directions(len(known), fresh)]
@@ -321,8 +325,11 @@ class RaceSteps:
         )
         reach = task.support(found.reshape(-1, found.shape[2]))[0].reshape(values.shape)
         found = found / np.where(reach > 0.0, reach, 1.0)[..., None]
-        y = np.concatenate([found, known], axis=1)
-        ratios = np.concatenate([np.where(reach > 0.0, values, np.inf), supports], axis=1)
+        values = np.where(reach > 0.0, values, np.inf)
+        return self._distinct(np.concatenate([found, known], axis=1), np.concatenate([values, supports], axis=1))
+
+    def _distinct(self, y: FloatArray, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the weakest of directions (b, m, d), at most CUTS, and ratios, infinite for one like a weaker one."""
         for alike in (False, True):  # first the order, then that without directions like a weaker one
             if alike:
                 u = y @ self._metric
@@ -334,25 +341,26 @@ class RaceSteps:
             y, ratios = np.take_along_axis(y, order[..., None], axis=1), np.take_along_axis(ratios, order, axis=1)
         return y, ratios
 
-    def _support_slopes(self, touch: Touch, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives (b, m, k, 3) of supports along y (b, m, d) by contacts and inward normals.
+    def _support_slopes(
+        self, points: FloatArray, normals: FloatArray, moving: FloatArray, turning: FloatArray, y: FloatArray
+    ) -> FloatArray:
+        """Return the derivatives (b, m, n) of supports along y (b, m, d) by the twist.
 
         With the maximising force f and torque t n of a contact at r from the torque origin, its part of the support is
         ``y_f . f + y_m . (r x f + t n)``. The force turns with the normal, by the least rotation.
         """
-        G = self._stack(touch.points, -touch.normals).G
+        G = self._stack(points, normals).G
         z = y @ G
         x = self._forces.support(z.reshape(-1, z.shape[2]))[1].reshape(z.shape)
-        by_point, by_normal = list[FloatArray](), list[FloatArray]()
+        slopes = np.zeros((*y.shape[:2], moving.shape[3]))
         for i, part in enumerate(self._forces.ranges):
             wrench = x[..., part] @ G[:, :, part].transpose(0, 2, 1)
-            f, n, r = wrench[..., :3], -touch.normals[:, None, i], touch.points[:, None, i] - self.problem.origin
+            f, n, r = wrench[..., :3], normals[:, None, i], points[:, None, i] - self.problem.origin
             torque = np.sum((wrench[..., 3:] - np.cross(r, f)) * n, axis=2, keepdims=True)
             pull = y[..., :3] + np.cross(y[..., 3:], r)  # derivative of the support by the force
-            by_point.append(np.cross(f, y[..., 3:]))
-            turned = np.sum(n * f, axis=2, keepdims=True) * pull - np.sum(n * pull, axis=2, keepdims=True) * f
-            by_normal.append(turned + torque * y[..., 3:])
-        return np.stack(by_point, axis=2), np.stack(by_normal, axis=2)
+            by_normal = np.sum(n * f, axis=2, keepdims=True) * pull - np.sum(n * pull, axis=2, keepdims=True) * f
+            slopes += np.cross(f, y[..., 3:]) @ moving[:, i] + (by_normal + torque * y[..., 3:]) @ turning[:, i]
+        return slopes
 
     def _limits(
         self, frames: Frames, touch: Touch, motion: FloatArray, pivot: FloatArray, reach: float = 6e-3
@@ -441,11 +449,7 @@ class RaceSteps:
             if not twists:
                 break
             moving = [racers[i] for i in twists]
-            state = self.shapes.moved(
-                HandState.joined([racer.state for racer in moving]),
-                np.stack([twist for twist, _ in twists.values()]),
-                np.stack([racer.pivot for racer in moving]),
-            )
+            state = self._moved(moving, np.stack([twist for twist, _ in twists.values()]))
             trials = self.linearise(state, _known([[racer] for racer in moving]))
             rejected = dict[int, Racer]()
             for (i, (_, predicted)), trial in zip(twists.items(), trials, strict=True):
@@ -455,6 +459,20 @@ class RaceSteps:
                     rejected[i] = trial
             self._learn(racers, rejected)
         return racers
+
+    def _moved(self, racers: Sequence[Racer], twists: FloatArray, corrections: int = 2) -> HandState:
+        """Return the postures of racers after twists (b, n), corrected to the second order so that fingertips touch."""
+        scale = np.concatenate([np.ones(3), np.full(twists.shape[1] - 3, 1.0 / 0.06)])
+        J, pivot = np.stack([racer.touch for racer in racers]) * scale, np.stack([racer.pivot for racer in racers])
+        state = self.shapes.moved(HandState.joined([racer.state for racer in racers]), twists, pivot)
+        J = J @ self.shapes.free_twists(state.joints, scale)
+        pivot = pivot + twists[:, :3]
+        for _ in range(corrections):
+            gaps = self.touch(self.shapes.links.frames(state)).gaps
+            forces = np.linalg.solve(J @ J.transpose(0, 2, 1) + 1e-4 * np.eye(J.shape[1]), -gaps[..., None])
+            correction = scale * (J.transpose(0, 2, 1) @ forces)[..., 0]
+            state, pivot = self.shapes.moved(state, correction, pivot), pivot + correction[:, :3]
+        return state
 
     def _twist(self, racer: Racer, price: float) -> tuple[FloatArray, float] | None:
         """Return the twist that gains most in the linearised program, and its predicted gain; None without one.
@@ -503,12 +521,19 @@ class RaceSteps:
 
     def _learn(self, racers: list[Racer], rejected: dict[int, Racer]) -> None:
         """Add the weak directions of rejected trials, by number, to those of their racers, in place."""
-        if rejected:
-            state = HandState.joined([racers[i].state for i in rejected])
-            known = _known([[racers[i], trial] for i, trial in rejected.items()])
-            for i, racer in zip(rejected, self.linearise(state, known), strict=True):
-                racer.radius, racer.idle = racers[i].radius, racers[i].idle
-                racers[i] = racer
+        if not rejected:
+            return
+        staying = [racers[i] for i in rejected]
+        points, normals, moving, turning = (
+            np.stack([getattr(racer, name) for racer in staying]) for name in ("points", "normals", "moving", "turning")
+        )
+        known = _known([[racers[i], trial] for i, trial in rejected.items()])
+        cuts, ratios = self._distinct(known, GraspBatch(self._stack(points, normals).G, self._forces).support(known))
+        slopes = self._support_slopes(points, normals, moving, turning, cuts)
+        for i, racer in enumerate(staying):
+            real = np.isfinite(ratios[i])
+            racer.cuts, racer.ratios, racer.slopes = cuts[i][real], ratios[i][real], slopes[i][real]
+            racer.mu = float(np.min(racer.ratios))
 
 
 def _known(groups: Sequence[Sequence[Racer]]) -> FloatArray:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts.pad import AlongNormalError
-from nlpgrasp.hands import URDFHand
-from nlpgrasp.hands.urdf_hand import LinkConstraints
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, constraint_reports
 from nlpgrasp.optimize.kkt_point import LocalOptimum
+from nlpgrasp.optimize.polish import PolishedGrasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 from nlpgrasp.quality.measures import certify
@@ -25,6 +24,7 @@ from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import LinkPenetration
 from nlpgrasp.solution.records import CandidateOrigin, ConstraintReport, StartRecord, Status
 
+STEP, NEWTON = "then IPOPT on the program", "then Newton steps on the program"  # messages of a start at an optimum
 TIE = 0.03  # relative difference up to which the lower bounds of two starts are a tie
 SOLVER_ERRORS = RuntimeError, ArithmeticError, np.linalg.LinAlgError, AlongNormalError
 """Errors that numerics may raise for some candidates; any other error is a defect of the program."""
@@ -77,8 +77,6 @@ class StartGrasp(StartResult):
         Penetration of the links, with a hand whose links have shapes.
     hull_depth : float
         Depth of the deepest link in body and surroundings with each shape as its convex hull, as in MuJoCo, metres.
-    link_constraints : LinkConstraints
-        Constraints on the hand's links that were added to those of the problem.
     tip_gaps : tuple of (float or None)
         Distance of each contact from its fingertip's link, metres, with a hand that has links.
     hand : mapping or None
@@ -96,7 +94,6 @@ class StartGrasp(StartResult):
     kkt: KKT | None = None
     depth: LinkPenetration | None = None
     hull_depth: float = 0.0
-    link_constraints: LinkConstraints = field(default_factory=LinkConstraints)
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
     volume: float | None = None
@@ -114,10 +111,7 @@ class StartGrasp(StartResult):
         robust: Robustness | None = None,
         origin: CandidateOrigin | None = None,
     ) -> StartGrasp:
-        """Return the result of a start with its record: solved if certified, feasible and free of collisions.
-
-        Constraints on links beside the problem's own are not reported.
-        """
+        """Return the result of a start with its record: solved if certified, feasible and free of collisions."""
         depth, gaps, links, hulls = None, list[float | None](), compiled.link_depths, compiled.hull_depths
         in_hulls = [] if hulls is None else hulls.in_surroundings(on_body.candidate.hand)
         if links is not None:
@@ -140,19 +134,34 @@ class StartGrasp(StartResult):
             obstruction=depth.words if depth is not None and collides else "",
             origin=origin,
         )
-        reports, hand = constraint_reports(compiled, on_body, state.multipliers), compiled.problem.hand
         return cls(
             record,
             on_body,
-            reports,
+            constraint_reports(compiled, on_body, state.multipliers),
             state.effort,
             robust,
             state.candidate,
             depth=depth,
             hull_depth=max((penetration.depth for penetration in in_hulls), default=0.0),
-            link_constraints=hand.link_constraints if isinstance(hand, URDFHand) else LinkConstraints(),
             tip_gaps=tuple(gaps),
         )
+
+    @classmethod
+    def at_optimum(
+        cls,
+        compiled: CompiledProblem,
+        index: int,
+        polished: PolishedGrasp,
+        message: str,
+        origin: CandidateOrigin,
+        seconds: Mapping[str, float] | None = None,
+    ) -> StartGrasp:
+        """Return the result of a start that ended with the polish of a hand's candidate."""
+        if polished.optimum is not None:
+            message = ", ".join((message, STEP if polished.optimum.effort.calls else NEWTON))
+        on_body, bounds = polished.on_body, polished.bounds
+        start = cls.of(compiled, index, on_body, bounds, polished.state, message, seconds, origin=origin)
+        return replace(start, optimum=polished.optimum, kkt=polished.kkt)
 
     @property
     def effort(self) -> SolverEffort:

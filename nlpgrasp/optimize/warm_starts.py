@@ -25,6 +25,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import exchange_nearby, sampled_quality
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody, surface_differences
+from nlpgrasp.optimize.polish import polish
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.refine_on_body import refine_on_body
 from nlpgrasp.optimize.start import follow_with_hand
@@ -139,17 +140,21 @@ def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, de
     if deadline.should_stop() or not compiled.options.rounds or not _is_on_faces(compiled, warm.candidate):
         return None
     with single_thread():
+        message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
         try:
+            if not compiled.follows_contacts:
+                polished = polish(compiled, warm.candidate, deadline)
+                seconds = {"warm start": time.perf_counter() - started}
+                return StartGrasp.at_optimum(compiled, index, polished, message, CandidateOrigin.WARM_START, seconds)
             on_body, result = refine_on_body(compiled, _exchanged_on_mesh(compiled, warm.candidate), deadline)
         except SOLVER_ERRORS:
             return None
-        message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
         return _certify_start(compiled, on_body, result.state(), index, message, started)
 
 
 def _exchanged_on_mesh(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandidate:
     """Return a candidate on a mesh after coordinate exchange over nearby samples; unchanged if none is feasible."""
-    if not (isinstance(compiled.problem.body, Mesh) and compiled.follows_contacts):
+    if not isinstance(compiled.problem.body, Mesh):
         return candidate
     directions, rng = compiled.sample_tables.directions, np.random.default_rng(0)
     search, tuples = exchange_nearby(compiled, candidate.points[None], directions, rng)

@@ -192,7 +192,7 @@ def _next_best(
     least, chosen = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
     if best.optimum is not None:
-        yield from (r for r in solved if r.record.index == best.record.index)
+        yield from (r for r in solved if r.record.index == best.record.index and r.optimum is None)
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
         if start.record.mu.lower < least or len(chosen) == MOST_COMPARED:
             break

@@ -64,6 +64,8 @@ def check_placements(
         When constraints, which are named with the contact, exclude all sampled points of its faces by a wide margin,
         or when the faces are too small for a least distance between contacts.
     """
+    if not constraints:
+        return
     k = len(faces)
     p = [ca.SX.sym("p", body.space) for _ in range(k)]
     n = [ca.SX.sym("n", body.space) for _ in range(k)]

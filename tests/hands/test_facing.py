@@ -54,6 +54,7 @@ def test_tips_on_inner_links_and_on_the_palm_change_nothing():
     assert suggested_approach(hand.tree) is None
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_an_allegro_is_asked_about_where_nothing_is_said(side):
     right = ng.hands.allegro(robot(ALLEGRO.format(side)))
@@ -62,6 +63,7 @@ def test_an_allegro_is_asked_about_where_nothing_is_said(side):
     assert suggested_approach(unsaid.tree).tolist() == [1.0, 0.0, 0.0]
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.filterwarnings(*QUIET)
 @pytest.mark.parametrize("palm", ["robot0:palm", "robot0:hand mount"], ids=["hand", "with its wrist"])
 def test_a_wrist_below_the_palm_is_no_finger(palm):

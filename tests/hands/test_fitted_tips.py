@@ -211,6 +211,7 @@ def test_a_pad_in_front_of_a_wider_shape_carries_the_patch(tmp_path):
         assert overhang(tip, link, robot) < 1e-3
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 def test_pads_of_robosuites_rethink_gripper_carry_the_patches(tmp_path):
     """Two boxes a finger, one 0.2 mm in front of the other: the patches are wide and include the pads' normals."""
     hand = ng.URDFHand.load(in_radians("rethink_gripper.xml", tmp_path), ["l_finger_tip", "r_finger_tip"])

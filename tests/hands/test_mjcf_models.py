@@ -58,11 +58,13 @@ def test_bodies_are_where_mujoco_has_them(name, rng):
         (f"{GRIPPERS}/wiping_gripper.xml", None, "no movable joints .*expected a hand with joints that move"),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 def test_what_is_refused(file, palm, match):
     with pytest.raises(ng.InputError, match=match):
         ng.URDFHand.load(model(file), {"wiping_gripper": None}, palm=palm)
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.filterwarnings("ignore:.*nothing keeps links")
 def test_the_shadow_preset_takes_it():
     with pytest.warns(UserWarning, match="joints move on their own where the file couples them: tendon robot0:T_FFJ1c"):

@@ -140,6 +140,7 @@ def test_a_hand_with_the_links_that_another_names_too_is_not_recognised():
         ng.hands.inspire(FOUR)
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_allegro_touches_where_its_meshes_are(side):
     path = robot(ALLEGRO.format(side))
@@ -154,6 +155,7 @@ def test_allegro_touches_where_its_meshes_are(side):
         assert np.max(np.abs(tip.beyond(outside[np.linalg.norm(outside, axis=1) > 0.01]))) < 5e-4
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 def test_allegro_closes_to_where_its_palm_faces():
     hand = ng.hands.allegro(robot(ALLEGRO.format("right")))
     lower, upper = hand.tree.joint_limits

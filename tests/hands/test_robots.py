@@ -101,6 +101,7 @@ def load_robot(name):
     return ng.URDFHand.load(robot(path), tips, palm=palm)
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.filterwarnings("ignore:pr2.urdf", "ignore:so100.urdf")
 @pytest.mark.parametrize("name", HANDS)
 def test_hands_load(name):
@@ -154,7 +155,7 @@ def test_joint_to_follow_that_is_not_there_names_the_one_that_is_meant(tmp_path)
         ng.URDFHand.load(path, ANCHORS, palm="Left_thumb_base")
 
 
-@pytest.mark.filterwarnings(THICKER)
+@pytest.mark.filterwarnings(THICKER, "ignore:.*fitted to those of:UserWarning")
 def test_mended_as_told_it_loads(tmp_path):
     path = robot(PSYONIC)
     mended = re.sub(r'mimic joint *= *"(\w+_q1)"', r'mimic joint="Left_\1"', path.read_text())

@@ -8,7 +8,7 @@ import nlpgrasp as ng
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from tests.hands.urdf import four_finger_hand
 
-STEP = "then IPOPT on the program"
+STEP = "on the program"
 
 
 def problem():

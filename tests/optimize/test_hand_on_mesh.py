@@ -12,9 +12,9 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.constraint_values import HandFunctions
+from nlpgrasp.optimize.polish import polish
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body, project_onto_constraints
 from nlpgrasp.optimize.propose import propose
-from nlpgrasp.optimize.refine_on_body import refine_on_triangles
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)
@@ -64,7 +64,7 @@ def test_a_hand_touches_the_mesh(posed):
 @pytest.mark.slow
 def test_links_keep_their_clearance_from_the_mesh_itself(posed):
     compiled, candidate = posed
-    on_body, _ = refine_on_triangles(compiled, candidate, Deadline())
+    on_body = polish(compiled, candidate, Deadline()).on_body
     assert on_body.is_feasible
     clearances = compiled.hand_functions.mesh_clearances(the_mesh(), on_body.candidate.hand)
     lower = [compiled.rows.named[i].lower for i in compiled.rows.clearances]

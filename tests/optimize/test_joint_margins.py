@@ -8,12 +8,10 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.optimize import refine_on_body as refine_module
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
-from nlpgrasp.optimize.local_search import refine
-from nlpgrasp.optimize.refine_on_body import refine_with_margins
+from nlpgrasp.optimize.polish import polish
 from tests.hands.urdf import four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest
 
@@ -54,16 +52,20 @@ def distances_to_limits(candidate):
     return np.minimum(candidate.hand["joints"] - limits[0], limits[1] - candidate.hand["joints"])
 
 
+def polished(problem, **options):
+    problem.options = replace(OPTIONS, **options)
+    return polish(problem, initial_candidate(), Deadline())
+
+
 @pytest.mark.slow
 def test_joints_keep_their_margins():
-    without_margins = refine(compiled(), initial_candidate(), Deadline())
-    _, result = refine_with_margins(compiled(), initial_candidate(), Deadline())
+    without_margins, result = polished(compiled(), joint_margin=0.0), polished(compiled())
     limits = posture()[2]
     wanted = np.minimum(OPTIONS.joint_margin, 0.1 * (limits[1] - limits[0]))
     assert distances_to_limits(initial_candidate())[AT_LIMIT] == pytest.approx(0.0, abs=1e-12)
-    assert np.all(distances_to_limits(result.point.candidate) >= (1.0 - 1e-6) * wanted)
-    assert compiled().violation(result.point.candidate) <= 1e-5
-    assert result.point.value >= (1.0 - OPTIONS.room_price) * without_margins.point.value
+    assert np.all(distances_to_limits(result.on_body.candidate) >= (1.0 - 1e-6) * wanted)
+    assert result.on_body.is_feasible
+    assert result.bounds.upper >= (1.0 - OPTIONS.room_price) * without_margins.bounds.lower
 
 
 @pytest.mark.slow
@@ -72,49 +74,25 @@ def test_joints_whose_margins_cost_too_much_have_their_whole_range():
     joints = posture()[1]["joints"]
     narrow_limits = np.stack([joints - 0.05, joints + 0.05])
     narrow_hand = compiled().with_joint_limits(narrow_limits)
-    value_without_margins = refine(narrow_hand, initial_candidate(), Deadline()).point.value
+    without_margins = polished(narrow_hand, joint_margin=0.0).optimum.value
 
-    def refine_at_price(price):
-        narrow_hand.options = replace(OPTIONS, room_price=price)
-        narrowed, result = refine_with_margins(narrow_hand, initial_candidate(), Deadline())
-        return result.point, int(np.sum(narrowed.problem.hand.tree.joint_limits[0] > narrow_limits[0]))
+    def polish_at_price(price):
+        grasp = polished(narrow_hand, room_price=price)
+        kept = np.min(np.abs(grasp.on_body.candidate.hand["joints"] - narrow_limits), axis=0) >= 0.01 * (1.0 - 1e-6)
+        return grasp.optimum.value, int(np.sum(kept))
 
-    (at_no_price, no_joints), (at_low_price, some_joints), (at_high_price, all_joints) = map(
-        refine_at_price, (0.0, 0.01, 0.9)
-    )
-    assert no_joints == 0 < some_joints < all_joints == 9
-    going_on = refine(narrow_hand, at_no_price.candidate, Deadline()).point.value
-    assert at_no_price.value >= (1.0 - 1e-3) * going_on  # a search without margins goes no further
-    assert at_low_price.value >= (1.0 - 0.01) * value_without_margins
-    assert at_high_price.value <= 0.95 * value_without_margins
-
-
-@pytest.mark.slow
-def test_joints_that_cannot_keep_their_margins_leave_the_others_theirs(monkeypatch):
-    lower_limit = posture()[2][0, AT_LIMIT]
-    project = refine_module.project_onto_constraints
-
-    def stuck(compiled, candidate):
-        projected, violation = project(compiled, candidate)
-        return projected, 1.0 if compiled.problem.hand.tree.joint_limits[0, AT_LIMIT] > lower_limit else violation
-
-    monkeypatch.setattr(refine_module, "project_onto_constraints", stuck)
-    limits = posture()[2].copy()
-    limits[1, NEAR_LIMIT] += 1.0
-    narrowed, _ = refine_with_margins(compiled().with_joint_limits(limits), initial_candidate(), Deadline())
-    kept_limits = narrowed.problem.hand.tree.joint_limits
-    assert kept_limits[0, AT_LIMIT] == lower_limit
-    assert np.all(kept_limits[0, 1:] > limits[0, 1:])
+    (at_no_price, _), (at_low_price, some), (at_high_price, all_joints) = map(polish_at_price, (0.0, 0.01, 0.9))
+    assert some <= all_joints == len(joints)
+    assert at_no_price >= (1.0 - 1e-3) * without_margins
+    assert at_low_price >= (1.0 - 0.01) * without_margins
+    assert at_high_price <= 0.95 * without_margins
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"joint_margin": 0.0}, {"gap": 0.1}])
-def test_without_a_margin_nothing_changes(options):
-    hand_problem = compiled().with_joint_limits(posture()[2])
-    hand_problem.options = replace(OPTIONS, **options)
-    returned, result = refine_with_margins(hand_problem, initial_candidate(), Deadline())
-    assert returned is hand_problem
-    assert result.point.value == refine(hand_problem, initial_candidate(), Deadline()).point.value
+def test_without_a_margin_joints_come_near_their_limits(options):
+    result = polished(compiled(), **options)
+    assert np.min(distances_to_limits(result.on_body.candidate)) < 0.5 * OPTIONS.joint_margin
 
 
 def test_margins_are_a_tenth_of_the_range_at_most():

@@ -11,7 +11,7 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import NEIGHBOURHOOD, exchange_nearby
-from nlpgrasp.optimize.refine_on_body import refine_on_body, refine_on_triangles
+from nlpgrasp.optimize.refine_on_body import refine_on_body
 from nlpgrasp.optimize.start import run_start
 from tests.quick import first
 
@@ -63,13 +63,13 @@ def test_contacts_are_on_triangles_with_their_normals_and_off_edges(body):
 def test_exchanges_nearby_lead_to_other_triangles():
     """On a ball of 1,280 triangles refinement alone keeps the contacts on their initial triangles."""
     compiled = compiled_problem(ball())
-    first, result = refine_on_triangles(compiled, around(compiled, 1), Deadline())
+    first, result = refine_on_body(compiled, around(compiled, 1), Deadline())
     contacts = first.candidate.points
     directions = np.concatenate([result.point.cuts, compiled.sample_tables.directions])
     search, tuples = exchange_nearby(compiled, contacts[None], directions, np.random.default_rng(0))
     moved = search.candidate(tuples[0])
     assert np.max(np.linalg.norm(moved.points[:, None] - contacts, axis=2).min(axis=1)) <= NEIGHBOURHOOD * ball().size
-    exchanged = refine_on_triangles(compiled, moved, Deadline())[0]
+    exchanged = refine_on_body(compiled, moved, Deadline())[0]
     assert ng.mu(exchanged.grasp, TASK).lower > 1.01 * ng.mu(first.grasp, TASK).upper
 
 

@@ -357,8 +357,11 @@ def test_servos_give_way_by_two_millimetres_under_the_force_of_the_finger(held):
 
 
 def test_torques_of_the_squeeze_are_those_of_static_equilibrium(held):
-    """What MuJoCo's servos exert once all is at rest, against J^T f of the squeeze."""
-    world = HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(frictionloss=0.0)))
+    """What MuJoCo's servos exert once all is at rest, against J^T f of the squeeze.
+
+    Soft ones: the contacts give way by some micrometres, which stiff servos answer with torques of their own.
+    """
+    world = HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(gain=10.0, frictionloss=0.0)))
     world.begin("grasp")
     world.run(1.0, world.controls("squeeze"))
     world.run(1.0)

@@ -1,8 +1,8 @@
-"""Mesh body whose faces are the triangles that contacts lie on: the surfaces ``h_i(p) = 0`` of (3.5-1)."""
+"""Mesh body whose faces are the triangles or smooth patches that contacts lie on: ``h_i(p) = 0`` of (3.5-1)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import casadi as ca
@@ -18,7 +18,7 @@ NEAREST, MOST = 12, 24  # sharp edges considered near a place of a contact; near
 
 
 class Facets(Body):
-    """A mesh body with one planar face per contact: the triangle that the contact lies on.
+    """A mesh body with one face per contact: the triangle that it lies on, or a patch of the smoothed surface.
 
     Parameters
     ----------
@@ -29,6 +29,8 @@ class Facets(Body):
         Contact points, metres.
     margin : float
         Least distance of contacts from nearby sharp edges, metres.
+    patches : SmoothPatches, optional
+        Faces in place of the triangles.
 
     Attributes
     ----------
@@ -36,8 +38,10 @@ class Facets(Body):
         Of the contacts' faces; ``triangle_of`` returns their triangles.
     """
 
-    def __init__(self, mesh: Mesh, triangles: IntArray, points: FloatArray, margin: float) -> None:
-        self.mesh, self.margin = mesh, margin
+    def __init__(
+        self, mesh: Mesh, triangles: IntArray, points: FloatArray, margin: float, patches: SmoothPatches | None = None
+    ) -> None:
+        self.mesh, self.margin, self._patches = mesh, margin, patches
         self.points, self.triangle_indices = points, triangles
         self.names = tuple(f"contact {i}, triangle {triangle}" for i, triangle in enumerate(triangles.tolist()))
 
@@ -86,10 +90,13 @@ class Facets(Body):
     @cached_property
     def _facets(self) -> dict[str, _Facet]:
         corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
-        contacts = zip(self.names, self.points.transpose(1, 0, 2), self.triangle_indices, strict=True)
-        return {
-            name: _Facet.of(corners[i], outward[i], self._sharp_edges(positions)) for name, positions, i in contacts
-        }
+        edges = [self._sharp_edges(positions) for positions in self.points.transpose(1, 0, 2)]
+        if self._patches is not None:
+            facets = [replace(patch, edges=near) for patch, near in zip(self._patches.facets(), edges, strict=True)]
+        else:
+            triangles = zip(self.triangle_indices, edges, strict=True)
+            facets = [_Facet.of(corners[i], outward[i], near) for i, near in triangles]
+        return dict(zip(self.names, facets, strict=True))
 
     def _sharp_edges(self, positions: FloatArray) -> FloatArray:
         """Return the end points (e, 2, 3) of sharp edges near contact points (n, 3); empty if the margin is zero."""
@@ -102,20 +109,53 @@ class Facets(Body):
 
 
 @dataclass(frozen=True)
+class SmoothPatches:
+    """Second-order patches of a mesh's smoothed surface, one per contact.
+
+    Parameters
+    ----------
+    points, outward : (k, 3) arrays
+        On the surface, metres, and unit normals there.
+    curvatures : (k, 3, 3) array
+        Second derivatives of the distance over its slope, 1/m.
+    reach : float
+        Distance to which a patch extends, metres.
+    """
+
+    points: FloatArray
+    outward: FloatArray
+    curvatures: FloatArray
+    reach: float
+
+    def facets(self) -> list[_Facet]:
+        """Return the patches as faces without sharp edges."""
+        patches = zip(self.points, self.outward, self.curvatures, strict=True)
+        return [_Facet.of_patch(*patch, self.reach) for patch in patches]
+
+
+@dataclass(frozen=True)
 class _Facet:
-    """A triangle: its plane, its sides, and the nearby sharp edges of the mesh.
+    """A triangle, or a patch of the smoothed surface, with the nearby sharp edges of the mesh.
+
+    The face is ``n (p - c) + (p - c) S (p - c) / 2 = 0`` with a curvature S that is zero for a triangle.
 
     Parameters
     ----------
     outward : (3,) array
-        Unit normal.
+        Unit normal n at the point.
+    point : (3,) array
+        c, metres.
+    curvature : (3, 3) array
+        S, symmetric, 1/m.
     corners, away : (m, 3) array
-        A corner on each side, metres, and that side's outward unit normal in the plane.
+        A point on each side, metres, and that side's outward unit normal in the plane.
     edges : (e, 2, 3) array
         Ends of sharp edges, metres.
     """
 
     outward: FloatArray
+    point: FloatArray
+    curvature: FloatArray
     corners: FloatArray
     away: FloatArray
     edges: FloatArray
@@ -126,15 +166,27 @@ class _Facet:
         side_normals = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
         length = np.linalg.norm(side_normals, axis=1)
         sides = np.resize(np.flatnonzero(length > 0.0), SIDES)  # a side without length is that of its neighbour
-        return cls(outward, corners[sides], side_normals[sides] / length[sides, None], edges)
+        flat = np.zeros((3, 3))
+        return cls(outward, corners[sides][0], flat, corners[sides], side_normals[sides] / length[sides, None], edges)
+
+    @classmethod
+    def of_patch(cls, point: FloatArray, outward: FloatArray, curvature: FloatArray, reach: float) -> _Facet:
+        """Return a patch about a point, which ends at a distance ``reach`` on three sides, metres."""
+        beside = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward))])
+        beside /= np.linalg.norm(beside)
+        turns = 2.0 * np.pi / SIDES * np.arange(SIDES)[:, None]
+        away = np.cos(turns) * beside + np.sin(turns) * np.cross(outward, beside)
+        return cls(outward, point, curvature, point + reach * away, away, np.zeros((0, 2, 3)))
 
     @property
     def geometry(self) -> FloatArray:
-        """Normal, corners, side normals and sharp edges of the facet in one vector, (q,)."""
-        return np.concatenate([self.outward, self.corners.ravel(), self.away.ravel(), self.edges.ravel()])
+        """Normal, point, curvature, sides and sharp edges of the facet in one vector, (q,)."""
+        rows, columns = np.triu_indices(3)
+        parts = self.outward, self.point, self.curvature[rows, columns], self.corners, self.away, self.edges
+        return np.concatenate([part.ravel() for part in parts])
 
     def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return h, gradient norm (one), unit outward normal and largest limit at points (m, 3)."""
+        """Return h, gradient norm, unit outward normal and largest limit at points (m, 3)."""
         offsets = points[:, None] - self.corners
         limits = np.max(np.einsum("msi,si->ms", offsets, self.away), axis=1, initial=-np.inf)
         if len(self.edges) and margin > 0.0:
@@ -145,7 +197,11 @@ class _Facet:
             nearest = self.edges[:, 0] + np.clip(position, 0.0, 1.0)[..., None] * directions
             distances = np.linalg.norm(points[:, None] - nearest, axis=2)
             limits = np.maximum(limits, margin - np.min(distances, axis=1))
-        return offsets[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), limits
+        d = points - self.point
+        bent = d @ self.curvature
+        normals = self.outward + bent
+        slopes = np.linalg.norm(normals, axis=1)
+        return d @ self.outward + 0.5 * np.sum(d * bent, axis=1), slopes, normals / slopes[:, None], limits
 
 
 @lru_cache
@@ -153,17 +209,22 @@ def _shared_surface(parameter_count: int, margin: float) -> ca.Function:
     """Return the compiled ``(p, geometry) -> (h, unit outward normal, limits)`` of a facet with q parameters."""
     p, q = ca.SX.sym("p", 3), ca.SX.sym("q", parameter_count)
     face = _facet_face("triangle", q)
-    return ca.Function("triangle", [p, q], [face.surface(p), q[:3], ca.vertcat(*face.limits(p, margin))])
+    h = face.surface(p)
+    slope = ca.gradient(h, p)
+    return ca.Function("triangle", [p, q], [h, slope / ca.norm_2(slope), ca.vertcat(*face.limits(p, margin))])
 
 
 def _facet_face(name: str, geometry: Expression) -> Face:
     """Return the face, as CasADi expressions, of a facet with parameters ``geometry``, (q,)."""
-    # as in ``_Facet.geometry``: normal, a corner of each side, normal of each side, both ends of each sharp edge
-    outward, *vectors = ca.vertsplit(geometry, 3)
+    # as in ``_Facet.geometry``
+    outward, point, *vectors = ca.vertsplit(geometry, 3)
+    xx, xy, xz, yy, yz, zz = ca.vertsplit(geometry[6:12])
+    curvature = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+    vectors = vectors[2:]
     corners, side_normals, ends = vectors[:SIDES], vectors[SIDES : 2 * SIDES], vectors[2 * SIDES :]
 
     def surface(p: Expression) -> Expression:
-        return ca.dot(outward, p - corners[0])
+        return ca.dot(outward, p - point) + 0.5 * ca.dot(p - point, ca.mtimes(curvature, p - point))
 
     def extent(p: Expression) -> list[Expression]:
         return [ca.dot(a, p - c) for c, a in zip(corners, side_normals, strict=True)]

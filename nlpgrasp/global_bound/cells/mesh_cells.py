@@ -165,9 +165,13 @@ class ClusterTree:
         normals = np.repeat(self.normals[self.order], 3, axis=0)
         offsets = 3 * _level_ranges(len(self.order), self.levels)
         cluster = np.repeat(np.arange(self.first_leaf), np.diff(offsets))
-        first_indices = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
-        row_offsets = np.searchsorted(cluster[np.sort(first_indices)], np.arange(self.first_leaf + 1))
-        return RepresentativeContacts(points[np.sort(first_indices)], normals[np.sort(first_indices)]), row_offsets
+        rows = np.concatenate([points, normals], axis=1)
+        order = np.lexsort((rows @ np.random.default_rng(0).random(6), cluster))  # equal rows become neighbours
+        rows, owner = rows[order], cluster[order]
+        is_new = np.append(True, np.any(rows[1:] != rows[:-1], axis=1) | (owner[1:] != owner[:-1]))
+        distinct = np.sort(order[is_new])
+        row_offsets = np.searchsorted(cluster[distinct], np.arange(self.first_leaf + 1))
+        return RepresentativeContacts(points[distinct], normals[distinct]), row_offsets
 
 
 def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
@@ -207,7 +211,9 @@ def _cluster_order(features: FloatArray, levels: int) -> IntArray:
         means = np.add.reduceat(sorted_features, offsets[:-1]) / counts
         spread = np.add.reduceat((sorted_features - means[owner]) ** 2, offsets[:-1])
         axis = np.argmax(spread, axis=1)
-        order = order[np.lexsort((sorted_features[np.arange(len(sorted_features)), axis[owner]], owner))]
+        values = sorted_features[np.arange(len(order)), axis[owner]]
+        shares = (values - values.min()) / max(float(np.ptp(values)), SMALLEST)
+        order = order[np.argsort(owner + 0.5 * shares, kind="stable")]
     return order
 
 
