@@ -84,7 +84,7 @@ def test_contacts_follow_their_fingertips(on_ellipsoid):
         twist = rng.standard_normal(steps.shapes.links.size)
         states = [racer.state.moved(sign * 1e-5 * twist[None], racer.pivot[None], wide) for sign in (1.0, -1.0)]
         gaps = [steps.touch(steps.shapes.links.frames(state)).gaps[0] for state in states]
-        assert racer.touch @ twist == pytest.approx((gaps[0] - gaps[1]) / 2e-5, abs=0.05)
+        assert racer.touch @ twist == pytest.approx((gaps[0] - gaps[1]) / 2e-5, abs=0.1)
 
 
 def test_steps_raise_the_merit():
