@@ -168,7 +168,8 @@ class RaceLimits:
                 values.append(value.ravel())
                 slopes.append(slope.reshape(-1, size))
         for i, cloud in self._clouds.items():  # distance from the nearest sample of the contact's faces
-            distance, nearest = cloud.tree.query(contacts.points[:, i])
+            nearest = np.asarray(cloud.tree.query(contacts.points[:, i])[1])
+            distance = np.linalg.norm(contacts.points[:, i] - cloud.points[nearest], axis=1)
             away = (contacts.points[:, i] - cloud.points[nearest]) / np.maximum(distance, 1e-9)[:, None]
             which.append(np.arange(count))
             values.append(self._gaps[i] - distance)
@@ -213,4 +214,4 @@ def _cross(vectors: FloatArray) -> FloatArray:
 
 def _spacing(cloud: SampleCloud) -> float:
     """Return the distance, metres, within which nearly every point of a cloud has another."""
-    return float(np.quantile(cloud.tree.query(cloud.points, 2)[0][:, 1], 0.98))
+    return float(np.quantile(np.asarray(cloud.tree.query(cloud.points, 2)[0])[:, 1], 0.98))
