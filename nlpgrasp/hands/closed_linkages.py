@@ -74,6 +74,10 @@ class ClosedLinkages:
         """Return the derivatives (r, m) of the equations by the free joints in a posture (m,)."""
         return np.asarray(self._evaluate(np.asarray(joints, dtype=float)[None])[1][0])
 
+    def jacobians(self, joints: FloatArray) -> FloatArray:
+        """Return the derivatives (b, r, m) of the equations by the free joints in postures (b, m)."""
+        return self._evaluate(joints)[1]
+
     def close(self, joints: FloatArray) -> FloatArray:
         """Return postures (b, m) moved onto the equations; those that do not get there are replaced by others that do.
 

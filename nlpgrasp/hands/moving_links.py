@@ -60,7 +60,7 @@ class MovingLinks:
     Parameters
     ----------
     robot : Robot
-        Without closed linkages.
+        Its closed linkages are left open.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -177,6 +177,13 @@ class Frames:
         rates = np.where(self.links.slides, along, turning) * self.links.moves[groups]
         return np.concatenate([n, moment - np.cross(pivot[which], n), rates @ self.links.coupling], axis=1)
 
+    def motions(self, x: FloatArray, groups: IntArray, pivot: FloatArray) -> FloatArray:
+        """Return the derivatives (b, k, 3, 6 + m) by the twist of points (b, k, 3) fixed to groups (k,)."""
+        (count, k, _), flat = x.shape, x.reshape(-1, 3)
+        which, owners = np.repeat(np.arange(count), k), np.tile(groups, count)
+        axes = [self.rows(flat, owners, np.broadcast_to(e, flat.shape), pivot, which) for e in np.eye(3)]
+        return np.stack(axes, axis=1).reshape(count, k, 3, -1)
+
     def turning_rows(self, v: FloatArray, groups: IntArray, which: IntArray) -> FloatArray:
         """Return the derivatives (k, 6 + m) of ``v . angle`` of groups by the twist, for vectors v (k, 3)."""
         turning = (self._axes[which] @ v[:, :, None])[..., 0]
@@ -198,7 +205,7 @@ class LinkPoints:
     def __init__(self, at: FloatArray, groups: IntArray) -> None:
         self.at, self.groups = at, groups
         starts = np.flatnonzero(np.diff(groups, prepend=-1))
-        ends = [*starts[1:].tolist(), len(at)]
+        ends = [*starts.tolist(), len(at)][1:]
         self.parts = [(int(groups[i]), slice(int(i), j)) for i, j in zip(starts, ends, strict=True)]
 
 

@@ -31,7 +31,6 @@ from nlpgrasp.optimize.compiled_programs import (
 )
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.hand_shapes import HandShapes
-from nlpgrasp.optimize.hand_workspace import HandWorkspace
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
 from nlpgrasp.problem.problem import GraspProblem
@@ -118,15 +117,6 @@ class CompiledProblem:
             return self._parent.collision_model
         depths = self.link_depths
         return Clearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
-
-    @cached_property
-    def workspace(self) -> HandWorkspace:
-        """Sampled workspace of the problem's hand, which must have a palm pose."""
-        return (
-            HandWorkspace(self.problem, self.hand_functions, self.rows)
-            if self._parent is None
-            else self._parent.workspace
-        )
 
     @cached_property
     def hand_shapes(self) -> HandShapes:

@@ -32,17 +32,6 @@ POINTS = 4  # points of each link of a hand that may be kept outside the body
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
 CONFIRMING_ITERATIONS = 5  # the same, from a local optimum
 Ipopt = dict[str, Option]
-# with a hand's pose the initial NLP ends once contacts and hand fit together: cutting planes are faster from there
-POSED: Ipopt = {
-    "max_iter": 150,
-    "mu_strategy": "adaptive",
-    "acceptable_iter": 1,
-    "acceptable_tol": 1e5,
-    "acceptable_constr_viol_tol": 1e-5,
-    "acceptable_obj_change_tol": 0.5,
-    "acceptable_dual_inf_tol": 1e10,
-    "acceptable_compl_inf_tol": 1e2,
-}
 CLOSING: Ipopt = {  # last solve, from near a local optimum with its multipliers: exact constraints and bounds
     "tol": 1e-8,
     "mu_init": 1e-9,
@@ -81,8 +70,6 @@ def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: i
     plain = problem.unchecked(force_budget=closure_budget(problem))
     program = optimal_grasp_program(plain, "vertex", samples)
     tolerances: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
-    if not follows_contacts(problem):
-        tolerances |= POSED
     return _compile_program(program, options, tolerances)
 
 

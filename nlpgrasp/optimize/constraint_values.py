@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import CLEARANCE, ScalarConstraint
 from nlpgrasp.common.spatial import pose_data
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
@@ -89,27 +89,6 @@ class ConstraintValues:
             result[rows, np.array(columns, dtype=int) // space if i < 2 else k] = True
         return result
 
-    def user_violation_sums(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the summed violation of the user's inequalities at each placement, relative to their scales, (b,)."""
-        users = {index for indices in self.sources[: len(self.problem.constraints)] for index in indices}
-        return self.violation_sums(points, normals, hand, users) if users else np.zeros(len(points))
-
-    def violation_sums(
-        self, points: FloatArray, normals: FloatArray, hand: Values, indices: Collection[int] | None = None
-    ) -> FloatArray:
-        """Return the summed violation of inequalities at each placement, relative to their scales, (b,).
-
-        The inequalities are those with some ``indices``, by default all.
-        """
-        values = self.values(points, normals, hand)
-        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper and (indices is None or i in indices)]
-        lower, upper, scale = (
-            np.array([getattr(self.named[i], key) for i in rows]) for key in ("lower", "upper", "scale")
-        )
-        return np.asarray(
-            np.sum(np.maximum(np.maximum(lower - values[:, rows], values[:, rows] - upper), 0.0) / scale, axis=1)
-        )
-
     @cached_property
     def clearances(self) -> IntArray:
         """Indices of the constraints that keep a link away from the held body."""
@@ -135,17 +114,34 @@ class ConstraintValues:
     @cached_property
     def _row_function(self) -> ca.Function:
         """CasADi function of contacts, normals and hand variables that returns the constraint values."""
+        inputs, values = self._expressions(range(len(self.named)))
+        return ca.Function("rows", inputs, [values])
+
+    def linearised(self, indices: Sequence[int]) -> BatchEvaluator:
+        """Return an evaluator of some constraint values (b, r) and their derivatives (b, r, n) by all inputs.
+
+        Inputs are contacts, normals and the hand's variables, side by side.
+        """
+        inputs, values = self._expressions(indices)
+        slopes = ca.horzcat(*[ca.jacobian(values, symbols) for symbols in inputs])
+        outputs = [ca.densify(values), ca.densify(slopes)]
+        return BatchEvaluator(ca.Function("rows", inputs, outputs, {"cse": True}))
+
+    def _expressions(self, indices: Sequence[int]) -> tuple[list[Expression], Expression]:
+        """Return the free symbols, and the column of the constraint values with some indices."""
         constraints, inputs = self._rows
-        values = ca.vertcat(*[r.expression for r in constraints.rows])
-        if not constraints.clearances:
-            return ca.Function("rows", inputs, [values])
-        points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in constraints.clearances])
+        count = len(constraints.rows)
+        values = ca.vertcat(ca.SX(0, 1), *[constraints.rows[i].expression for i in indices if i < count])
+        clearances = [constraints.clearances[i - count] for i in indices if i >= count]
+        if not clearances:
+            return inputs, values
+        points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in clearances])
         # distances to a mesh exist only as MX: the SX function of everything else is called inside an MX function
         without_distances = ca.Function("rows", inputs, [values, points])
         symbols = [ca.MX.sym(f"x{i}", s.shape[0]) for i, s in enumerate(inputs)]
         rows, clearance_points = without_distances(*symbols)
-        distances = [c.distance(clearance_points[:, i]) for i, c in enumerate(constraints.clearances)]
-        return ca.Function("rows", symbols, [ca.vertcat(rows, *distances)])
+        distances = [c.distance(clearance_points[:, i]) for i, c in enumerate(clearances)]
+        return symbols, ca.vertcat(rows, *distances)
 
 
 class HandFunctions:

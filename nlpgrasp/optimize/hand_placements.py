@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice, permutations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,8 +12,11 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.moving_links import HandState, LinkPoints, turned
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 from nlpgrasp.optimize.hand_postures import Postures
-from nlpgrasp.optimize.hand_shapes import HandShapes
+from nlpgrasp.optimize.hand_shapes import HandShapes, HasDistance
+from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 
 
 @dataclass(frozen=True)
@@ -46,12 +50,33 @@ class BodyPlaces:
 
 
 def placements(
-    library: dict[str, Postures], shapes: HandShapes, grid: DistanceGrid, places: BodyPlaces, count: int, keep: int,
-    rng: np.random.Generator,
-) -> HandState:  # fmt: skip
-    """Return ``keep`` postures nearly in contact with the body, of ``count`` drawn ones, one kind after the other."""
+    compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces, solids: HasDistance,
+    limits: RaceLimits, count: int, keep: int, rng: np.random.Generator,
+) -> list[HandState]:  # fmt: skip
+    """Return ``keep`` postures of each kind nearly in contact with the body, of ``count`` drawn ones in all."""
     kinds = [_around(library["ball"], places, count // 2, rng), _across(library["slab"], places, count // 2, rng)]
-    return HandState.joined([_screened(shapes, grid, state, keep // 2) for state in kinds])
+    # where limits or two contacts leave few placements, or no posture fits the body
+    if limits or compiled.hand_functions.linked_hand.count == 2 or not any(map(len, kinds)):
+        kinds.append(_onto_free_grasps(compiled, rng))
+    shapes, grid = compiled.hand_shapes, compiled.distance_grid
+    return [_screened(shapes, grid, solids, limits, state, keep) for state in kinds]
+
+
+def _onto_free_grasps(compiled: CompiledProblem, rng: np.random.Generator, most: int = 40) -> HandState:
+    """Return postures whose fingertips are near the contacts of good grasps without a hand, ``most`` for each."""
+    free, hand = compiled.handless_variant, compiled.hand_functions.linked_hand
+    search = CoordinateExchange(free, free.sample_tables, rng)
+    points, normals = free.sample_tables.contacts_of(search.exchange(search.draw()))
+    interchangeable = len(set(free.sample_tables.of_contact)) == 1
+    orders = np.array(list(islice(permutations(range(hand.count)), 24 if interchangeable else 1)))
+    near = max(4, 2 * most // len(orders))
+    targets = points[:, orders] - np.asarray(hand.posing_radii)[:, None] * normals[:, orders]
+    values, tips = hand.reach(targets.reshape(-1, *points.shape[1:]), near, rng)
+    misses = np.linalg.norm(tips - np.repeat(targets.reshape(-1, *points.shape[1:]), near, axis=0), axis=2).sum(axis=1)
+    first = np.argsort(misses.reshape(len(points), -1), axis=1, kind="stable")[:, :most]
+    chosen = (first + len(orders) * near * np.arange(len(points))[:, None]).ravel()
+    turns = Rotation.from_quat(values["palm_quaternion"][chosen], scalar_first=True).as_matrix()
+    return HandState(turns, values["palm_position"][chosen], values["joints"][chosen])
 
 
 def _around(postures: Postures, places: BodyPlaces, count: int, rng: np.random.Generator) -> HandState:
@@ -98,46 +123,59 @@ def _onto(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(axes * np.arctan2(sines, cosines)[:, None]).as_matrix())
 
 
-def _screened(shapes: HandShapes, grid: DistanceGrid, state: HandState, keep: int) -> HandState:
-    """Return the postures with the least gaps of fingertips and depths of links: by few samples, then by more."""
+def _screened(
+    shapes: HandShapes, grid: DistanceGrid, solids: HasDistance, limits: RaceLimits, state: HandState, keep: int
+) -> HandState:
+    """Return the postures with the least gaps of fingertips, depths of links and violations of limits.
+
+    By few samples of the links, then by more.
+    """
     for stride, kept in ((200, 4 * keep), (24, keep)):
         few = LinkPoints(shapes.samples.at[::stride], shapes.samples.groups[::stride])
         scores = list[FloatArray]()
         for start in range(0, len(state), 512):
-            frames = shapes.links.frames(state.of(slice(start, start + 512)))
-            depths = np.minimum(grid.nearest(frames.cloud(few)), 0.0)
+            part = state.of(slice(start, start + 512))
+            frames = shapes.links.frames(part)
+            depths = np.minimum(solids.nearest(frames.cloud(few)), 0.0)
             gaps = np.abs(grid.nearest(frames.points(shapes.tips.at, shapes.tips.groups)) - shapes.tips.radii)
             spread = np.sqrt(150.0 / max(len(few.at), 1))  # as for 150 samples
             scores.append(gaps.sum(axis=1) + spread * np.sqrt(np.sum(depths**2, axis=1)))
+            if limits:
+                scores[-1] += limits.lacks(PosedContacts.nearest(shapes, grid, part, frames))
         state = state.of(np.argsort(np.concatenate([np.zeros(0), *scores]), kind="stable")[:kept])
     return state
 
 
 def in_contact(
-    shapes: HandShapes, grid: DistanceGrid, state: HandState, steps: int = 8, clearance: float = 1e-3, worst: int = 10
-) -> HandState:
+    shapes: HandShapes, grid: DistanceGrid, solids: HasDistance, state: HandState, steps: int = 8,
+    clearance: float = 1e-3, worst: int = 10,
+) -> HandState:  # fmt: skip
     """Return the postures after damped Gauss-Newton steps: fingertips touch, the ``worst`` samples get outside."""
     few = LinkPoints(shapes.samples.at[::16], shapes.samples.groups[::16])
     tips, count = shapes.tips, len(state)
     scale = np.concatenate([np.full(3, 0.02), np.full(3, 0.25), np.full(shapes.links.size - 6, 0.3)])
-    which = np.repeat(np.arange(count), len(tips.radii) + worst)
     for _ in range(steps):
         frames = shapes.links.frames(state)
         centres, cloud = frames.points(tips.at, tips.groups), frames.cloud(few)
-        deepest = np.argsort(grid.nearest(cloud), axis=1)[:, :worst]
-        points = np.concatenate([centres, np.take_along_axis(cloud, deepest[..., None], axis=1)], axis=1)
+        deepest = np.argsort(solids.nearest(cloud), axis=1)[:, :worst]
+        lowest = np.take_along_axis(cloud, deepest[..., None], axis=1)
+        points = np.concatenate([centres, lowest], axis=1)
         groups = np.concatenate([np.broadcast_to(tips.groups, centres.shape[:2]), few.groups[deepest]], axis=1)
-        values, slopes = grid.distance(points.reshape(-1, 3))
+        parts = [grid.distance(centres.reshape(-1, 3)), solids.distance(lowest.reshape(-1, 3))]
+        values, slopes = (
+            np.concatenate([p.reshape(count, -1, *p.shape[1:]) for p in pair], axis=1)
+            for pair in zip(*parts, strict=True)
+        )
+        which = np.repeat(np.arange(count), points.shape[1])
         pivot = centres.mean(axis=1)
-        J = scale * frames.rows(points.reshape(-1, 3), groups.ravel(), slopes, pivot, which)
-        J = J.reshape(count, -1, len(scale))
-        r = values.reshape(count, -1)
-        touch = r[:, : len(tips.radii)] - tips.radii
-        lack = np.minimum(r[:, len(tips.radii) :] - clearance, 0.0)
+        J = scale * frames.rows(points.reshape(-1, 3), groups.ravel(), slopes.reshape(-1, 3), pivot, which)
+        J = J.reshape(count, -1, len(scale)) @ shapes.free_twists(state.joints, scale)
+        touch = values[:, : len(tips.radii)] - tips.radii
+        lack = np.minimum(values[:, len(tips.radii) :] - clearance, 0.0)
         weight = np.concatenate([np.ones_like(touch), 0.7 * (lack < 0.0)], axis=1)
         r, J = weight * np.concatenate([touch, lack], axis=1), weight[..., None] * J
         A = J @ J.transpose(0, 2, 1) + 2e-6 * np.eye(J.shape[1])
         z = (J.transpose(0, 2, 1) @ np.linalg.solve(A, -r[..., None]))[..., 0]
         z /= np.maximum(1.0, np.max(np.abs(z), axis=1, keepdims=True))
-        state = state.moved(z * scale, pivot, shapes.limits)
+        state = shapes.moved(state, z * scale, pivot)
     return state

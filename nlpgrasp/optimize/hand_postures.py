@@ -96,7 +96,7 @@ def _evolved(
     """
     (lower, upper), links = shapes.limits, shapes.links
     fingers = np.array([links.moves[group] @ (links.coupling != 0.0) for group in shapes.tips.groups])  # joints of each
-    first = rng.uniform(lower, upper, (drawn, len(lower)))
+    first = shapes.closed(rng.uniform(lower, upper, (drawn, len(lower))))
     none = Postures(first[:0], *np.zeros((2, 0, 3)), *np.zeros((2, 0)))
     pools = dict.fromkeys(KINDS, none)
     for joints, kind in product(np.split(first, 4), KINDS):  # few at a time, to save memory
@@ -110,7 +110,7 @@ def _evolved(
             moves = np.where(rng.random((len(parents), 1)) < 0.5, finger, rng.random(parents.shape) < 0.25)
             width = (upper - lower) * rng.choice([0.03, 0.08, 0.15], (len(parents), 1))
             children = parents + moves * width * rng.standard_normal(parents.shape)
-            pools[kind] = _improved(shapes, pool, np.clip(children, lower, upper), kind, kept)
+            pools[kind] = _improved(shapes, pool, shapes.closed(np.clip(children, lower, upper)), kind, kept)
     return pools
 
 

@@ -11,17 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands import URDFHand
+from nlpgrasp.common.user_warnings import warn_once
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import HandState
+from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
-from nlpgrasp.optimize.hand_postures import overhang, posture_library
+from nlpgrasp.optimize.hand_postures import Postures, largest_opening, overhang, posture_library
+from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import Racer, RaceSteps
-from nlpgrasp.problem.problem import GraspProblem
-
-MANY = 6  # number of contacts from which hands rarely touch with all
 
 
 @dataclass(frozen=True)
@@ -43,66 +42,76 @@ class Round:
 ROUNDS = Round(80, 3, 0.03), Round(32, 4, 0.05), Round(16, 6, 0.1), Round(8, 10, 0.3), Round(4, 20, 0.6)
 
 
-def can_race(problem: GraspProblem) -> bool:
-    """Return whether a race finds candidates for a problem's hand; others come from the reach of palm poses.
-
-    It knows no constraints of the user, no contacts that are kept to some faces and no closed linkages; flat pads need
-    their whole face on the body, with many contacts few postures touch, and a hand without shapes has none to clear.
-    """
-    hand, k = problem.hand, len(problem.models)
-    return (
-        isinstance(hand, URDFHand)
-        and any(hand.robot.shapes.values())
-        and not hand.robot.has_linkages
-        and not problem.constraints
-        and k < MANY
-        and all(problem.allowed_faces(i) == problem.body.face_names for i in range(k))
-        and all(tip.normal is None for _, tip in hand.tips)
-    )
-
-
 def raced_candidates(
-    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 240
+    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 120
 ) -> list[GraspCandidate]:
-    """Return the best ``count`` candidates of a race, the best first; none where no posture fits the body's size.
+    """Return the best ``count`` candidates of a race, the best first, at least one.
 
     Parameters
     ----------
     compiled : CompiledProblem
-        Of a problem that ``can_race``.
+        Of a problem with a hand that has a pose.
     rng : numpy.random.Generator
     count : int
     drawn, kept : int
-        Postures placed about the body at random; those of them that are moved into contact.
+        Postures placed about the body at random; those of each kind that are moved into contact.
     """
     shapes, grid = compiled.hand_shapes, compiled.distance_grid
-    cloud = compiled.surface.cloud(0)
-    chosen = rng.integers(len(cloud.points), size=1500)
-    places = BodyPlaces.of(compiled.problem.body, grid, cloud.points[chosen], -cloud.normals[chosen])
+    clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
+    points, normals = (np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ("points", "normals"))
+    chosen = rng.integers(len(points), size=1500)
+    places = BodyPlaces.of(compiled.problem.body, grid, points[chosen], -normals[chosen])
     budget = (compiled.l2_variant or compiled).screening_budget
-    steps = RaceSteps(compiled.problem, shapes, grid, budget, rng)
-    state = placements(posture_library(shapes), shapes, grid, places, drawn, kept, rng)
-    if not len(state):
-        return []
-    racers = _entrants(steps, in_contact(shapes, grid, state), ROUNDS[0].racers)
+    limits = RaceLimits(compiled)
+    steps = RaceSteps(compiled.problem, shapes, grid, budget, limits, rng)
+    library = posture_library(shapes)
+    _warn_of_openings(compiled, library, places)
+    kinds = placements(compiled, library, places, steps.solids, limits, drawn, kept, rng)
+    state = HandState.joined(kinds)
+    kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
+    wider = 1.6 if limits else 1.0  # for placements that keep limits are few
+    entrants = round(wider * ROUNDS[0].racers)
+    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, entrants)
+    longer = 1 + len(compiled.problem.models) // 6  # many contacts take more steps to touch
     for round_ in ROUNDS:
         price = 1e3 * round_.price * steps.unit
-        racers = steps.advance(_best(racers, price)[: max(round_.racers, count)], round_.steps, price)
+        racers = steps.advance(
+            _best(racers, price)[: max(round(wider * round_.racers), count)], longer * round_.steps, price
+        )
     return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
 
 
-def _entrants(steps: RaceSteps, state: HandState, count: int) -> list[Racer]:
-    """Return the most promising postures as racers: by bounds on mu less what is not in order yet."""
+def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
+    """Warn once of fingertips that no posture opposes, and of a body that is thicker than any opening everywhere."""
+    thickness = float(np.min(places.thickness))
+    tree, opening = compiled.hand_functions.linked_hand.tree, largest_opening(library)
+    if not opening:
+        nearest = min(opposition(tree, tree.joint_limits.mean(axis=0)).pairs, key=lambda pair: pair.opposed)
+        names = " and ".join(tree.tips[i][0] for i in nearest.fingers)
+        apart = f"face to face {names} come within {1e3 * nearest.opposed:.3g} mm at best"
+        warn_once(f"URDFHand.fingertips: no posture was found in which the fingertips oppose each other; {apart}")
+    elif thickness > 1.1 * opening:
+        text = f"at least {1e3 * thickness:.3g} mm thick, and the hand opens to {1e3 * opening:.3g} mm"
+        warn_once(f"GraspProblem.body: {text}: no posture was found that holds it from two sides")
+
+
+def _entrants(steps: RaceSteps, state: HandState, kinds: IntArray, count: int) -> list[Racer]:
+    """Return the most promising postures as racers, of each of their ``kinds`` in turn.
+
+    By bounds on mu less what is not in order yet.
+    """
     shapes, frames = steps.shapes, steps.shapes.links.frames(state)
     touch = steps.touch(frames)
     mu = steps.screen(touch)
     gaps = np.max(np.abs(touch.gaps), axis=1)
-    depths = -np.min(steps.grid.nearest(frames.cloud(shapes.middles)), axis=1)
+    depths = -np.min(steps.solids.nearest(frames.cloud(shapes.middles)), axis=1, initial=np.inf)
     balls = frames.points(shapes.tips.at, shapes.tips.groups)
     beyond = np.max(overhang(shapes, frames, balls, -touch.normals), axis=1)
     disorder = 40.0 * np.maximum(gaps - 5e-4, 0.0) + 60.0 * np.maximum(depths - 5e-4, 0.0) + 60.0 * beyond
+    if steps.limits:
+        disorder += 40.0 * steps.limits.lacks(PosedContacts.nearest(shapes, steps.grid, state, frames))
     rank = np.zeros(len(state), int)
-    for kind in np.array_split(np.arange(len(state)), 2):  # both kinds of postures in turn
+    for kind in (np.flatnonzero(kinds == kind) for kind in np.unique(kinds)):
         rank[kind[np.argsort((disorder - mu / steps.unit)[kind], kind="stable")]] = np.arange(len(kind))
     return steps.first(state.of(np.argsort(rank, kind="stable")[:count]))
 

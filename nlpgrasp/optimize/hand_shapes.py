@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.common.cache import cached_arrays
+from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.moving_links import Frames, LinkPoints, MovingLinks
+from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
 from nlpgrasp.hands.self_collision import colliding_tips
+from nlpgrasp.hands.tips import FlatTip
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
+
+
+class HasDistance(Protocol):
+    """Distance of solids, such as a grid of it."""
+
+    spacing: float
+
+    def nearest(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (..., 3), metres, up to the spacing."""
+
+    def distance(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distance (n,), metres, of points (n, 3), and its gradient (n, 3)."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +49,17 @@ class TipBalls:
     facing : (k, 3) array
         Middle of each patch, frame of its group; zero for a patch all around.
     cosines : (k,) array
-        Least cosine between the contact's normal and ``facing``.
+        Least cosine between the contact's normal and ``facing``; 1 for flat tips.
     patches : tuple of k (m, 3) arrays
         Points of each patch, metres, frame of its group.
     standoffs : (k,) array
         Radii of the balls about these, metres; 0 where the points are on the patch itself.
+    flat : (f,) int array
+        Numbers of the flat fingertips.
+    across : (f, 2, 3) array
+        Unit vectors along their sides, frames of their groups.
+    halves : (f, 2) array
+        Half their lengths, metres.
     """
 
     at: FloatArray
@@ -49,36 +69,43 @@ class TipBalls:
     cosines: FloatArray
     patches: tuple[FloatArray, ...]
     standoffs: FloatArray
+    flat: IntArray
+    across: FloatArray
+    halves: FloatArray
 
     @classmethod
     def of(cls, hand: URDFHand, links: MovingLinks) -> TipBalls:
         """Return the balls of a hand's fingertips."""
         poses = [links.pose[link] for link, _ in hand.tips]
         at = [pose[:3, :3] @ tip.centre + pose[:3, 3] for pose, (_, tip) in zip(poses, hand.tips, strict=True)]
-        stated = [getattr(tip, "facing", None) for _, tip in hand.tips]
+        stated = [getattr(tip, "facing", tip.normal) for _, tip in hand.tips]
         facing = [
             np.zeros(3) if direction is None else pose[:3, :3] @ np.asarray(direction)
             for pose, direction in zip(poses, stated, strict=True)
         ]
         cosines = [
-            -1.0 if direction is None else float(np.cos(getattr(tip, "angle", np.pi)))
+            -1.0 if direction is None else float(np.cos(getattr(tip, "angle", 0.0)))
             for direction, (_, tip) in zip(stated, hand.tips, strict=True)
         ]
         groups, radii = [links.group[link] for link, _ in hand.tips], [tip.posing_radius for _, tip in hand.tips]
         standoffs = np.array([tip.standoff for _, tip in hand.tips])
-        patches = [tip.backbone if tip.standoff > 0.0 else tip.surface().vertices for _, tip in hand.tips]
+        patches = [tip.backbone if tip.standoff > 0.0 else _filled(tip.surface()) for _, tip in hand.tips]
         patches = [p @ pose[:3, :3].T + pose[:3, 3] for p, pose in zip(patches, poses, strict=True)]
         balls = np.array(at), np.array(groups), np.array(radii)
-        return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs)
+        flat = [i for i, (_, tip) in enumerate(hand.tips) if isinstance(tip, FlatTip)]
+        rectangles = [tip for _, tip in hand.tips if isinstance(tip, FlatTip)]
+        across = [(poses[i][:3, :3] @ tip.frame[:3, :2]).T for i, tip in zip(flat, rectangles, strict=True)]
+        halves = np.array([tip.extents for tip in rectangles]).reshape(-1, 2) / 2.0
+        pads = np.array(flat, int), np.array(across).reshape(-1, 2, 3), halves
+        return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs, *pads)
 
 
 class HandShapes:
-    """Shapes of a hand's links, its fingertips and joint limits.
+    """Shapes of a hand's links, its fingertips, joint limits and closed linkages.
 
     Parameters
     ----------
     hand : URDFHand
-        Without closed linkages.
     margin : float
         Of joints from their limits, radians.
     spacing : float
@@ -89,14 +116,17 @@ class HandShapes:
         self.links = MovingLinks(hand.robot)
         self.tips = TipBalls.of(hand, self.links)
         margins = JointLimitMargins.of(hand, margin)
-        self.limits = margins.narrow_limits(np.full(len(margins.names), margin > 0.0))
+        self.linkages = hand.tree.linkages if hand.robot.has_linkages else None
+        held = {*hand.robot.passive, *hand.robot.stop_positions}  # others move them, or springs hold them at a limit
+        self.limits = margins.narrow_limits(np.array([margin > 0.0 and name not in held for name in margins.names]))
         self._set_spheres(hand)
         at, groups, cells, self._owners = self._samples(hand, spacing)
         self.samples = LinkPoints(at, groups)
         self.bins, self.first = cells, np.flatnonzero(np.diff(cells, prepend=-1))
         self.counts = np.diff(np.append(self.first, len(at)))
         middles = np.stack([np.bincount(cells, at[:, i]) for i in range(3)], axis=1) / self.counts[:, None]
-        self.reach = np.maximum.reduceat(np.linalg.norm(at - middles[cells], axis=1), self.first)
+        self.reach = np.zeros(len(middles))
+        np.maximum.at(self.reach, cells, np.linalg.norm(at - middles[cells], axis=1))
         self.middles = LinkPoints(middles, groups[self.first])
 
     def _set_spheres(self, hand: URDFHand) -> None:
@@ -149,6 +179,27 @@ class HandShapes:
         whole = table[order].astype(int)
         return table[order, 1:4], whole[:, 0], bins[order], whole[:, 4]
 
+    def closed(self, joints: FloatArray) -> FloatArray:
+        """Return joint positions (b, m) moved so that linkages are closed."""
+        return joints if self.linkages is None else self.linkages.close(joints)
+
+    def moved(self, state: HandState, twist: FloatArray, pivot: FloatArray) -> HandState:
+        """Return postures after twists (b, 6 + m) about pivots (b, 3), within the limits and with linkages closed."""
+        result = state.moved(twist, pivot, self.limits)
+        return replace(result, joints=self.closed(result.joints))
+
+    def linkage_rows(self, joints: FloatArray) -> FloatArray:
+        """Return the derivatives (b, r, 6 + m) by the twist of what closed linkages keep."""
+        if self.linkages is None:
+            return np.zeros((len(joints), 0, self.links.size))
+        slopes = self.linkages.jacobians(joints)
+        return np.concatenate([np.zeros((*slopes.shape[:2], 6)), slopes], axis=2)
+
+    def free_twists(self, joints: FloatArray, scale: FloatArray) -> FloatArray:
+        """Return the projections (b, n, n) of twists over ``scale``, (n,), onto those that keep linkages closed."""
+        rows = self.linkage_rows(joints) * scale
+        return np.eye(len(scale)) - np.linalg.pinv(rows, rcond=1e-6) @ rows
+
     def points_by_link(self, chosen: IntArray) -> dict[str, FloatArray]:
         """Return chosen samples by link, (m, 3) each, metres, link frame."""
         result = dict[str, FloatArray]()
@@ -169,9 +220,9 @@ class HandShapes:
         return result
 
     def lowest_samples(
-        self, grid: DistanceGrid, frames: Frames, reach: float
+        self, grid: HasDistance, frames: Frames, reach: float
     ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-        """Return, of each bin of samples, the one nearest to the body, where nearer than ``reach``, metres.
+        """Return, of each bin of samples, the one nearest to a solid, where nearer than ``reach``, metres.
 
         Their postures and indices (n,), positions (n, 3), distances and gradients of these (n, 3).
         """
@@ -188,6 +239,15 @@ class HandShapes:
         lowest = order[np.any(np.diff(keys, axis=1, prepend=-1), axis=0)]
         lowest = lowest[value[lowest] < reach]
         return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
+
+
+def _filled(patch: Triangles, spacing: float = 4e-3) -> FloatArray:
+    """Return the vertices of a patch, and points of its triangles that are larger than ``spacing``, metres."""
+    import trimesh
+
+    points = trimesh.remesh.subdivide_to_size(patch.vertices, patch.faces, spacing)[0]
+    _, first = np.unique(np.round(points / 1e-5), axis=0, return_index=True)
+    return np.asarray(points[np.sort(first)])
 
 
 def _surface(shapes: Sequence[CollisionShape], spacing: float) -> dict[str, FloatArray]:

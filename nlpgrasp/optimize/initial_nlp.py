@@ -1,4 +1,7 @@
-"""Initial NLP of a start (vertex transcription): search for a grasp that can exert the task."""
+"""Initial NLP of a start (vertex transcription): search for a grasp that can exert the task.
+
+For problems without a hand, or with one that is determined by its contacts.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
-from nlpgrasp.optimize.projection import fix_to_triangles, project_onto_body
+from nlpgrasp.optimize.projection import fix_to_triangles
 
 FIRST_BETA = 0.1  # initial value of beta, solver units
 
@@ -57,7 +60,8 @@ def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: 
         if not np.all(np.isfinite(candidate.points)):  # a spline of a sheet may leave IPOPT without a number
             grasps.append(replace(grasps[0], message=result.status, effort=effort))
             continue
-        candidate = _on_body(compiled, candidate)
+        if isinstance(compiled.problem.body, Mesh):
+            candidate = replace(candidate, points=compiled.problem.body.closest(candidate.points)[0])
         grasps.append(
             ScoredCandidate(candidate, _score(compiled, candidate, rng), message=result.status, effort=effort)
         )
@@ -66,14 +70,6 @@ def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: 
     effort = sum((grasp.effort for grasp in grasps), SolverEffort())
     best = max(reversed(grasps), key=lambda grasp: grasp.score)  # the latest of equals
     return replace(best, effort=effort)
-
-
-def _on_body(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandidate:
-    """Return a solution of the initial NLP with contacts projected onto the body and the hand touching it."""
-    body = compiled.problem.body
-    if isinstance(body, Mesh):
-        candidate = replace(candidate, points=body.closest(candidate.points)[0])
-    return candidate if compiled.follows_contacts else project_onto_body(compiled, candidate)[1]
 
 
 def initial_parameters(compiled: CompiledProblem, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
@@ -88,10 +84,4 @@ def _score(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.
     """Return a candidate's least support ratio, or its negative violation if it violates a constraint."""
     on_faces, projected = fix_to_triangles(compiled, candidate)
     violation = on_faces.violation(projected)
-    if (
-        violation > FEASIBLE
-        and compiled.hand_functions.has_flat_tips
-        and candidate.faces[0] in compiled.problem.body.face_names
-    ):
-        on_faces, projected, violation = compiled, candidate, compiled.violation(candidate)  # on the smoothed surface
     return -violation if violation > FEASIBLE else weakest_directions_of(on_faces, projected, rng).value

@@ -20,6 +20,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.hands.urdf_hand import POINT_CLEARANCE
 from nlpgrasp.optimize.hand_shapes import HandShapes
+from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits, Solids
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
@@ -48,6 +49,8 @@ class Racer:
         Distances of the fingertips from the body, metres, and their derivatives.
     values, rows : (r,) and (r, n) arrays
         What must not be negative and may become so, metres, and the derivatives.
+    linkages : (l, n) array
+        Rows whose product with a twist has to be zero: what keeps linkages closed.
     pivot : (3,) array
         Of the twist.
     radius : float
@@ -69,6 +72,7 @@ class Racer:
     touch: FloatArray
     values: FloatArray
     rows: FloatArray
+    linkages: FloatArray
     pivot: FloatArray
     radius: float = 8e-3
     idle: int = 0
@@ -102,6 +106,26 @@ class Touch:
     turning: FloatArray
 
 
+@dataclass(frozen=True)
+class Pads:
+    """Places of the contacts on the f flat fingertips of b postures.
+
+    Parameters
+    ----------
+    sides : (b, f, 2, 3) array
+        Unit vectors along the pads' sides, body frame.
+    places : (b, f, 2) array
+        Of the contacts from the pads' middles along these, metres.
+    slopes, stiffness : (b, f, 2) and (b, f, 2, 2) arrays
+        Derivatives by the place of what is least there.
+    """
+
+    sides: FloatArray
+    places: FloatArray
+    slopes: FloatArray
+    stiffness: FloatArray
+
+
 class RaceSteps:
     """Linearisation and steps of a problem's hand.
 
@@ -113,6 +137,8 @@ class RaceSteps:
         Of the body.
     budget : ForceBudget
         One that does not depend on the contacts' frames.
+    limits : RaceLimits
+        Of the problem.
     rng : numpy.random.Generator
 
     Attributes
@@ -122,10 +148,11 @@ class RaceSteps:
     """
 
     def __init__(
-        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, budget: ForceBudget,
+        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, budget: ForceBudget, limits: RaceLimits,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.problem, self.shapes, self.grid, self._budget, self._rng = problem, shapes, grid, budget, rng
+        self.limits, self.solids = limits, Solids.around(grid, problem)
         self.unit = 1.0
 
     def screen(self, touch: Touch) -> FloatArray:
@@ -146,13 +173,68 @@ class RaceSteps:
         return self.linearise(state, y / self.problem.task.support(y.reshape(-1, y.shape[2]))[0].reshape(len(y), -1, 1))
 
     def touch(self, frames: Frames) -> Touch:
-        """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body."""
+        """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body.
+
+        On a flat patch it is found by Newton steps from its middle.
+        """
         tips, centres = self.shapes.tips, list[FloatArray]()
         for patch, group in zip(tips.patches, tips.groups, strict=True):
             points = frames.points(patch, np.full(len(patch), group))
             distances = self.grid.distance(points.reshape(-1, 3))[0].reshape(points.shape[:2])
             centres.append(points[np.arange(len(points)), np.argmin(distances, axis=1)])
-        return self._contacts(np.stack(centres, axis=1))
+        nearest = np.stack(centres, axis=1)
+        nearest[:, tips.flat] = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
+        result = self._contacts(nearest)
+        for _ in range(3 if len(tips.flat) else 0):
+            pads = self._pads(frames, result)
+            step = -np.linalg.solve(pads.stiffness, pads.slopes[..., None])[..., 0]
+            places = np.clip(pads.places + step, -tips.halves, tips.halves)
+            middles = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
+            nearest[:, tips.flat] = middles + np.einsum("bfa,bfax->bfx", places, pads.sides)
+            result = self._contacts(nearest)
+        return result
+
+    def _pads(self, frames: Frames, touch: Touch, pull: float = 1.0) -> Pads:
+        """Return where flat fingertips touch, as minima of the distance over each pad.
+
+        To the distance ``pull`` / 2 times the square of that from the pad's middle is added, which decides on a flat
+        face.
+
+        Parameters
+        ----------
+        frames : Frames
+        touch : Touch
+            With the contacts' present places.
+        pull : float
+            One over metres.
+        """
+        tips = self.shapes.tips
+        groups = tips.groups[tips.flat]
+        sides = np.stack([frames.directions(tips.across[:, axis], groups) for axis in range(2)], axis=2)
+        offsets = touch.centres[:, tips.flat] - frames.points(tips.at[tips.flat], groups)
+        places = np.einsum("bfax,bfx->bfa", sides, offsets)
+        slopes = np.einsum("bfax,bfx->bfa", sides, touch.normals[:, tips.flat]) + pull * places
+        stiffness = sides @ touch.turning[:, tips.flat] @ sides.transpose(0, 1, 3, 2) + pull * np.eye(2)
+        return Pads(sides, places, slopes, stiffness)
+
+    def _with_rolling(self, frames: Frames, touch: Touch, motion: FloatArray) -> FloatArray:
+        """Return the motion (b, k, 3, n) of contacts' centres by the twist, with the rolling of flat fingertips.
+
+        A contact stays where the distance over the pad is least, as far as the pad reaches.
+        """
+        tips = self.shapes.tips
+        if not len(tips.flat):
+            return motion
+        pads, result, flat = self._pads(frames, touch), motion.copy(), tips.flat
+        at_end = (np.abs(pads.places) > tips.halves - 1e-9) & (pads.places * pads.slopes < 0.0)
+        stiffness = pads.stiffness + 1e6 * at_end[..., None] * np.eye(2)
+        which, tip = np.repeat(np.arange(len(motion)), len(flat)), np.tile(flat, len(motion))
+        rates = pads.sides @ touch.turning[:, flat] @ motion[:, flat]
+        for axis in range(2):
+            turned = np.cross(pads.sides[:, :, axis], touch.normals[:, flat]).reshape(-1, 3)
+            rates[:, :, axis] += frames.turning_rows(turned, tips.groups[tip], which).reshape(*rates.shape[:2], -1)
+        result[:, flat] -= pads.sides.transpose(0, 1, 3, 2) @ np.linalg.solve(stiffness, rates)
+        return result
 
     def _contacts(self, centres: FloatArray, steps: int = 4) -> Touch:
         """Return the contacts of balls with centres (b, k, 3).
@@ -190,12 +272,8 @@ class RaceSteps:
         """Return racers in given postures, with known weak directions (b, m, d) of each."""
         frames = self.shapes.links.frames(state)
         touch = self.touch(frames)
-        (count, k), pivot = touch.gaps.shape, touch.centres.mean(axis=1)
-        which, groups = np.repeat(np.arange(count), k), np.tile(self.shapes.tips.groups, count)
-        flat = touch.centres.reshape(-1, 3)
-        motion = np.stack(
-            [frames.rows(flat, groups, np.broadcast_to(e, flat.shape), pivot, which) for e in np.eye(3)], axis=1
-        ).reshape(count, k, 3, -1)  # of the centres by the twist
+        count, pivot = len(state), touch.centres.mean(axis=1)
+        motion = self._with_rolling(frames, touch, frames.motions(touch.centres, self.shapes.tips.groups, pivot))
         moving = touch.by_centre @ motion
         turning = -touch.turning @ motion
         points, normals = touch.points, -touch.normals
@@ -203,6 +281,11 @@ class RaceSteps:
         slopes = self._support_slopes(points, normals, moving, turning, cuts)
         approaching = np.einsum("bkx,bkxn->bkn", touch.normals, motion)
         rows, values, owners = self._limits(frames, touch, motion, pivot)
+        if self.limits:
+            contacts = PosedContacts(state, points, normals, moving, turning, pivot)
+            parts = zip((owners, values, rows), self.limits.rows(contacts), strict=True)
+            owners, values, rows = (np.concatenate(pair) for pair in parts)
+        linkages = self.shapes.linkage_rows(state.joints)
         racers = list[Racer]()
         for i in range(count):
             real, own = np.isfinite(ratios[i]), owners == i
@@ -210,7 +293,7 @@ class RaceSteps:
                 Racer(
                     state.of(slice(i, i + 1)), float(np.min(ratios[i])), points[i], normals[i], moving[i], turning[i],
                     cuts[i][real], ratios[i][real], slopes[i][real], touch.gaps[i], approaching[i], values[own],
-                    rows[own], pivot[i],
+                    rows[own], linkages[i], pivot[i],
                 )
             )  # fmt: skip
         return racers
@@ -283,17 +366,17 @@ class RaceSteps:
         self, frames: Frames, touch: Touch, motion: FloatArray, pivot: FloatArray, reach: float = 6e-3
     ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return derivatives, values, metres, and postures of what must not be negative and is near zero."""
-        shapes, grid, tips = self.shapes, self.grid, self.shapes.tips
-        # samples of links outside the body
-        which, index, x, value, slope = shapes.lowest_samples(grid, frames, reach)
+        shapes, grid, solids, tips = self.shapes, self.grid, self.solids, self.shapes.tips
+        # samples of links outside body and surroundings
+        which, index, x, value, slope = shapes.lowest_samples(solids, frames, reach)
         groups = shapes.samples.groups[index]
         rows = [frames.rows(x, groups, slope, pivot, which)]
         values, owners = [value - np.where(np.isin(groups, tips.groups), 0.0, POINT_CLEARANCE)], [which]
-        # spheres of links outside the body
+        # spheres of links outside these
         spheres = frames.points(shapes.spheres, shapes.sphere_groups)
-        near = grid.nearest(spheres[:, : len(shapes.least)]) < shapes.least + reach + grid.spacing
+        near = solids.nearest(spheres[:, : len(shapes.least)]) < shapes.least + reach + grid.spacing
         which, index = np.nonzero(near)
-        value, slope = grid.distance(spheres[which, index])
+        value, slope = solids.distance(spheres[which, index])
         rows.append(frames.rows(spheres[which, index], shapes.sphere_groups[index], slope, pivot, which))
         values.append(value - shapes.least[index])
         owners.append(which)
@@ -311,7 +394,7 @@ class RaceSteps:
         values.append((lengths - shapes.apart)[which, pair])
         owners.append(which)
         # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
-        limited = np.flatnonzero(tips.cosines > -1.0)
+        limited = np.setdiff1d(np.flatnonzero(tips.cosines > -1.0), tips.flat)
         which, tip = np.repeat(np.arange(len(pivot)), len(limited)), np.tile(limited, len(pivot))
         facing, n = frames.directions(tips.facing, tips.groups)[which, tip], -touch.normals[which, tip]
         turning = frames.turning_rows(np.cross(facing, n), tips.groups[tip], which)
@@ -319,6 +402,17 @@ class RaceSteps:
         rows.append(0.01 * turning)
         values.append(0.01 * (np.sum(facing * n, axis=1) - tips.cosines[tip]))
         owners.append(which)
+        # flat tips along the surface: sines of their angles count as cosines do
+        across = tips.across.transpose(1, 0, 2)
+        for direction in (*across, *-across):
+            which, tip = np.repeat(np.arange(len(pivot)), len(tips.flat)), np.tile(tips.flat, len(pivot))
+            side = frames.directions(direction, tips.groups[tips.flat]).reshape(-1, 3)
+            n = -touch.normals[which, tip]
+            turning = frames.turning_rows(np.cross(side, n), tips.groups[tip], which)
+            turning -= np.einsum("ix,ixy,iyn->in", side, touch.turning[which, tip], motion[which, tip])
+            rows.append(0.01 * turning)
+            values.append(0.01 * np.sum(side * n, axis=1))
+            owners.append(which)
         # contacts off sharp edges
         edges = grid.edge_distance(touch.points.reshape(-1, 3))
         if edges is not None:
@@ -370,13 +464,14 @@ class RaceSteps:
         """Return the postures of racers after twists (b, n), corrected to the second order so that fingertips touch."""
         scale = np.concatenate([np.ones(3), np.full(twists.shape[1] - 3, 1.0 / 0.06)])
         J, pivot = np.stack([racer.touch for racer in racers]) * scale, np.stack([racer.pivot for racer in racers])
-        state = HandState.joined([racer.state for racer in racers]).moved(twists, pivot, self.shapes.limits)
+        state = self.shapes.moved(HandState.joined([racer.state for racer in racers]), twists, pivot)
+        J = J @ self.shapes.free_twists(state.joints, scale)
         pivot = pivot + twists[:, :3]
         for _ in range(corrections):
             gaps = self.touch(self.shapes.links.frames(state)).gaps
             forces = np.linalg.solve(J @ J.transpose(0, 2, 1) + 1e-4 * np.eye(J.shape[1]), -gaps[..., None])
             correction = scale * (J.transpose(0, 2, 1) @ forces)[..., 0]
-            state, pivot = state.moved(correction, pivot, self.shapes.limits), pivot + correction[:, :3]
+            state, pivot = self.shapes.moved(state, correction, pivot), pivot + correction[:, :3]
         return state
 
     def _twist(self, racer: Racer, price: float) -> tuple[FloatArray, float] | None:
@@ -388,18 +483,25 @@ class RaceSteps:
         n, limits = self.shapes.links.size, self.shapes.limits
         scale = np.concatenate([np.full(3, racer.radius), np.full(n - 3, racer.radius / 0.06)])
         near = racer.values < 4.0 * racer.radius + 1e-3
+        # closed linkages allow no motion along their rows, of which some may depend on others
+        _, sizes, closed = np.linalg.svd(racer.linkages * scale, full_matrices=False)
+        closed = closed[sizes > 1e-6 * np.max(sizes, initial=0.0)]
         parts = [racer.slopes / self.unit, 1e3 * racer.touch, -1e3 * racer.touch, 1e3 * racer.rows[near]]
         least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
         slack = np.repeat([[-1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]], list(map(len, parts)), axis=0)
         A = np.hstack([np.concatenate(parts) * scale, slack])
+        A = np.concatenate([A, np.hstack([closed, np.zeros((len(closed), 3))])])
         room = (limits - racer.state.joints[0]) / scale[6:]
         low = np.concatenate([np.full(6, -1.0), np.clip(room[0], -1.0, 0.0), [-10.0, 0.0, 0.0]])
         high = np.concatenate([np.full(6, 1.0), np.clip(room[1], 0.0, 1.0), [1e3, 1e3, 1e3]])
         millimetre = 1e-3 * price / self.unit
         H = np.diag(np.concatenate([np.full(n, 2e-3), np.full(3, 1e-7)]))
         f = np.concatenate([np.zeros(n), [-1.0, millimetre, millimetre]])
-        upper, lower = np.concatenate([high, np.full(len(A), 1e30)]), np.concatenate([low, *least])
-        z, _, flag, _ = daqp.solve(H, f, A, upper, lower, np.zeros(len(upper), np.int32))
+        upper = np.concatenate([high, np.full(len(A) - len(closed), 1e30), np.zeros(len(closed))])
+        lower = np.concatenate([low, *least, np.zeros(len(closed))])
+        sense = np.zeros(len(upper), np.int32)
+        sense[len(upper) - len(closed) :] = 5  # equations
+        z, _, flag, _ = daqp.solve(H, f, A, upper, lower, sense)
         if flag <= 0:
             return None
         predicted = self.unit * float(z[n] - millimetre * (z[n + 1] + z[n + 2])) - racer.merit(price)

@@ -1,8 +1,8 @@
 """One start of the search: initial NLPs of candidates, comparison in pairs, refinement and certificate.
 
 The initial NLP brings each proposed candidate to exert the task, where it does not; two of these at a time are compared
-after a few rounds of refinement. Candidates of a race of hand postures need neither. Then each is refined on the body,
-certified and measured, the better one first, until a result is solved. With a hand that has a pose this is the polish
+after a few rounds of refinement. Then each is refined on the body, certified and measured, the better one first, until
+a result is solved. With a hand that has a pose the candidates come from a race, need neither, and are polished
 (``polish.py``), which ends at a local optimum.
 """
 
@@ -19,13 +19,12 @@ from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
-from nlpgrasp.optimize.hand_race import can_race
 from nlpgrasp.optimize.initial_nlp import ScoredCandidate, solve_initial_nlp
 from nlpgrasp.optimize.local_search import RefinementResult, refine
 from nlpgrasp.optimize.polish import polish
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import fix_to_triangles, put_on_body
-from nlpgrasp.optimize.propose import TRIES, move_into_contact, propose, reachable_candidates
+from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.refine_on_body import advance_on_body, refine_on_body
 from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
@@ -105,19 +104,14 @@ def _best_of_candidates(
     origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
     if compiled.problem.objective == "nu":
         return _best_by_volume(compiled, index, candidates or propose(compiled, rng), rng, deadline, clock)
-    # hand poses are compared under the L2 budget
+    # hand poses are scored under the L2 budget
     comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
     refinement = _Refinement(compiled, index, origin, deadline, clock)
-    if can_race(compiled.problem):
+    if not compiled.follows_contacts:
         clock.mark("propose")
         scored = [ScoredCandidate(raced, weakest_directions_of(comparing, raced, rng).value) for raced in proposed]
-        raced_results = refinement.best_first(sorted(scored, key=lambda raced: -raced.score))
-        if any(result.record.has_grasp for result in raced_results) or deadline.should_stop():
-            return _best_of_results(raced_results)
-        proposed = reachable_candidates(comparing, rng, TRIES)
-    if not compiled.follows_contacts:
-        proposed = move_into_contact(comparing, proposed, rng, deadline)
+        return _best_of_results(refinement.best_first(sorted(scored, key=lambda raced: -raced.score)))
     clock.mark("propose")
     results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)

@@ -8,12 +8,11 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.optimize import propose as posed
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
-from nlpgrasp.optimize.propose import TRIES, move_into_contact, reachable_candidates
+from nlpgrasp.optimize.propose import propose
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -32,10 +31,7 @@ def compiled():
 
 def moved(compiled, seed):
     """Return a compiled problem, a hand in contact with a mesh of a cylinder, and the hand after finger exchange."""
-    with pytest.MonkeyPatch.context() as unexchanged:
-        unexchanged.setattr(posed, "_exchange_within_reach", lambda *_: [])
-        rng = np.random.default_rng(seed)
-        start = move_into_contact(compiled, reachable_candidates(compiled, rng, TRIES), rng, Deadline())[0]
+    start = propose(compiled, np.random.default_rng(seed))[-1]
     _, start, residual = project_onto_body(compiled, start)
     assert residual <= TOUCHING
     return (

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_constraints
-from nlpgrasp.optimize.propose import move_into_contact
 
 FACES = ("surface",) * 3
 
@@ -43,11 +41,3 @@ def test_infeasible_constraints_are_violated_least(rng):
     projected, violation = project_onto_constraints(compiled(ng.Spread(1.9)), close_together(rng))
     assert TOUCHING < violation < 0.62
     np.testing.assert_allclose(np.linalg.norm(projected.points, axis=1), 1.0, atol=1e-12)
-
-
-def test_candidates_that_touch_come_first(rng):
-    spread = compiled(ng.Spread(1.2, 1.9))
-    far = GraspCandidate(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
-    moved = list(move_into_contact(spread, [close_together(rng), spread.projected_onto_faces(far)], rng, Deadline()))
-    assert len(moved) == 2
-    assert all(spread.violation(candidate) <= 1e-5 for candidate in moved)
