@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.spatial import cross, cross_matrix
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands.robot import Robot
 
@@ -142,7 +143,7 @@ class Frames:
     @cached_property
     def _moments(self) -> FloatArray:
         """Axes times their origins, (b, joints, 3)."""
-        return np.cross(self._axes, self.t[:, 1:])
+        return cross(self._axes, self.t[:, 1:])
 
     def points(self, at: FloatArray, groups: IntArray) -> FloatArray:
         """Return the positions (b, n, 3), metres, of points (n, 3) given in their groups' frames."""
@@ -171,18 +172,21 @@ class Frames:
             The points' groups and postures.
         pivot : (b, 3) array
         """
-        moment = np.cross(x, n)
+        moment = cross(x, n)
         along = (self._axes[which] @ n[:, :, None])[..., 0]
         turning = (self._axes[which] @ moment[:, :, None])[..., 0] - (self._moments[which] @ n[:, :, None])[..., 0]
         rates = np.where(self.links.slides, along, turning) * self.links.moves[groups]
-        return np.concatenate([n, moment - np.cross(pivot[which], n), rates @ self.links.coupling], axis=1)
+        return np.concatenate([n, moment - cross(pivot[which], n), rates @ self.links.coupling], axis=1)
 
     def motions(self, x: FloatArray, groups: IntArray, pivot: FloatArray) -> FloatArray:
         """Return the derivatives (b, k, 3, 6 + m) by the twist of points (b, k, 3) fixed to groups (k,)."""
-        (count, k, _), flat = x.shape, x.reshape(-1, 3)
-        which, owners = np.repeat(np.arange(count), k), np.tile(groups, count)
-        axes = [self.rows(flat, owners, np.broadcast_to(e, flat.shape), pivot, which) for e in np.eye(3)]
-        return np.stack(axes, axis=1).reshape(count, k, 3, -1)
+        turning = cross(self._axes[:, None], x[:, :, None] - self.t[:, None, 1:])
+        rates = np.where(self.links.slides[:, None], self._axes[:, None], turning)
+        result = np.empty((*x.shape, self.links.size))
+        result[..., :3], result[..., 3:6] = np.eye(3), -cross_matrix(x - pivot[:, None])
+        moving = self.links.moves[groups][:, :, None] * self.links.coupling  # (k, joints, m)
+        np.matmul(rates.transpose(0, 1, 3, 2), moving, out=result[..., 6:])
+        return result
 
     def turning_rows(self, v: FloatArray, groups: IntArray, which: IntArray) -> FloatArray:
         """Return the derivatives (k, 6 + m) of ``v . angle`` of groups by the twist, for vectors v (k, 3)."""

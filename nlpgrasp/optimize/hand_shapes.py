@@ -124,6 +124,9 @@ class HandShapes:
         self.samples = LinkPoints(at, groups)
         self.bins, self.first = cells, np.flatnonzero(np.diff(cells, prepend=-1))
         self.counts = np.diff(np.append(self.first, len(at)))
+        sizes = list(map(len, self.tips.patches))
+        self.patches = LinkPoints(np.concatenate(self.tips.patches), np.repeat(self.tips.groups, sizes))
+        self.patch_starts = np.cumsum([0, *sizes[:-1]])
         middles = np.stack([np.bincount(cells, at[:, i]) for i in range(3)], axis=1) / self.counts[:, None]
         self.reach = np.zeros(len(middles))
         np.maximum.at(self.reach, cells, np.linalg.norm(at - middles[cells], axis=1))
@@ -197,6 +200,8 @@ class HandShapes:
 
     def free_twists(self, joints: FloatArray, scale: FloatArray) -> FloatArray:
         """Return the projections (b, n, n) of twists over ``scale``, (n,), onto those that keep linkages closed."""
+        if self.linkages is None:
+            return np.broadcast_to(np.eye(len(scale)), (len(joints), len(scale), len(scale)))
         rows = self.linkage_rows(joints) * scale
         return np.eye(len(scale)) - np.linalg.pinv(rows, rcond=1e-6) @ rows
 
@@ -229,8 +234,9 @@ class HandShapes:
         which, hit = np.nonzero(grid.nearest(frames.cloud(self.middles)) < self.reach + reach + grid.spacing)
         counts = self.counts[hit]
         index = np.arange(counts.sum()) + np.repeat(self.first[hit] - np.cumsum(counts) + counts, counts)
-        which, groups = np.repeat(which, counts), self.samples.groups[index]
-        x = (frames.R[which, groups] @ self.samples.at[index, :, None])[..., 0] + frames.t[which, groups]
+        groups = self.middles.groups[hit]
+        R, t = (np.repeat(part[which, groups], counts, axis=0) for part in (frames.R, frames.t))
+        x, which = np.einsum("nxy,ny->nx", R, self.samples.at[index]) + t, np.repeat(which, counts)
         near = np.flatnonzero(grid.nearest(x) < reach + grid.spacing)
         which, index, x = which[near], index[near], x[near]
         value, slope = grid.distance(x)
