@@ -48,18 +48,18 @@ class DistanceGrid:
         edges, smooth = body.edge_distance_on_grid(axes), body.smooth_distance_on_grid(axes)
         self._values: Field = body.distance_on_grid(axes).astype(np.float32).ravel()
         self._edges: Field | None = None if edges is None else edges.astype(np.float32).ravel()
-        self._smooth: Field = np.empty((smooth.size, 13), dtype=np.float32)  # value, slopes, curvatures
+        self._smooth: Field = np.empty((smooth.size, 10), dtype=np.float32)  # value, slopes, upper triangle of curvatures
         self._smooth[:, 0] = smooth.ravel()
         for i, slope in enumerate(np.gradient(smooth, self.spacing)):
             self._smooth[:, 1 + i] = slope.ravel()
-            for j, curvature in enumerate(np.gradient(slope, self.spacing)):
-                self._smooth[:, 4 + 3 * i + j] = curvature.ravel()
+        for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True), start=4):
+            self._smooth[:, k] = np.gradient(np.gradient(smooth, self.spacing, axis=i), self.spacing, axis=j).ravel()
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """Return the distance at the grid point nearest to each point (..., 3), metres: quick, and off by a cell."""
         index = np.zeros(points.shape[:-1], dtype=np.int32)
         for axis in range(3):
-            cell = points[..., axis] * (1.0 / self.spacing) + (0.5 - self._corner[axis] / self.spacing)
+            cell = points[..., axis] * (1.0 / self.spacing) + float(0.5 - self._corner[axis] / self.spacing)
             np.clip(cell, 0.0, self._shape[axis] - 0.5, out=cell)
             index += cell.astype(np.int32) * np.int32(self._strides[axis])
         return np.asarray(self._values[index])
@@ -80,8 +80,7 @@ class DistanceGrid:
         x = np.stack([1.0 - w[:, 0], w[:, 0]], axis=1)
         weights = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).reshape(-1, 1, 8)
         total = (weights.astype(np.float32) @ self._smooth[base[:, None] + self._offsets])[:, 0].astype(float)
-        hessian = total[:, 4:].reshape(-1, 3, 3)
-        return total[:, 0] + beyond, total[:, 1:4], 0.5 * (hessian + hessian.transpose(0, 2, 1))
+        return total[:, 0] + beyond, total[:, 1:4], total[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
 
     def _trilinear(self, field: Field, points: FloatArray, goes_on: bool) -> tuple[FloatArray, FloatArray]:
         """Return the interpolation (n,) of a field at points (n, 3), and its gradient, (n, 3).

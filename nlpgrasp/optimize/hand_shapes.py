@@ -235,15 +235,18 @@ class HandShapes:
         counts = self.counts[hit]
         index = np.arange(counts.sum()) + np.repeat(self.first[hit] - np.cumsum(counts) + counts, counts)
         groups = self.middles.groups[hit]
-        R, t = (np.repeat(part[which, groups], counts, axis=0) for part in (frames.R, frames.t))
-        x, which = np.einsum("nxy,ny->nx", R, self.samples.at[index]) + t, np.repeat(which, counts)
+        poses = np.concatenate([frames.R[which, groups].reshape(-1, 9), frames.t[which, groups]], axis=1)
+        R = np.repeat(np.ascontiguousarray(poses.T, dtype=np.float32), counts, axis=1)  # and t, one row each
+        at = self.samples.columns[:, index]
+        x = (R[0:9:3] * at[0] + R[1:9:3] * at[1] + R[2:9:3] * at[2] + R[9:]).T
         near = np.flatnonzero(grid.nearest(x) < reach + grid.spacing)
-        which, index, x = which[near], index[near], x[near]
+        which, index, x = np.repeat(which, counts)[near], index[near], x[near].astype(float)
         value, slope = grid.distance(x)
-        order = np.lexsort((value, self.bins[index], which))
-        keys = np.stack([which, self.bins[index]])[:, order]
-        lowest = order[np.any(np.diff(keys, axis=1, prepend=-1), axis=0)]
-        lowest = lowest[value[lowest] < reach]
+        keys = which * len(self.first) + self.bins[index]  # in order
+        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        least = np.repeat(np.minimum.reduceat(value, starts), np.diff(starts, append=len(keys))) if len(keys) else value
+        lowest = np.flatnonzero((value == least) & (value < reach))
+        lowest = lowest[np.diff(keys[lowest], prepend=-1) > 0]
         return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
 
 

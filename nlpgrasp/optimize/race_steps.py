@@ -173,33 +173,35 @@ class RaceSteps:
         y = self._random_directions(len(state), CUTS)
         return self.linearise(state, y / self.problem.task.support(y.reshape(-1, y.shape[2]))[0].reshape(len(y), -1, 1))
 
-    def touch(self, frames: Frames) -> Touch:
+    def touch(self, frames: Frames, steps: int = 4) -> Touch:
         """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body.
 
-        On a flat patch it is found by Newton steps from its middle.
+        On a flat patch it is found by Newton steps from its middle. Contacts take ``steps`` Newton steps; gaps need
+        fewer, for they are stationary there.
         """
         shapes, tips = self.shapes, self.shapes.tips
-        points, starts = frames.cloud(shapes.patches), shapes.patch_starts
-        nearest = points[:, starts]
-        if len(starts) < points.shape[1]:
+        starts, index = shapes.patch_starts, np.tile(shapes.patch_starts, (len(frames.R), 1))
+        if len(starts) < len(shapes.patches.at):
+            points = frames.cloud(shapes.patches)
             distances = self.grid.nearest(points).astype(float)
             sizes = np.diff(starts, append=points.shape[1])
             least = np.repeat(np.minimum.reduceat(distances, starts, axis=1), sizes, axis=1)
-            which, index = np.nonzero(distances < least + 2.0 * self.grid.spacing)
+            which, near = np.nonzero(distances < least + 1.2 * self.grid.spacing)
             distances[:] = np.inf
-            distances[which, index] = self.grid.distance(points[which, index])[0]
+            distances[which, near] = self.grid.distance(points[which, near].astype(float))[0]
             for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
-                first = np.argmin(distances[:, start : start + size], axis=1)
-                nearest[:, i] = points[np.arange(len(points)), start + first]
+                index[:, i] += np.argmin(distances[:, start : start + size], axis=1)
+        R, t = frames.R[:, tips.groups], frames.t[:, tips.groups]
+        nearest = (R @ shapes.patches.at[index][..., None])[..., 0] + t
         nearest[:, tips.flat] = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
-        result = self._contacts(nearest)
+        result = self._contacts(nearest, steps)
         for _ in range(3 if len(tips.flat) else 0):
             pads = self._pads(frames, result)
             step = -np.linalg.solve(pads.stiffness, pads.slopes[..., None])[..., 0]
             places = np.clip(pads.places + step, -tips.halves, tips.halves)
             middles = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
             nearest[:, tips.flat] = middles + np.einsum("bfa,bfax->bfx", places, pads.sides)
-            result = self._contacts(nearest)
+            result = self._contacts(nearest, steps)
         return result
 
     def _pads(self, frames: Frames, touch: Touch, pull: float = 1.0) -> Pads:
@@ -244,7 +246,7 @@ class RaceSteps:
         result[:, flat] -= pads.sides.transpose(0, 1, 3, 2) @ np.linalg.solve(stiffness, rates)
         return result
 
-    def _contacts(self, centres: FloatArray, steps: int = 4) -> Touch:
+    def _contacts(self, centres: FloatArray, steps: int) -> Touch:
         """Return the contacts of balls with centres (b, k, 3).
 
         The contact p of a centre c is the point of the smooth surface with ``c = p + d g(p)`` and the outward normal g,
@@ -266,10 +268,7 @@ class RaceSteps:
             if step < steps:
                 move = (by_centre @ (c - p)[:, :, None])[..., 0]
                 move *= np.minimum(1.0, 4e-3 / np.maximum(np.linalg.norm(move, axis=1, keepdims=True), 1e-12))
-                move -= (h / slope)[:, None] * g
-                if np.max(np.abs(move)) < 1e-7:
-                    break
-                p = p + move
+                p = p + move - (h / slope)[:, None] * g
         turning = (axes * (curvatures * shares)[:, None, :]) @ axes.transpose(0, 2, 1)
         gaps = d.reshape(centres.shape[:2]) - self.shapes.tips.standoffs
         matrices = (*centres.shape, 3)
@@ -482,7 +481,7 @@ class RaceSteps:
         J = J @ self.shapes.free_twists(state.joints, scale)
         pivot = pivot + twists[:, :3]
         for _ in range(corrections):
-            gaps = self.touch(self.shapes.links.frames(state)).gaps
+            gaps = self.touch(self.shapes.links.frames(state), 4).gaps
             forces = np.linalg.solve(J @ J.transpose(0, 2, 1) + 1e-4 * np.eye(J.shape[1]), -gaps[..., None])
             correction = scale * (J.transpose(0, 2, 1) @ forces)[..., 0]
             state, pivot = self.shapes.moved(state, correction, pivot), pivot + correction[:, :3]
@@ -495,7 +494,8 @@ class RaceSteps:
         clearance in millimetres.
         """
         n, limits = self.shapes.links.size, self.shapes.limits
-        scale = np.concatenate([np.full(3, racer.radius), np.full(n - 3, racer.radius / 0.06)])
+        scale = np.full(n, racer.radius / 0.06)
+        scale[:3] = racer.radius
         near = racer.values < 4.0 * racer.radius + 1e-3
         # closed linkages allow no motion along their rows, of which some may depend on others
         closed = racer.linkages * scale
@@ -503,22 +503,23 @@ class RaceSteps:
             _, sizes, closed = np.linalg.svd(closed, full_matrices=False)
             closed = closed[sizes > 1e-6 * sizes[0]]
         parts = [racer.slopes / self.unit, 1e3 * racer.touch, -1e3 * racer.touch, 1e3 * racer.rows[near], closed]
-        ends = np.cumsum(list(map(len, parts)))
-        A = np.zeros((ends[-1], n + 3))
+        mu, _, gaps, lacks, end = np.cumsum(list(map(len, parts)))
+        A = np.zeros((end, n + 3))
         np.concatenate(parts, out=A[:, :n])
-        A[: ends[3], :n] *= scale
-        A[: ends[0], n], A[ends[0] : ends[2], n + 1], A[ends[2] : ends[3], n + 2] = -1.0, 1.0, 1.0
-        least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
+        A[:lacks, :n] *= scale
+        A[:mu, n], A[mu:gaps, n + 1], A[gaps:lacks, n + 2] = -1.0, 1.0, 1.0
         room = (limits - racer.state.joints[0]) / scale[6:]
-        low = np.concatenate([np.full(6, -1.0), np.clip(room[0], -1.0, 0.0), [-10.0, 0.0, 0.0]])
-        high = np.concatenate([np.full(6, 1.0), np.clip(room[1], 0.0, 1.0), [1e3, 1e3, 1e3]])
+        lower, upper, sense = np.zeros(n + 3 + end), np.zeros(n + 3 + end), np.zeros(n + 3 + end, np.int32)
+        lower[:6], upper[:6] = -1.0, 1.0
+        lower[6:n], upper[6:n] = np.maximum(np.minimum(room[0], 0.0), -1.0), np.minimum(np.maximum(room[1], 0.0), 1.0)
+        lower[n : n + 3], upper[n : n + 3] = (-10.0, 0.0, 0.0), 1e3
+        least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
+        np.concatenate(least, out=lower[n + 3 : n + 3 + lacks])
+        upper[n + 3 : n + 3 + lacks], sense[n + 3 + lacks :] = 1e30, 5  # equations last
         millimetre = 1e-3 * price / self.unit
-        H = np.diag(np.concatenate([np.full(n, 2e-3), np.full(3, 1e-7)]))
-        f = np.concatenate([np.zeros(n), [-1.0, millimetre, millimetre]])
-        upper = np.concatenate([high, np.full(len(A) - len(closed), 1e30), np.zeros(len(closed))])
-        lower = np.concatenate([low, *least, np.zeros(len(closed))])
-        sense = np.zeros(len(upper), np.int32)
-        sense[len(upper) - len(closed) :] = 5  # equations
+        H, f = np.zeros((n + 3, n + 3)), np.zeros(n + 3)
+        H.flat[:: n + 4], f[n:] = 2e-3, (-1.0, millimetre, millimetre)
+        H[n:] *= 5e-5  # 1e-7
         z, _, flag, _ = daqp.solve(H, f, A, upper, lower, sense)
         if flag <= 0:
             return None
