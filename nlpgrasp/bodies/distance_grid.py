@@ -48,7 +48,9 @@ class DistanceGrid:
         edges, smooth = body.edge_distance_on_grid(axes), body.smooth_distance_on_grid(axes)
         self._values: Field = body.distance_on_grid(axes).astype(np.float32).ravel()
         self._edges: Field | None = None if edges is None else edges.astype(np.float32).ravel()
-        self._smooth: Field = np.empty((smooth.size, 10), dtype=np.float32)  # value, slopes, upper triangle of curvatures
+        self._smooth: Field = np.empty(
+            (smooth.size, 10), dtype=np.float32
+        )  # value, slopes, upper triangle of curvatures
         self._smooth[:, 0] = smooth.ravel()
         for i, slope in enumerate(np.gradient(smooth, self.spacing)):
             self._smooth[:, 1 + i] = slope.ravel()
