@@ -118,11 +118,14 @@ def _entrants(steps: RaceSteps, state: HandState, kinds: IntArray, count: int) -
 
 def _best(racers: list[Racer], price: float, least: float = 4e-3) -> list[Racer]:
     """Return racers, best merit first, without those whose contacts are within ``least``, metres, of a better one's."""
-    chosen = list[Racer]()
-    for racer in sorted(racers, key=lambda racer: -racer.merit(price)):
-        if all(np.max(np.linalg.norm(racer.points - other.points, axis=1)) > least for other in chosen):
-            chosen.append(racer)
-    return chosen
+    ordered = sorted(racers, key=lambda racer: -racer.merit(price))
+    points = np.stack([racer.points for racer in ordered])
+    is_like = np.max(np.sum((points[:, None] - points) ** 2, axis=3), axis=2) <= least**2
+    chosen = list[int]()
+    for i in range(len(ordered)):
+        if not np.any(is_like[i, chosen]):
+            chosen.append(i)
+    return [ordered[i] for i in chosen]
 
 
 def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
