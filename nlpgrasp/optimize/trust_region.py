@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from nlpgrasp.common.quadratic_program import (
     Linearised,
@@ -181,6 +182,27 @@ class Linearisation:
             qp_step.multipliers[program.placement],
             self.cut_multipliers(qp_step.multipliers),
         )
+
+    def least_squares_multipliers(self, largest: float = 1e-5) -> tuple[FloatArray, FloatArray]:
+        """Return multipliers of all constraints (rows,) and of the bounds (n,) with the least KKT residuals.
+
+        They minimise the squares of the Lagrangian's gradient and of the complementarity, by nonnegative least squares
+        over the constraints with a slack of at most ``largest``, solver units.
+        """
+        rows, n = self.rows(), len(self.z)
+        low, high = (
+            np.concatenate(limits)
+            for limits in zip((rows.lower, rows.upper), self.functions.program.bounds, strict=True)
+        )
+        values, slopes = np.concatenate([rows.values, self.z]), np.concatenate([rows.jacobian, np.eye(n)])
+        at_least, at_most = (np.flatnonzero(np.abs(limit - values) <= largest) for limit in (low, high))
+        signs = np.concatenate([-np.ones(len(at_least)), np.ones(len(at_most))])
+        index, limits = np.concatenate([at_least, at_most]), np.concatenate([low[at_least], high[at_most]])
+        conditions = np.concatenate([(signs[:, None] * slopes[index]).T, np.diag(limits - values[index])])
+        solution, _ = nnls(conditions, np.concatenate([-self.cost, np.zeros(len(index))]), maxiter=10 * len(index))
+        multipliers = np.zeros(len(values))
+        np.add.at(multipliers, index, signs * solution)
+        return multipliers[:-n], multipliers[-n:]
 
     @property
     def cut_indices(self) -> IntArray:
