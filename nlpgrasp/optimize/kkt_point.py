@@ -259,7 +259,7 @@ def _initial_multipliers(
 
 def _linearised_residuals(linear: Linearisation, multipliers: FloatArray, bound_multipliers: FloatArray) -> KKT:
     """Return the KKT residuals at a linearisation's point with given multipliers."""
-    rows = linear.rows()
+    rows = linear.rows
     constraints = rows.values, rows.lower, rows.upper
     bounds = linear.functions.program.bounds
     return _kkt(linear.z, linear.beta, rows.jacobian, constraints, bounds, (multipliers, bound_multipliers))
