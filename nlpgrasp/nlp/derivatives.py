@@ -107,16 +107,16 @@ class ProgramFunctions:
         in_slots, in_rows, in_distances, in_faces = ca.vertsplit(lam, ends)
         slopes = self._distances.first[1] * ca.vec(ca.repmat(in_distances.T, 3, 1))
         symbols = [ca.SX.sym(name, part.shape[0]) for name, part in (("g", in_rows), ("d", slopes), ("h", in_faces))]
-        parts = zip(symbols, (program.g, program.points, self._linear), strict=True)
-        weighted = ca.gradient(sum((ca.dot(*part) for part in parts), ca.SX(0.0)), program.z)
+        expressions = ca.vertcat(program.g, program.points, self._linear)
+        weighted = ca.gradient(ca.dot(ca.vertcat(*symbols), expressions), program.z)
         smooth = ca.Function("weighted", [program.z, program.theta, *symbols], [weighted])
         total = smooth(x, p, in_rows, slopes, in_faces)
-        begin = 0
-        for part in program.spline_surfaces:
-            rows, columns = part.linear.shape[0], part.position
-            block = _face_jacobian(part)(x[columns.range]).T @ in_faces[begin : begin + rows]
+        first = 0
+        for surface in program.spline_surfaces:
+            last, columns = first + surface.linear.shape[0], surface.position
+            block = _face_jacobian(surface)(x[columns.range]).T @ in_faces[first:last]
             total += ca.vertcat(ca.MX(columns.start, 1), block, ca.MX(x.shape[0] - columns.stop, 1))
-            begin += rows
+            first = last
         if program.slots is not None:
             total += ca.jtimes(program.slots.rows(x, p), x, in_slots, True)
         return ca.Function("gradient", [x, p, lam], [total])
