@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import daqp
 import numpy as np
@@ -23,7 +24,7 @@ from nlpgrasp.hands.urdf_hand import POINT_CLEARANCE
 from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits, Solids
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.quality.screening import GraspBatch, fixed_force_set, second_moment, spread_directions
 
@@ -167,6 +168,16 @@ class RaceSteps:
         mu = np.asarray(np.min(ratios, axis=1))
         self.unit = float(np.quantile(mu, 0.95)) or 0.1 * float(np.mean(ratios))
         return mu
+
+    @cached_property
+    def is_one_sided(self) -> bool:
+        """Whether the task pushes from some sides alone: contacts may exert it without pressing on each other."""
+        y = np.random.default_rng(0).standard_normal((500, len(self._metric))) @ np.linalg.inv(self._metric)
+        return bool(np.min(self.problem.task.support(y)[0]) <= 0.0)
+
+    def grasp(self, racer: Racer) -> Grasp:
+        """Return the grasp at a racer's contacts."""
+        return Grasp(racer.points, racer.normals, self.problem.models, self.problem.origin)
 
     def first(self, state: HandState) -> list[Racer]:
         """Return racers in given postures, whose weak directions are not known yet; after ``screen``."""

@@ -214,3 +214,26 @@ def test_closed_linkages_stay_closed(tmp_path):
     _, moved, violation = project_onto_body(compiled, candidate)  # the point of a pad's flat side turns with the normal
     assert violation <= 1e-4
     assert np.max(np.linalg.norm(moved.points - candidate.points, axis=1)) < 5e-3
+
+
+def test_contacts_on_a_machined_part_are_on_its_flat_faces():
+    """Two blocks in one mesh, as an L: the smooth surface rounds its edges, the candidates' normals are the mesh's."""
+    blocks = [trimesh.creation.box([0.034, 0.025, 0.01]), trimesh.creation.box([0.034, 0.01, 0.034])]
+    blocks[1].apply_translation([0.0, -0.0075, 0.012])
+    mesh = ng.Mesh(trimesh.boolean.union(blocks))
+    compiled = compiled_problem(mesh)
+    for candidate in raced_candidates(compiled, np.random.default_rng(0), 3):
+        points, normals, _ = mesh.closest(candidate.points)
+        smooth = compiled.distance_grid.smooth_distance(candidate.points)[1]
+        smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
+        assert np.min(np.sum(smooth * normals, axis=1)) > np.cos(np.radians(15.0))
+        np.testing.assert_allclose(points, candidate.points, atol=1.5e-3)
+
+
+def test_contacts_press_on_each_other_where_the_task_does_not_ask_for_it():
+    """A weight can be carried from below, but by no squeeze."""
+    task = ng.lift([0.0, 0.0, 0.0], 0.2)
+    problem = ng.GraspProblem(ng.Cylinder(0.02, 0.05), ng.SoftContact(0.7, 0.01), task, hand=gripper())
+    best = raced_candidates(CompiledProblem(problem, ng.SolveOptions(workers=1)), np.random.default_rng(0), 1)[0]
+    normals = CompiledProblem(problem, ng.SolveOptions(workers=1)).inward_normals(best)
+    assert normals[0] @ normals[1] < -0.9
