@@ -48,14 +48,14 @@ class DistanceGrid:
         edges, smooth = body.edge_distance_on_grid(axes), body.smooth_distance_on_grid(axes)
         self._values: Field = body.distance_on_grid(axes).astype(np.float32).ravel()
         self._edges: Field | None = None if edges is None else edges.astype(np.float32).ravel()
-        self._smooth: Field = np.empty(
-            (smooth.size, 10), dtype=np.float32
-        )  # value, slopes, upper triangle of curvatures
+        # value, slopes and the upper triangle of curvatures
+        self._smooth: Field = np.empty((smooth.size, 10), dtype=np.float32)
         self._smooth[:, 0] = smooth.ravel()
         for i, slope in enumerate(np.gradient(smooth, self.spacing)):
             self._smooth[:, 1 + i] = slope.ravel()
-        for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True), start=4):
-            self._smooth[:, k] = np.gradient(np.gradient(smooth, self.spacing, axis=i), self.spacing, axis=j).ravel()
+        for k, (row, column) in enumerate(zip(*np.triu_indices(3), strict=True), start=4):
+            slope = np.gradient(smooth, self.spacing, axis=row)
+            self._smooth[:, k] = np.gradient(slope, self.spacing, axis=column).ravel()
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """Return the distance at the grid point nearest to each point (..., 3), metres: quick, and off by a cell."""

@@ -155,7 +155,7 @@ class Frames:
 
     def cloud(self, cloud: LinkPoints) -> FloatArray:
         """Return the positions (b, n, 3), metres, of points sorted by group, in single precision."""
-        result = np.empty((len(self.R), 3, len(cloud.at)), dtype=np.float32)  # quick along the points
+        result: FloatArray = np.empty((len(self.R), 3, len(cloud.at)), "float32")  # quick along the points
         R, t = self.R.astype(np.float32), self.t.astype(np.float32)
         for group, part in cloud.parts:
             np.matmul(R[:, group], cloud.columns[:, part], out=result[:, :, part])

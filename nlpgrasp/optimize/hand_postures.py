@@ -7,8 +7,10 @@ contacts that a posture suggests, less what its links extend beyond the planes i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -97,7 +99,7 @@ def posture_library(shapes: HandShapes) -> dict[str, Postures]:
         *(tips.at, tips.groups, tips.radii, tips.facing, tips.cosines, shapes.limits),
         *(links.frame, links.parent, links.axes, links.slides, links.coupling, links.offset),
     ]
-    arrays = cached_arrays("postures", made_from, make)
+    arrays: Mapping[str, Any] = cached_arrays("postures", made_from, make)
     return {name: Postures(*(arrays[f"{name} {field}"] for field in FIELDS)) for name in KINDS}
 
 
@@ -121,7 +123,8 @@ def _evolved(
     first = shapes.closed(rng.uniform(lower, upper, (drawn, len(lower))))
     groupings = max(1, 2 ** (len(fingers) - 1) - 1)
     of_niche = {"ball": max(6, kept // groupings), "slab": max(6, kept // (3 * groupings))}  # a ball has one width
-    none = Postures(first[:0], *np.zeros((2, 0, 3)), *np.zeros((2, 0)), np.zeros(0, int))
+    vectors, numbers = np.zeros((0, 3)), np.zeros(0)
+    none = Postures(first[:0], vectors, vectors, numbers, numbers, np.zeros(0, int))
     pools = dict.fromkeys(KINDS, none)
     for joints, kind in product(np.array_split(first, max(1, drawn // 500)), KINDS):  # few at a time, to save memory
         pools[kind] = _improved(shapes, pools[kind], joints, kind, of_niche[kind])
