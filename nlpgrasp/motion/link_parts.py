@@ -281,26 +281,45 @@ class LinkParts:
         Where the balls around two parts are apart it is the distance of these, which is less. ``frames`` (n, 4, 4) are
         those of the parts' links, in one frame.
         """
-        centres = self.ball_centres(frames)
-        i, j = pairs.T
-        gaps = np.linalg.norm(centres[i] - centres[j], axis=1) - self.reaches[i] - self.reaches[j]
+        gaps = self._ball_gaps(frames, pairs)
         near = np.flatnonzero(gaps < 0.0)
         if len(near):
-            gaps[near] = self._exact_distances(frames, pairs[near])
+            gaps[near] = self._exact_distances(frames, pairs[near])[0]
         return np.asarray(gaps)
 
-    def _exact_distances(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
-        """Return the distance (r,) of the two parts of each pair, metres, by MuJoCo."""
+    def near_pairs(
+        self, frames: FloatArray, pairs: IntArray, reach: float
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return the pairs nearer than a reach, metres: indices (n,), distances (n,), nearest points, and directions.
+
+        The points (n, 2, 3) are on the first and on the second part, and the unit vectors (n, 3) lead from the first to
+        the second; where parts penetrate, along the shortest translation that separates them.
+        """
+        index = np.flatnonzero(self._ball_gaps(frames, pairs) < reach)
+        distances, ends = self._exact_distances(frames, pairs[index])
+        lines = ends[:, 1] - ends[:, 0]
+        lengths = np.linalg.norm(lines, axis=1)
+        near = (distances < reach) & (lengths > 1e-9)
+        signs = np.where(distances < 0.0, -1.0, 1.0)[near]
+        return index[near], distances[near], ends[near], lines[near] * (signs / lengths[near])[:, None]
+
+    def _ball_gaps(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
+        """Return the distances (r,) of the balls around the parts of pairs, metres."""
+        centres, (i, j) = self.ball_centres(frames), pairs.T
+        return np.asarray(np.linalg.norm(centres[i] - centres[j], axis=1) - self.reaches[i] - self.reaches[j])
+
+    def _exact_distances(self, frames: FloatArray, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distance (r,) of each pair's parts, metres, by MuJoCo, and the nearest points (r, 2, 3)."""
         mujoco, model, data, local = self._geoms
         poses = frames @ local
         data.geom_xpos[:] = poses[:, :3, 3]
         data.geom_xmat[:] = poses[:, :3, :3].reshape(-1, 9)
-        ends, result = np.zeros(6), np.zeros(len(pairs))
+        ends, result = np.zeros((len(pairs), 6)), np.zeros(len(pairs))
         for number, (i, j) in enumerate(pairs.tolist()):
-            result[number] = mujoco.mj_geomDistance(model, data, i, j, 1.0, ends)
+            result[number] = mujoco.mj_geomDistance(model, data, i, j, 1.0, ends[number])
             if result[number] < 0.0 and not (self.parts[i].is_convex and self.parts[j].is_convex):
                 result[number] = self._mesh_distance(i, j, np.linalg.inv(frames[j]) @ frames[i])
-        return result
+        return result, ends.reshape(-1, 2, 3)
 
     def _mesh_distance(self, i: int, j: int, pose: FloatArray) -> float:
         """Return the distance of two parts, metres, from their samples; ``pose`` is that of one in the other."""
