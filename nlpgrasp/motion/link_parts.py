@@ -246,9 +246,17 @@ class LinkParts:
         coarse, error = (distance, 0.0) if grid is None else (grid.nearest, grid.spacing)
         table = self._samples
         cells, owner = _ranges(table.first_cells[chosen], table.cells[chosen])
-        value = coarse(_moved(table.middles[cells], frames[owner]))
-        best = _least(owner, value + table.reaches[cells] + error)
-        keep = value - table.reaches[cells] - error <= best[owner]
+        middles = _moved(table.middles[cells], frames[owner])
+        value = coarse(middles)
+        lowest = value - table.reaches[cells] - error
+        first = _first_of_each(owner, lowest)
+        result, nearest = lowest[first] - self.radii[chosen], middles[first]
+        is_near = result < close
+        if not np.any(is_near):
+            return result, nearest
+        keep = is_near[owner] & (lowest <= _least(owner, value + table.reaches[cells] + error)[owner])
+        owner = (np.cumsum(is_near) - 1)[owner]
+        chosen, frames = chosen[is_near], frames[is_near]
         index, of_cell = _ranges(table.first[cells[keep]], table.sizes[cells[keep]])
         owner = owner[keep][of_cell]
         points = _moved(table.points[index], frames[owner])
@@ -263,9 +271,9 @@ class LinkParts:
             measured = (_least(owner, value) - self.radii[chosen] < close)[owner]
             value[measured] = distance(points[measured])
             value[~measured] -= error
-        order = np.lexsort((value, owner))
-        first = order[np.searchsorted(owner[order], np.arange(len(chosen)))]
-        return value[first] - self.radii[chosen], points[first]
+        first = _first_of_each(owner, value)
+        result[is_near], nearest[is_near] = value[first] - self.radii[chosen], points[first]
+        return result, nearest
 
     @cached_property
     def _samples(self) -> _SampleTable:
@@ -359,7 +367,7 @@ class LinkParts:
 
 @dataclass(frozen=True)
 class _SampleTable:
-    """Samples of all parts in cells of 12 mm.
+    """Samples of all parts in cells of 6 mm.
 
     Parameters
     ----------
@@ -386,7 +394,7 @@ class _SampleTable:
         """Return the table of the samples of each part, (m, 3) each."""
         points = np.concatenate([np.zeros((0, 3)), *samples])
         parts = np.repeat(np.arange(len(samples)), [len(part) for part in samples])
-        keys = np.floor(points / 12e-3).astype(int)
+        keys = np.floor(points / 6e-3).astype(int)
         order = np.lexsort((*keys.T, parts))
         points, parts, keys = points[order], parts[order], keys[order]
         first = np.flatnonzero(np.any(np.diff(np.column_stack([parts, keys]), axis=0, prepend=-1), axis=1))
@@ -421,6 +429,12 @@ def _ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
 def _least(owner: IntArray, values: FloatArray) -> FloatArray:
     """Return the least of the values (m,) of each owner (m,), which are in order and from 0 on without a gap."""
     return np.asarray(np.minimum.reduceat(values, np.flatnonzero(np.diff(owner, prepend=-1))))
+
+
+def _first_of_each(owner: IntArray, values: FloatArray) -> IntArray:
+    """Return the index of the least of the values (m,) of each owner (m,), which are those of ``_least``."""
+    order = np.lexsort((values, owner))
+    return order[np.flatnonzero(np.diff(owner[order], prepend=-1))]
 
 
 def _moved(points: FloatArray, frames: FloatArray) -> FloatArray:
