@@ -48,10 +48,11 @@ class DistanceGrid:
         self._edges: Field | None = None if edges is None else edges.astype(np.float32).ravel()
         self._smooth: Field = np.empty((smooth.size, 13), dtype=np.float32)  # value, slopes, curvatures
         self._smooth[:, 0] = smooth.ravel()
-        for i, slope in enumerate(np.gradient(smooth, self.spacing)):
+        for i in range(3):
+            slope = np.gradient(smooth, self.spacing, axis=i)
             self._smooth[:, 1 + i] = slope.ravel()
-            for j, curvature in enumerate(np.gradient(slope, self.spacing)):
-                self._smooth[:, 4 + 3 * i + j] = curvature.ravel()
+            for j in range(3):
+                self._smooth[:, 4 + 3 * i + j] = np.gradient(slope, self.spacing, axis=j).ravel()
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """Return the distance at the grid point nearest to each point (..., 3), metres: quick, and off by a cell."""
