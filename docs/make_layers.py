@@ -1,4 +1,4 @@
-"""Draw docs/pictures/layers.svg and pipeline.svg from tables in architecture.md: ``python docs/make_layers.py``."""
+"""Draw the pictures of docs/architecture.md from its tables: ``python docs/make_layers.py``."""
 
 import re
 from html import escape
@@ -9,6 +9,10 @@ WIDTH, ROW, LEFT, ROOMS, GAP = 1180, 46, 24, 530, 8
 HUES = ("#0072B2", "#00795A", "#5B6773", "#8A4B08")  # asks and shows, searches, is data, proves: colour-blind safe
 KIND = {"cli": 0, "faces": 0} | dict.fromkeys(("studies", "pipeline", "analysis", "optimize", "nlp", "motion"), 1)
 KIND |= {"quality": 3, "verify": 3, "global_bound": 3}
+STAGES = {
+    "pipeline": ("How a grasp is found", "Stages of a solve"),
+    "hand_search": ("How a hand's grasp is found", "Stages of a hand's start"),
+}
 FACES = ("sets", "report", "experiments", "interop", "simulation")
 
 
@@ -17,9 +21,9 @@ def layers() -> list[tuple[list[str], str]]:
     return [(names.split(), words) for names, words in table("Layers", 2)]
 
 
-def pipeline() -> list[tuple[str, str, str]]:
-    """Return name, file and purpose of each stage of a solve."""
-    return [(name, file, words) for name, file, words in table("How a grasp is found", 3)]
+def stages(heading: str) -> list[tuple[str, str, str]]:
+    """Return name, file and purpose of each stage in the table below a heading."""
+    return [(name, file, words) for name, file, words in table(heading, 3)]
 
 
 def table(heading: str, columns: int) -> list[list[str]]:
@@ -63,14 +67,14 @@ def drawn(rows: list[tuple[list[str], str]]) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def drawn_pipeline(rows: list[tuple[str, str, str]]) -> str:
-    """Return the picture of the stages as SVG text: one box and one file each, and what flows back."""
+def drawn_stages(rows: list[tuple[str, str, str]], label: str) -> str:
+    """Return the picture of stages as SVG text: one box and one file each, and what flows back."""
     box, step = 150, 74
     height = step * len(rows) + 20
     font = 'font-family="system-ui, sans-serif"'
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img" '
-        f'aria-label="Stages of a solve, each in one file">',
+        f'aria-label="{label}, each in one file">',
         f'<rect width="{WIDTH}" height="{height}" rx="12" fill="#F7F8FA"/>',
     ]
     left = 150
@@ -103,7 +107,8 @@ def drawn_pipeline(rows: list[tuple[str, str, str]]) -> str:
 
 
 if __name__ == "__main__":
-    for name, picture in (("layers", drawn(layers())), ("pipeline", drawn_pipeline(pipeline()))):
+    pictures = {"layers": drawn(layers())} | {n: drawn_stages(stages(h), label) for n, (h, label) in STAGES.items()}
+    for name, picture in pictures.items():
         target = DOCS / "pictures" / f"{name}.svg"
         target.write_text(picture, encoding="utf-8")
         print(f"written to {target.relative_to(DOCS.parent)}")

@@ -126,12 +126,13 @@ def test_few_layers():
     assert {p.name for p in PACKAGE.iterdir() if (p / "__init__.py").is_file()} <= set(LEVEL)
 
 
-def test_the_pictures_of_layers_and_pipeline_are_those_of_the_tables():
+def test_the_pictures_of_layers_and_stages_are_those_of_the_tables():
     made = runpy.run_path(str(DOCS / "make_layers.py"), run_name="read")
     assert made["drawn"](made["layers"]()) == (DOCS / "pictures" / "layers.svg").read_text(encoding="utf-8")
-    stages = made["pipeline"]()
-    assert made["drawn_pipeline"](stages) == (DOCS / "pictures" / "pipeline.svg").read_text(encoding="utf-8")
-    assert all((PACKAGE / file).is_file() for _, file, _ in stages)
+    for name, (heading, label) in made["STAGES"].items():
+        stages = made["stages"](heading)
+        assert made["drawn_stages"](stages, label) == (DOCS / "pictures" / f"{name}.svg").read_text(encoding="utf-8")
+        assert all((PACKAGE / file).is_file() for _, file, _ in stages)
 
 
 @pytest.mark.parametrize("room", ["quality", "verify"])
