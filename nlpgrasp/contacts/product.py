@@ -79,6 +79,17 @@ def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> l
     return [c.derivative(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
 
 
+def derivative_entries(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+    """Return the upper triangles of the blocks of ``derivative``, row by row, of each contact in turn, (m, entries)."""
+    if have_one_domain(contacts, space):
+        shape = (len(z), len(contacts), contacts[0].components(space))
+        entries = contacts[0].derivative_entries(z.reshape(shape))
+        return np.ascontiguousarray(entries.transpose(1, 2, 0)).reshape(len(z), -1)
+    slices = component_slices(contacts, space)
+    parts = [c.derivative_entries(z[:, block]) for c, block in zip(contacts, slices, strict=True)]
+    return np.concatenate(parts).T
+
+
 def project_strictly(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
     """Return the projection of finger forces (m, n) onto K, moved inside if numerical errors leave it outside."""
     parts = [c.into(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.spatial import cross, cross_matrix
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands.robot import Robot
 
@@ -142,7 +143,7 @@ class Frames:
     @cached_property
     def _moments(self) -> FloatArray:
         """Axes times their origins, (b, joints, 3)."""
-        return np.cross(self._axes, self.t[:, 1:])
+        return cross(self._axes, self.t[:, 1:])
 
     def points(self, at: FloatArray, groups: IntArray) -> FloatArray:
         """Return the positions (b, n, 3), metres, of points (n, 3) given in their groups' frames."""
@@ -153,12 +154,13 @@ class Frames:
         return np.asarray((self.R[:, groups] @ at[:, :, None])[..., 0])
 
     def cloud(self, cloud: LinkPoints) -> FloatArray:
-        """Return the positions (b, n, 3), metres, of points sorted by group."""
-        result = np.empty((len(self.R), len(cloud.at), 3))
+        """Return the positions (b, n, 3), metres, of points sorted by group, in single precision."""
+        result = np.empty((len(self.R), 3, len(cloud.at)), dtype=np.float32)  # quick along the points
+        R, t = self.R.astype(np.float32), self.t.astype(np.float32)
         for group, part in cloud.parts:
-            np.matmul(cloud.at[part], self.R[:, group].transpose(0, 2, 1), out=result[:, part])
-            result[:, part] += self.t[:, group, None]
-        return result
+            np.matmul(R[:, group], cloud.columns[:, part], out=result[:, :, part])
+            result[:, :, part] += t[:, group, :, None]
+        return result.transpose(0, 2, 1)
 
     def rows(self, x: FloatArray, groups: IntArray, n: FloatArray, pivot: FloatArray, which: IntArray) -> FloatArray:
         """Return the derivatives (k, 6 + m) of ``n . x`` by the twist, for points fixed to groups of postures.
@@ -171,18 +173,21 @@ class Frames:
             The points' groups and postures.
         pivot : (b, 3) array
         """
-        moment = np.cross(x, n)
+        moment = cross(x, n)
         along = (self._axes[which] @ n[:, :, None])[..., 0]
         turning = (self._axes[which] @ moment[:, :, None])[..., 0] - (self._moments[which] @ n[:, :, None])[..., 0]
         rates = np.where(self.links.slides, along, turning) * self.links.moves[groups]
-        return np.concatenate([n, moment - np.cross(pivot[which], n), rates @ self.links.coupling], axis=1)
+        return np.concatenate([n, moment - cross(pivot[which], n), rates @ self.links.coupling], axis=1)
 
     def motions(self, x: FloatArray, groups: IntArray, pivot: FloatArray) -> FloatArray:
         """Return the derivatives (b, k, 3, 6 + m) by the twist of points (b, k, 3) fixed to groups (k,)."""
-        (count, k, _), flat = x.shape, x.reshape(-1, 3)
-        which, owners = np.repeat(np.arange(count), k), np.tile(groups, count)
-        axes = [self.rows(flat, owners, np.broadcast_to(e, flat.shape), pivot, which) for e in np.eye(3)]
-        return np.stack(axes, axis=1).reshape(count, k, 3, -1)
+        turning = cross(self._axes[:, None], x[:, :, None] - self.t[:, None, 1:])
+        rates = np.where(self.links.slides[:, None], self._axes[:, None], turning)
+        result = np.empty((*x.shape, self.links.size))
+        result[..., :3], result[..., 3:6] = np.eye(3), -cross_matrix(x - pivot[:, None])
+        moving = self.links.moves[groups][:, :, None] * self.links.coupling  # (k, joints, m)
+        np.matmul(rates.transpose(0, 1, 3, 2), moving, out=result[..., 6:])
+        return result
 
     def turning_rows(self, v: FloatArray, groups: IntArray, which: IntArray) -> FloatArray:
         """Return the derivatives (k, 6 + m) of ``v . angle`` of groups by the twist, for vectors v (k, 3)."""
@@ -204,6 +209,7 @@ class LinkPoints:
 
     def __init__(self, at: FloatArray, groups: IntArray) -> None:
         self.at, self.groups = at, groups
+        self.columns = np.ascontiguousarray(at.T, dtype=np.float32)
         starts = np.flatnonzero(np.diff(groups, prepend=-1))
         ends = [*starts.tolist(), len(at)][1:]
         self.parts = [(int(groups[i]), slice(int(i), j)) for i, j in zip(starts, ends, strict=True)]

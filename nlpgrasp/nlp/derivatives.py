@@ -89,6 +89,39 @@ class ProgramFunctions:
         return ca.Function("jac_g", [self._x, self._p], [self._rows, matrix], *names)
 
     @cached_property
+    def gradient(self) -> ca.Function:
+        """CasADi function of ``(x, p, lam_g)`` that returns the gradient of the weighted sum of the constraints.
+
+        The distances' gradients are computed first, as for the Jacobian: through the spline itself a reverse sweep
+        takes several times as long.
+        """
+        program, x, p = self.program, self._x, self._p
+        if self.is_sx:
+            rows = self._sx_program_constraints()
+            weights = ca.SX.sym("lam_g", rows.shape[0])
+            weighted = ca.jtimes(rows, program.z, weights, True)
+            return ca.Function("gradient", [program.z, program.theta, weights], [weighted])
+        lam = ca.MX.sym("lam_g", self._rows.shape[0])
+        counts = (0 if program.slots is None else program.slots.count, self._sx_count, program.distances)
+        ends = np.cumsum([0, *counts, self._linear.shape[0]]).tolist()
+        in_slots, in_rows, in_distances, in_faces = ca.vertsplit(lam, ends)
+        slopes = self._distances.first[1] * ca.vec(ca.repmat(in_distances.T, 3, 1))
+        symbols = [ca.SX.sym(name, part.shape[0]) for name, part in (("g", in_rows), ("d", slopes), ("h", in_faces))]
+        expressions = ca.vertcat(program.g, program.points, self._linear)
+        weighted = ca.gradient(ca.dot(ca.vertcat(*symbols), expressions), program.z)
+        smooth = ca.Function("weighted", [program.z, program.theta, *symbols], [weighted])
+        total = smooth(x, p, in_rows, slopes, in_faces)
+        first = 0
+        for surface in program.spline_surfaces:
+            last, columns = first + surface.linear.shape[0], surface.position
+            block = _face_jacobian(surface)(x[columns.range]).T @ in_faces[first:last]
+            total += ca.vertcat(ca.MX(columns.start, 1), block, ca.MX(x.shape[0] - columns.stop, 1))
+            first = last
+        if program.slots is not None:
+            total += ca.jtimes(program.slots.rows(x, p), x, in_slots, True)
+        return ca.Function("gradient", [x, p, lam], [total])
+
+    @cached_property
     def hessian(self) -> ca.Function:
         """CasADi function of ``(x, p, lam_f, lam_g)`` that returns the Lagrangian's Hessian, upper triangle."""
         names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])

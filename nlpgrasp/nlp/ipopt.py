@@ -97,6 +97,10 @@ class CompiledProgram:
     def _linearised(self) -> Evaluator:
         return Evaluator(self._functions.jacobian)
 
+    @cached_property
+    def _weighted(self) -> Evaluator:
+        return Evaluator(self._functions.gradient)
+
     def with_hand_bounds(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
         """Return a copy with the bounds of one of the hand's variables replaced, without recompilation.
 
@@ -114,7 +118,7 @@ class CompiledProgram:
 
     def _with_program(self, program: Program) -> CompiledProgram:
         """Return a copy with the limits of another program, which shares the compiled functions."""
-        self._linearised  # noqa: B018  compiled once for all copies
+        self._linearised, self._weighted  # noqa: B018  compiled once for all copies
         result = copy(self)
         result.program = program
         return result
@@ -177,6 +181,11 @@ class CompiledProgram:
         """Return constraint values (m,) and their Jacobian (m, n) at a point."""
         g, J = self._linearised(z, parameters)
         return g.ravel(), J
+
+    def gradient(self, z: FloatArray, parameters: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return the gradient (n,) of the constraints' sum with weights (m,) at a point."""
+        (gradient,) = self._weighted(z, parameters, weights)
+        return gradient.ravel()
 
 
 @dataclass(frozen=True)

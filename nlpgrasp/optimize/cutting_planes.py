@@ -17,6 +17,7 @@ from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
     minimise_l2_ratio,
+    principal_curvatures,
     random_directions,
     refine_by_newton,
     select_separated,
@@ -40,6 +41,7 @@ from nlpgrasp.quality.weakest_directions import (
     weakest_in_polytope,
 )
 
+WIDEST = 0.1  # radians: largest angle between a minimiser and directions around it
 SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
 
 
@@ -78,6 +80,28 @@ def exact_minimisers(
     return WeakestDirections(
         float(values[chosen[0]]), scale_to_unit_support(compiled.problem.task, y[chosen] @ problem.matrix)
     )
+
+
+def directions_around(
+    compiled: CompiledProblem, candidate: GraspCandidate, minimisers: FloatArray, excess: float = 1e-7
+) -> FloatArray:
+    """Return minimisers of the support ratio (m, d), and directions around the least of them, with ``phi_A = 1``.
+
+    The latter are along the principal axes of the ratio, where it is higher by a relative ``excess``: where it is
+    nearly flat, all of these bind.
+    """
+    problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
+    if problem is None or not len(minimisers):
+        return minimisers
+    u = to_coordinates(problem, minimisers)
+    ratios, gradient = problem.ratio(u)
+    axes, curvatures = principal_curvatures(problem, u, gradient)
+    angles = np.minimum(np.sqrt(2.0 * excess * np.abs(ratios)[:, None] / curvatures), WIDEST)
+    least = ratios <= (1.0 + 100.0 * excess) * np.min(ratios)
+    tilts = (angles[..., None] * axes)[least]
+    tilted = np.concatenate([u[least, None] + tilts, u[least, None] - tilts], axis=1).reshape(-1, problem.rank)
+    around = scale_to_unit_support(compiled.problem.task, tilted @ problem.matrix)
+    return np.concatenate([minimisers, around])
 
 
 def missed_directions(

@@ -157,7 +157,7 @@ def in_contact(
     for _ in range(steps):
         frames = shapes.links.frames(state)
         centres, cloud = frames.points(tips.at, tips.groups), frames.cloud(few)
-        deepest = np.argsort(solids.nearest(cloud), axis=1)[:, :worst]
+        deepest = np.argpartition(solids.nearest(cloud), worst, axis=1)[:, :worst]
         lowest = np.take_along_axis(cloud, deepest[..., None], axis=1)
         points = np.concatenate([centres, lowest], axis=1)
         groups = np.concatenate([np.broadcast_to(tips.groups, centres.shape[:2]), few.groups[deepest]], axis=1)

@@ -19,7 +19,7 @@ from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.optimize.hand_shapes import HandShapes
 
 KINDS = "ball", "slab"
-FIELDS = "joints", "middles", "axes", "radii", "scores"  # of postures
+FIELDS = "joints", "middles", "axes", "radii", "scores", "arrangements"  # of postures
 TINY = 1e-12  # metres: fingertips in one place have no direction
 SMALLEST, CLASS, CLASSES = 0.004, 0.006, 10  # metres: least radius, width of a class of sizes; number of classes
 
@@ -35,6 +35,8 @@ class Postures:
         Of ball or slab, metres and unit, palm frame; no axis (zero) of a ball.
     radii, scores : (n,) arrays
         Half the size, metres; score.
+    arrangements : (n,) int array
+        Number that tells which fingertips oppose the first one, and how far all are apart across the axis.
     """
 
     joints: FloatArray
@@ -42,6 +44,7 @@ class Postures:
     axes: FloatArray
     radii: FloatArray
     scores: FloatArray
+    arrangements: IntArray
 
     def of(self, chosen: IntArray) -> Postures:
         """Return some of the postures."""
@@ -57,10 +60,28 @@ class Postures:
         """Class of sizes of each posture, (n,)."""
         return np.clip((self.radii - SMALLEST) / CLASS, 0, CLASSES - 1).astype(int)
 
-    def best_of_sizes(self, most: int) -> Postures:
-        """Return the best postures of each class of sizes, at most ``most`` of each."""
+    def best_of_sizes(self, most: int, of_each: int) -> Postures:
+        """Return the best postures of each class of sizes, at most ``most``, of which ``of_each`` of a niche.
+
+        Postures of a niche have one class of sizes and one arrangement.
+        """
         order = np.argsort(-self.scores, kind="stable")
-        return self.of(np.concatenate([order[self.sizes[order] == size][:most] for size in range(CLASSES)]))
+        order = order[_ranks(self.niches[order]) < of_each]
+        return self.of(order[_ranks(self.sizes[order]) < most])
+
+    @property
+    def niches(self) -> IntArray:
+        """Number of each posture's niche, (n,)."""
+        return CLASSES * self.arrangements + self.sizes
+
+
+def _ranks(classes: IntArray) -> IntArray:
+    """Return the number of earlier entries of the same class, (n,)."""
+    order = np.argsort(classes, kind="stable")
+    firsts = np.flatnonzero(np.diff(classes[order], prepend=-1))
+    result = np.empty(len(classes), int)
+    result[order] = np.arange(len(classes)) - np.repeat(firsts, np.diff(firsts, append=len(classes)))
+    return result
 
 
 def posture_library(shapes: HandShapes) -> dict[str, Postures]:
@@ -87,35 +108,40 @@ def largest_opening(library: dict[str, Postures]) -> float:
 
 
 def _evolved(
-    shapes: HandShapes, rng: np.random.Generator, drawn: int = 2000, count: int = 750, generations: int = 10,
+    shapes: HandShapes, rng: np.random.Generator, drawn: int = 4000, count: int = 750, generations: int = 18,
     kept: int = 120,
 ) -> dict[str, Postures]:  # fmt: skip
     """Return the best postures of each kind, ``kept`` of each size, after generations of ``count`` children.
 
-    A child moves one finger of a parent, or a quarter of its joints.
+    The best of each niche live on, six or what a size has place for, and all niches have as many children. A child
+    moves one finger of a parent, or a quarter of its joints.
     """
     (lower, upper), links = shapes.limits, shapes.links
     fingers = np.array([links.moves[group] @ (links.coupling != 0.0) for group in shapes.tips.groups])  # joints of each
     first = shapes.closed(rng.uniform(lower, upper, (drawn, len(lower))))
-    none = Postures(first[:0], *np.zeros((2, 0, 3)), *np.zeros((2, 0)))
+    groupings = max(1, 2 ** (len(fingers) - 1) - 1)
+    of_niche = {"ball": max(6, kept // groupings), "slab": max(6, kept // (3 * groupings))}  # a ball has one width
+    none = Postures(first[:0], *np.zeros((2, 0, 3)), *np.zeros((2, 0)), np.zeros(0, int))
     pools = dict.fromkeys(KINDS, none)
-    for joints, kind in product(np.split(first, 4), KINDS):  # few at a time, to save memory
-        pools[kind] = _improved(shapes, pools[kind], joints, kind, kept)
+    for joints, kind in product(np.array_split(first, max(1, drawn // 500)), KINDS):  # few at a time, to save memory
+        pools[kind] = _improved(shapes, pools[kind], joints, kind, of_niche[kind])
     for _ in range(generations):
         for kind, pool in pools.items():
-            best = pool.best_of_sizes(kept // 2)
-            rarity = 1.0 / np.bincount(best.sizes)[best.sizes]  # all sizes have as many children
+            best = pool.best_of_sizes(len(pool.radii), of_niche[kind] // 2)
+            rarity = 1.0 / np.bincount(best.niches)[best.niches]
             parents = best.joints[rng.choice(len(rarity), count, p=rarity / rarity.sum()) if len(rarity) else []]
             finger = fingers[rng.integers(len(fingers), size=len(parents))]
             moves = np.where(rng.random((len(parents), 1)) < 0.5, finger, rng.random(parents.shape) < 0.25)
             width = (upper - lower) * rng.choice([0.03, 0.08, 0.15], (len(parents), 1))
             children = parents + moves * width * rng.standard_normal(parents.shape)
-            pools[kind] = _improved(shapes, pool, shapes.closed(np.clip(children, lower, upper)), kind, kept)
-    return pools
+            pools[kind] = _improved(shapes, pool, shapes.closed(np.clip(children, lower, upper)), kind, of_niche[kind])
+    return {kind: pool.best_of_sizes(kept, of_niche[kind]) for kind, pool in pools.items()}
 
 
-def _improved(shapes: HandShapes, pool: Postures, joints: FloatArray, kind: str, kept: int) -> Postures:
-    """Return the best of each size among a pool and further postures, of which those are tried whose links are apart.
+def _improved(
+    shapes: HandShapes, pool: Postures, joints: FloatArray, kind: str, of_niche: int, width: float = 0.018
+) -> Postures:
+    """Return the best of each niche among a pool and further postures, of which those are tried whose links are apart.
 
     What is cheap comes first: the tips' unevenness and overhang, mu, and at last the links' distances.
     """
@@ -126,16 +152,26 @@ def _improved(shapes: HandShapes, pool: Postures, joints: FloatArray, kind: str,
     which, (inward, middles, axes, radii, uneven) = which[usable], (part[usable] for part in contacts)
     beyond = overhang(shapes, frames.of(which), tips[which], inward)
     cost = 60.0 * beyond.max(axis=1, initial=0.0) + 10.0 * uneven
-    good = np.argsort(cost, kind="stable")[: 1 + len(cost) // 3]  # others are not worth their mu
+    opposed = (np.einsum("nkx,nx->nk", inward, inward[:, 0]) < 0.0) @ (1 << np.arange(tips.shape[1]))
+    offsets = tips[which] - middles[:, None]
+    across = offsets - np.einsum("nkx,nx->nk", offsets, axes)[..., None] * axes[:, None]
+    widths = np.max(np.linalg.norm(across, axis=2), axis=1)
+    arrangements = 3 * opposed + np.minimum(widths / width, 2.0).astype(int)
+    order = np.argsort(cost, kind="stable")
+    good = order[
+        _ranks(arrangements[order]) < 1 + np.bincount(arrangements)[arrangements[order]] // 3
+    ]  # others are not worth their mu
     touching = (tips[which] + shapes.tips.radii[:, None] * inward - middles[:, None])[good]
     score = sampled_mu(touching, inward[good]) - cost[good]
-    new = Postures(joints[which[good]], middles[good], axes[good], radii[good], score)
-    is_full = np.bincount(pool.sizes, minlength=CLASSES) >= kept
-    least = [pool.scores[pool.sizes == size].min() if is_full[size] else -np.inf for size in range(CLASSES)]
-    better = np.flatnonzero(score > np.array(least)[new.sizes])
+    new = Postures(joints[which[good]], middles[good], axes[good], radii[good], score, arrangements[good])
+    least = np.full(1 + max(np.max(pool.niches, initial=0), np.max(new.niches, initial=0)), -np.inf)
+    full = np.flatnonzero(np.bincount(pool.niches, minlength=len(least)) >= of_niche)
+    least[full] = [pool.scores[pool.niches == niche].min() for niche in full]
+    better = np.flatnonzero(score > least[new.niches])
     tried, place = np.unique(which[good[better]], return_inverse=True)
     apart = (shapes.overlaps(frames.of(tried)) <= 0.0)[place]
-    return Postures.joined([pool, new.of(better[apart])]).best_of_sizes(kept)
+    joined = Postures.joined([pool, new.of(better[apart])])
+    return joined.best_of_sizes(len(joined.radii), of_niche)
 
 
 def sampled_mu(points: FloatArray, normals: FloatArray, friction: float = 0.6, reach: float = 0.03) -> FloatArray:

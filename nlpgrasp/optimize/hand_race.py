@@ -21,6 +21,7 @@ from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
 from nlpgrasp.optimize.hand_postures import Postures, largest_opening, overhang, posture_library
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import Racer, RaceSteps
+from nlpgrasp.quality.least_friction import can_press
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,9 @@ def raced_candidates(
     for round_ in ROUNDS:
         price = 1e3 * round_.price * steps.unit
         racers = steps.advance(
-            _best(racers, price)[: max(round(wider * round_.racers), count)], longer * round_.steps, price
+            _best(steps, racers, price)[: max(round(wider * round_.racers), count)], longer * round_.steps, price
         )
-    return [_candidate(compiled, racer) for racer in _best(racers, 1e3 * steps.unit)[:count]]
+    return [_candidate(compiled, racer) for racer in _best(steps, racers, 1e3 * steps.unit)[:count]]
 
 
 def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
@@ -116,10 +117,19 @@ def _entrants(steps: RaceSteps, state: HandState, kinds: IntArray, count: int) -
     return steps.first(state.of(np.argsort(rank, kind="stable")[:count]))
 
 
-def _best(racers: list[Racer], price: float, least: float = 4e-3) -> list[Racer]:
-    """Return racers, best merit first, without those whose contacts are within ``least``, metres, of a better one's."""
+def _best(steps: RaceSteps, racers: list[Racer], price: float, least: float = 4e-3) -> list[Racer]:
+    """Return racers, best merit first, without those whose contacts are within ``least``, metres, of a better one's.
+
+    The hand holds contacts that can press against each other by a squeeze, others only as long as the task pushes on
+    them: where the task does not ask for the former by itself, half of mu counts without it.
+    """
+
+    def rank(racer: Racer) -> float:
+        is_held = not steps.is_one_sided or can_press(steps.grasp(racer))
+        return racer.merit(price) - (0.0 if is_held else 0.5 * racer.mu)
+
     chosen = list[Racer]()
-    for racer in sorted(racers, key=lambda racer: -racer.merit(price)):
+    for racer in sorted(racers, key=rank, reverse=True):
         if all(np.max(np.linalg.norm(racer.points - other.points, axis=1)) > least for other in chosen):
             chosen.append(racer)
     return chosen

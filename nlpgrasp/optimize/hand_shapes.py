@@ -124,6 +124,9 @@ class HandShapes:
         self.samples = LinkPoints(at, groups)
         self.bins, self.first = cells, np.flatnonzero(np.diff(cells, prepend=-1))
         self.counts = np.diff(np.append(self.first, len(at)))
+        sizes = list(map(len, self.tips.patches))
+        self.patches = LinkPoints(np.concatenate(self.tips.patches), np.repeat(self.tips.groups, sizes))
+        self.patch_starts = np.cumsum([0, *sizes[:-1]])
         middles = np.stack([np.bincount(cells, at[:, i]) for i in range(3)], axis=1) / self.counts[:, None]
         self.reach = np.zeros(len(middles))
         np.maximum.at(self.reach, cells, np.linalg.norm(at - middles[cells], axis=1))
@@ -197,6 +200,8 @@ class HandShapes:
 
     def free_twists(self, joints: FloatArray, scale: FloatArray) -> FloatArray:
         """Return the projections (b, n, n) of twists over ``scale``, (n,), onto those that keep linkages closed."""
+        if self.linkages is None:
+            return np.broadcast_to(np.eye(len(scale)), (len(joints), len(scale), len(scale)))
         rows = self.linkage_rows(joints) * scale
         return np.eye(len(scale)) - np.linalg.pinv(rows, rcond=1e-6) @ rows
 
@@ -229,15 +234,19 @@ class HandShapes:
         which, hit = np.nonzero(grid.nearest(frames.cloud(self.middles)) < self.reach + reach + grid.spacing)
         counts = self.counts[hit]
         index = np.arange(counts.sum()) + np.repeat(self.first[hit] - np.cumsum(counts) + counts, counts)
-        which, groups = np.repeat(which, counts), self.samples.groups[index]
-        x = (frames.R[which, groups] @ self.samples.at[index, :, None])[..., 0] + frames.t[which, groups]
+        groups = self.middles.groups[hit]
+        poses = np.concatenate([frames.R[which, groups].reshape(-1, 9), frames.t[which, groups]], axis=1)
+        R = np.repeat(np.ascontiguousarray(poses.T, dtype=np.float32), counts, axis=1)  # and t, one row each
+        at = self.samples.columns[:, index]
+        x = (R[0:9:3] * at[0] + R[1:9:3] * at[1] + R[2:9:3] * at[2] + R[9:]).T
         near = np.flatnonzero(grid.nearest(x) < reach + grid.spacing)
-        which, index, x = which[near], index[near], x[near]
+        which, index, x = np.repeat(which, counts)[near], index[near], x[near].astype(float)
         value, slope = grid.distance(x)
-        order = np.lexsort((value, self.bins[index], which))
-        keys = np.stack([which, self.bins[index]])[:, order]
-        lowest = order[np.any(np.diff(keys, axis=1, prepend=-1), axis=0)]
-        lowest = lowest[value[lowest] < reach]
+        keys = which * len(self.first) + self.bins[index]  # in order
+        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        least = np.repeat(np.minimum.reduceat(value, starts), np.diff(starts, append=len(keys))) if len(keys) else value
+        lowest = np.flatnonzero((value == least) & (value < reach))
+        lowest = lowest[np.diff(keys[lowest], prepend=-1) > 0]
         return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
 
 

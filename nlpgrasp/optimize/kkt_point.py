@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.common.quadratic_program import QuadraticStep
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult, Program
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
@@ -20,12 +19,13 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pa
 from nlpgrasp.optimize.cutting_planes import (
     append_new,
     cut_parameters,
+    directions_around,
     exact_minimisers,
     nearest_to_binding,
     weakest_directions_of,
 )
-from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance, go_on
-from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
+from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance, evaluate_candidate, go_on
+from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
 NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
@@ -94,7 +94,10 @@ def optimum_near(compiled: CompiledProblem, refined: RefinementResult, deadline:
         return None
     radius = LEAST_RADIUS
     if not budget.depends_on_frames:
-        refined = go_on(compiled, refined, deadline, NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS)
+        steps = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
+        refined = go_on(
+            compiled, refined, deadline, steps, lambda point: point_with_multipliers(compiled, point).kkt.is_small
+        )
         radius = min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     if refined.point.value <= 0.0:
         return None
@@ -113,14 +116,10 @@ def reason_against_optimum(compiled: CompiledProblem) -> str:
 
 
 def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
-    """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
-    cuts = nearest_to_binding(
-        compiled, candidate, weakest_directions_of(compiled, candidate, np.random.default_rng(0)).directions
-    )
-    linear = Linearisation(compiled, candidate, cuts)
-    step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) else None
-    weights = np.zeros(len(cuts)) if step is None else _normalised_weights(linear.cut_multipliers(step.multipliers))
-    return _with_binding_directions(_step_residuals(linear, step), cuts, weights)
+    """Return the KKT residuals at a candidate, with least-squares multipliers."""
+    rng = np.random.default_rng(0)
+    directions = weakest_directions_of(compiled, candidate, rng).directions
+    return point_with_multipliers(compiled, evaluate_candidate(compiled, candidate, directions, rng)).kkt
 
 
 def _solve_program(
@@ -138,11 +137,9 @@ def _solve_program(
     rounds = PROGRAM_ROUNDS if planes.holds_supports else FORCE_ROUNDS
     for number in range(rounds if compiled.follows_contacts else 1):
         if number == int(not newton_first):
-            newton_point = _newton_point(compiled, refined)
-            if newton_point is not None:
-                solutions.append(newton_point)
-                if newton_point.kkt.is_small:
-                    break
+            solutions.append(point_with_multipliers(compiled, refined))
+            if solutions[-1].kkt.is_small:
+                break
         cuts = nearest_to_binding(compiled, point.candidate, cuts, planes.final_slots)
         is_confirming = planes.holds_supports and not number
         functions = planes.confirmation_program if is_confirming else planes.final_program
@@ -158,26 +155,22 @@ def _solve_program(
     return replace(min(solutions, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
 
-def _newton_point(compiled: CompiledProblem, point: RefinementPoint) -> LocalOptimum | None:
-    """Return a point with the multipliers of a Newton step and its KKT residuals; None if there is no step.
+def point_with_multipliers(compiled: CompiledProblem, point: RefinementPoint) -> LocalOptimum:
+    """Return a point of a local search with its least-squares multipliers and KKT residuals.
 
-    Supports without a closed form are those of the best forces: the program's forces are eliminated.
+    Beside the minimisers of the support ratio, directions close to these bind as well.
     """
-    linear, cuts = Linearisation(compiled, point.candidate, point.minimisers), point.minimisers
-    first = linear.quadratic_step(WIDE)
-    if first is None:
-        return None
-    curvature = reduced_hessian(linear, cuts, np.ones(len(cuts), dtype=bool), first.multipliers)
-    step = linear.quadratic_step(WIDE, curvature)
-    if step is None:
-        return None
+    cuts = directions_around(compiled, point.candidate, point.minimisers)
+    cuts = nearest_to_binding(compiled, point.candidate, cuts, compiled.cutting_planes.final_slots)
+    linear = Linearisation(compiled, point.candidate, cuts)
+    multipliers, bound_multipliers = linear.least_squares_multipliers()
     optimum = LocalOptimum(
         point.candidate,
         point.value,
         cuts,
-        _normalised_weights(linear.cut_multipliers(step.multipliers)),
-        *_shadow_prices(compiled, linear.functions.program, step.multipliers, step.bound_multipliers),
-        _step_residuals(linear, step),
+        _normalised_weights(linear.cut_multipliers(multipliers)),
+        *_shadow_prices(compiled, linear.functions.program, multipliers, bound_multipliers),
+        _linearised_residuals(linear, multipliers, bound_multipliers),
         SolverEffort(),
     )
     return replace(optimum, kkt=_full_kkt(compiled, optimum, float(linear.z[linear.beta]) / compiled.scaling.beta))
@@ -264,13 +257,12 @@ def _initial_multipliers(
     return None if step is None else (step.multipliers, step.bound_multipliers)
 
 
-def _step_residuals(linear: Linearisation, step: QuadraticStep | None) -> KKT:
-    """Return the KKT residuals at a linearisation's point with a step's multipliers, or with zero ones."""
-    rows = linear.rows()
-    zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
-    multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
+def _linearised_residuals(linear: Linearisation, multipliers: FloatArray, bound_multipliers: FloatArray) -> KKT:
+    """Return the KKT residuals at a linearisation's point with given multipliers."""
+    rows = linear.rows
     constraints = rows.values, rows.lower, rows.upper
-    return _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.functions.program.bounds, multipliers)
+    bounds = linear.functions.program.bounds
+    return _kkt(linear.z, linear.beta, rows.jacobian, constraints, bounds, (multipliers, bound_multipliers))
 
 
 def _residuals(functions: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:

@@ -7,6 +7,7 @@ constraints, and the weakest directions are searched again, until no step helps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,10 +155,24 @@ def advance(
     return _iterate_steps(compiled, _initial_result(compiled, candidate, rng, known), rng, deadline, rounds, least)
 
 
-def go_on(compiled: CompiledProblem, result: RefinementResult, deadline: Deadline, rounds: int) -> RefinementResult:
+def go_on(
+    compiled: CompiledProblem,
+    result: RefinementResult,
+    deadline: Deadline,
+    rounds: int,
+    is_optimal: Callable[[RefinementPoint], bool],
+) -> RefinementResult:
     """Return a result after at most ``rounds`` further steps, all with the Lagrangian's curvature."""
-    rng = np.random.default_rng(0)
-    return _iterate_steps(compiled, replace(result, length=RADIUS), rng, deadline, rounds, 0.0)
+    search = _TrustRegionSearch(compiled, replace(result, length=RADIUS), np.random.default_rng(0), 0.0)
+    tested = None
+    for _ in range(rounds):
+        if search.result.point.candidate is not tested:
+            tested = search.result.point.candidate
+            if is_optimal(search.result.point):
+                break
+        if deadline.should_stop() or search.has_ended or not search.try_step():
+            break
+    return search.result
 
 
 def _initial_result(

@@ -137,10 +137,11 @@ class StartRunner:
 
         After a stop request no start is begun but that of index 0.
         """
+        rtol = self.options.final_rtol if self.count == 1 else None  # the only start is the answer
         for index, proposed in candidates:
             if deadline.should_stop() and index:
                 break
-            yield run_start(self.compiled, index, seed, deadline, candidates=proposed)
+            yield run_start(self.compiled, index, seed, deadline, candidates=proposed, rtol=rtol)
 
     def _run_in_workers(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
         """Run starts in workers and yield their results; after a stop request they have ``GRACE`` seconds to end."""

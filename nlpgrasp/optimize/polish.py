@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +34,7 @@ from nlpgrasp.optimize.kkt_point import (
     reason_against_optimum,
     residuals_at,
 )
-from nlpgrasp.optimize.local_search import RefinementResult, advance
+from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance
 from nlpgrasp.optimize.projection import (
     TOUCHING,
     fix_to_faces,
@@ -83,75 +85,206 @@ class PolishedGrasp:
     optimum: LocalOptimum | None
     depth: float
 
-    @property
-    def has_missed(self) -> bool:
-        """Whether the certificate shows a direction in which the grasp is weaker than at the program's optimum."""
-        return self.optimum is not None and 0.0 < self.bounds.upper < (1.0 - EXCESS) * self.optimum.value
 
-
-def polish(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> PolishedGrasp:
-    """Return the certified grasp at the local optimum near a candidate of a hand with links, which nearly touches."""
-    program = _PolishProgram(compiled, candidate)
-    program.search(deadline)
-    grasps = [program.solve(deadline)]
-    while len(grasps) < PASSES and not deadline.should_stop() and program.learn(grasps[-1]):
-        program.refine(deadline)
-        if program.violation > TOUCHING:
-            break
-        grasps.append(program.solve(deadline))
-    feasible = [grasp for grasp in grasps if grasp.on_body.is_feasible] or grasps
-    best = max(grasp.bounds.lower for grasp in feasible)
-    worthwhile = [grasp for grasp in feasible if grasp.bounds.lower >= WORTH_FREEING * best]
-    return min(worthwhile, key=lambda grasp: (grasp.depth, -grasp.bounds.lower))
-
-
-class _PolishProgram:
-    """Program of a candidate, with all that has been added to it so far.
+def polish(
+    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rtol: float | None = None
+) -> PolishedGrasp:
+    """Return the certified grasp at the local optimum near a candidate of a hand with links, which nearly touches.
 
     Parameters
     ----------
     compiled : CompiledProblem
     candidate : GraspCandidate
+    deadline : Deadline
+    rtol : float, optional
+        Relative gap of the certificate; that of the options if not given.
+    """
+    rtol = rtol or compiled.options.rtol
+    settled, passes = list[_PlacedGrasp](), PASSES - 1
+    placed = [_PolishProgram.of(compiled, candidate).search(deadline).place()]
+    while True:
+        before = None if len(placed) < 2 else placed[-2]
+        while passes and (corrected := placed[-1].corrected(before, deadline)) is not None:
+            before = placed[-1]
+            placed.append(corrected)
+            passes -= 1
+        before = _best_of(placed)
+        if before.optimum is not None:
+            break
+        settled.append(before.settle(deadline))
+        corrected = settled[-1].corrected(before, deadline) if passes else None
+        if corrected is None:
+            break
+        placed, passes = [settled[-1], corrected], passes - 1
+    best = _best_of(settled)
+    grasp = best.certify(deadline, rtol)
+    certified = [grasp]
+    while passes and grasp.kkt.reason == MISSED and not deadline.should_stop():
+        best = best.with_missed(grasp.bounds, deadline)
+        grasp = best.certify(deadline, rtol)
+        certified.append(grasp)
+        passes -= 1
+    return max(certified, key=lambda grasp: (grasp.on_body.is_feasible, grasp.bounds.lower))
 
-    Attributes
+
+@dataclass(frozen=True)
+class _PlacedGrasp:
+    """Grasp on the body itself where a program's local search has ended, before its certificate.
+
+    Parameters
     ----------
+    program : _PolishProgram
+    on_body : GraspOnBody
+    penetrations : list of LinkPenetration
+        Those to correct.
+    optimum : LocalOptimum or None
+        None before Newton steps, and where there is none.
+    reason : str
+        Why there is no local optimum.
+    """
+
+    program: _PolishProgram
+    on_body: GraspOnBody
+    penetrations: list[LinkPenetration]
+    optimum: LocalOptimum | None = None
+    reason: str = ""
+
+    @property
+    def depth(self) -> float:
+        """Depth of the deepest link that would be corrected, metres."""
+        return max((penetration.depth for penetration in self.penetrations), default=0.0)
+
+    @property
+    def value(self) -> float:
+        """Least support ratio that the search found."""
+        return self.program.refined.point.value if self.optimum is None else self.optimum.value
+
+    def settle(self, deadline: Deadline) -> _PlacedGrasp:
+        """Return the grasp at the program's local optimum, by Newton steps."""
+        program, reason = self.program, self.program.reason_against_optimum
+        optimum = None if reason else optimum_near(program.compiled_program, program.refined, deadline)
+        if optimum is None:
+            return replace(self, reason=reason)
+        return replace(program.moved_to(optimum.candidate).place(), optimum=optimum)
+
+    def corrected(self, before: _PlacedGrasp | None, deadline: Deadline, progress: float = 0.9) -> _PlacedGrasp | None:
+        """Return the grasp of the program with all that this grasp shows to be missing in it; None without a change.
+
+        Links that penetrated in the grasp before are corrected only where their depth has fallen by a factor
+        ``progress``.
+        """
+        depths = {(p.link, p.other_link): p.depth for p in (before.penetrations if before else ())}
+        penetrations = [p for p in self.penetrations if p.depth < progress * depths.get((p.link, p.other_link), np.inf)]
+        corrected = None if deadline.should_stop() else self.program.correct(self.on_body, self.optimum, penetrations)
+        refined = None if corrected is None else corrected.refine(deadline)
+        return None if refined is None or refined.violation > TOUCHING else refined.place()
+
+    def with_missed(self, bounds: Bounds, deadline: Deadline) -> _PlacedGrasp:
+        """Return the grasp at the optimum of the program with the worst direction of a certificate."""
+        missed = np.concatenate([self.program.missed, [np.asarray(bounds.worst_direction, dtype=float)]])
+        return replace(self.program, missed=missed).refine(deadline).place().settle(deadline)
+
+    def certify(self, deadline: Deadline, rtol: float) -> PolishedGrasp:
+        """Return the certified grasp."""
+        program, on_body, optimum = self.program, self.on_body, self.optimum
+        problem, budget = program.compiled.problem, program.compiled.budget(on_body.candidate)
+        limit = deadline.certificate_deadline()
+        bounds = certify(on_body.grasp, problem.task, rtol, budget, deadline=limit)
+        kkt = residuals_at(program.compiled_program, program.candidate) if optimum is None else optimum.kkt
+        has_missed = optimum is not None and 0.0 < bounds.upper < (1.0 - EXCESS) * optimum.value
+        reason = MISSED if has_missed else self.reason or ("" if kkt.is_small else UNSETTLED)
+        state = _search_state(program.compiled, program.refined, optimum)
+        return PolishedGrasp(on_body, bounds, state, replace(kkt, reason=reason), optimum, self.depth)
+
+
+def _best_of(grasps: Sequence[_PlacedGrasp]) -> _PlacedGrasp:
+    """Return the grasp with the least depth, of feasible ones that it does not make much weaker."""
+    feasible = [grasp for grasp in grasps if grasp.on_body.is_feasible] or grasps
+    least = WORTH_FREEING * max(grasp.value for grasp in feasible)
+    return min((grasp for grasp in feasible if grasp.value >= least), key=lambda grasp: (grasp.depth, -grasp.value))
+
+
+@dataclass(frozen=True)
+class _PolishProgram:
+    """Program of a candidate, with all that has been added to it so far. Methods return changed copies.
+
+    Parameters
+    ----------
+    compiled, on_faces : CompiledProblem
+        Of the problem, and with the faces that the contacts lie on.
     candidate : GraspCandidate
         Where the search is.
+    smooth_points, edge_points : (k, 3) array and tuple of such
+        Contacts at the beginning, and those around which contacts stay away from sharp edges, metres.
     clearance : (rows,) array
         Metres that are required of each constraint beyond its own limit.
     points : list of LinkPoint
         Points kept outside the body; the program holds the first few of each link.
     missed : (m, d) array
         Weak directions that certificates showed.
+    margins : JointLimitMargins
+    keeps_margin : (joints,) array of bool
+        Joints whose margins are required.
+    prices_margins : bool
+        Whether margins that cost too much are still to be given up.
+    refined : RefinementResult
+        Of the last local search, without steps at the beginning.
+    violation : float
+        Of the constraints where it began, relative to their scales.
     """
 
-    def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate) -> None:
-        self.compiled, self.smooth_points = compiled, candidate.points
-        self._set_faces(*fix_to_faces(compiled, candidate))
-        self.missed = np.zeros((0, compiled.problem.dimension))
+    compiled: CompiledProblem
+    on_faces: CompiledProblem
+    candidate: GraspCandidate
+    smooth_points: FloatArray
+    edge_points: tuple[FloatArray, ...]
+    clearance: FloatArray
+    points: list[LinkPoint]
+    missed: FloatArray
+    margins: JointLimitMargins
+    keeps_margin: BoolArray
+    prices_margins: bool
+    refined: RefinementResult
+    violation: float = np.inf
+
+    @classmethod
+    def of(cls, compiled: CompiledProblem, candidate: GraspCandidate) -> _PolishProgram:
+        """Return the program of a candidate; a joint that cannot leave its margin need not."""
         margin = compiled.options.joint_margin if compiled.options.seeks_room else 0.0
-        self.margins = JointLimitMargins.of(compiled.hand_functions.linked_hand, margin)
-        self.prices_margins = margin > 0.0
-        self.keeps_margin = np.full(len(self.margins.names), margin > 0.0)
-        lacking = self.keeps_margin & self.margins.is_below_margin(self.candidate.hand["joints"])
-        if np.any(lacking) and self._projected()[1] > TOUCHING:
-            self.keeps_margin &= ~lacking
+        margins, dimension = (
+            JointLimitMargins.of(compiled.hand_functions.linked_hand, margin),
+            compiled.problem.dimension,
+        )
+        keeps_margin, no_directions = np.full(len(margins.names), margin > 0.0), np.zeros((0, dimension))
+        point = RefinementPoint(candidate, 0.0, no_directions, no_directions)
+        refined = RefinementResult(point, 0.0, np.zeros(len(compiled.rows.named)))
+        start, lists = (compiled, compiled, candidate, candidate.points), ((), np.zeros(0), list[LinkPoint]())
+        unplaced = cls(*start, *lists, no_directions, margins, keeps_margin, margin > 0.0, refined)
+        program = unplaced._with_faces(*fix_to_faces(compiled, candidate))
+        lacking = keeps_margin & margins.is_below_margin(program.candidate.hand["joints"])
+        if np.any(lacking) and program._projected()[1] > TOUCHING:
+            return replace(program, keeps_margin=keeps_margin & ~lacking)
+        return program
 
-    def _fix_to_faces(self, candidate: GraspCandidate) -> None:
-        """Fix a candidate's contacts to the faces under them, and keep its links away from the body there."""
-        on_faces, fixed = fix_to_faces(self.compiled, candidate)
+    def _with_faces(self, on_faces: CompiledProblem, candidate: GraspCandidate) -> _PolishProgram:
+        """Return the program of a candidate on given faces, with links kept away from the body there."""
+        return replace(
+            self,
+            on_faces=on_faces,
+            candidate=candidate,
+            edge_points=(candidate.points,),
+            clearance=_overestimated_clearance(self.compiled, candidate),
+            points=_points_near_body(self.compiled, candidate) if self.compiled.options.rounds else [],
+        )
+
+    def _with_own_faces(self, candidate: GraspCandidate) -> _PolishProgram:
+        """Return the program of a candidate on the body's own faces under its contacts."""
         if self.compiled.hand_functions.has_flat_tips:
-            on_faces, fixed, _ = project_onto_body(self.compiled, candidate)
-        self._set_faces(on_faces, fixed)
+            on_faces, placed, _ = project_onto_body(self.compiled, candidate)
+            return self._with_faces(on_faces, placed)
+        return self._with_faces(*fix_to_faces(self.compiled, candidate))
 
-    def _set_faces(self, on_faces: CompiledProblem, candidate: GraspCandidate) -> None:
-        """Set the compiled problem with the contacts' faces and a candidate on them."""
-        compiled, self.on_faces, self.candidate = self.compiled, on_faces, candidate
-        self.edge_points = [self.candidate.points]
-        self.clearance = _overestimated_clearance(compiled, self.candidate)
-        self.points = _points_near_body(compiled, self.candidate) if compiled.options.rounds else []
-
-    @property
+    @cached_property
     def compiled_program(self) -> CompiledProblem:
         """Compiled problem with all that has been added."""
         result = self.on_faces
@@ -169,107 +302,98 @@ class _PolishProgram:
         moved, violation = project_onto_constraints(program, clipped)
         return program.projected_onto_faces(moved), violation
 
-    def refine(self, deadline: Deadline) -> RefinementResult:
-        """Return the candidate after trust-region steps as long as they gain; it moves there."""
-        program, (moved, self.violation) = self.compiled_program, self._projected()
-        known = self.missed if len(self.missed) else None
-        self.refined = advance(program, moved, deadline, least=COARSE, known=known)
-        best = self.refined.point.candidate
-        self.candidate = replace(self.candidate, points=best.points, hand=best.hand)
-        return self.refined
+    def moved_to(self, candidate: GraspCandidate) -> _PolishProgram:
+        """Return the program with the contacts and hand of a candidate."""
+        return replace(self, candidate=replace(self.candidate, points=candidate.points, hand=candidate.hand))
 
-    def _move_on_smooth_surface(self, deadline: Deadline, passes: int = 2, rounds: int = 6, gain: float = 5e-3) -> None:
-        """Refine the candidate on the mesh's smoothed surface, where contacts move farther than on its triangles.
+    def refine(self, deadline: Deadline, steps: int | None = None, gain: float = COARSE) -> _PolishProgram:
+        """Return the program after trust-region steps as long as they gain; without any where constraints fail."""
+        moved, violation = self._projected()
+        known = self.missed if len(self.missed) else None
+        steps = steps if violation <= TOUCHING else 0
+        refined = advance(self.compiled_program, moved, deadline, steps, gain, known)
+        return replace(self.moved_to(refined.point.candidate), refined=refined, violation=violation)
+
+    def _moved_on_smooth_surface(
+        self, deadline: Deadline, passes: int = 2, steps: int = 6, gain: float = 5e-3
+    ) -> _PolishProgram:
+        """Return the program after steps on the mesh's smoothed surface, where contacts move farther.
 
         In each pass on patches of it, as long as one gains.
         """
-        compiled, faces = self.compiled, self.compiled.problem.body.face_names * len(self.candidate.points)
+        program, compiled = self, self.compiled
+        faces = compiled.problem.body.face_names * len(self.candidate.points)
         for _ in range(passes):
-            self._set_faces(*fix_to_patches(compiled, self.candidate))
-            moved, violation = self._projected()
-            if violation > TOUCHING or deadline.should_stop():
+            program = program._with_faces(*fix_to_patches(compiled, program.candidate))
+            moved = program.refine(deadline, steps, gain)
+            if moved.violation > TOUCHING or deadline.should_stop():
                 break
-            refined = advance(self.compiled_program, moved, deadline, rounds, least=gain)
-            best = refined.point.candidate
-            self.candidate = replace(self.candidate, points=best.points, hand=best.hand)
-            if refined.point.value < (1.0 + 2.0 * gain) * refined.history[0]:
+            program, history = moved, moved.refined.history
+            if history[-1] < (1.0 + 2.0 * gain) * history[0]:
                 break
-        alike = _places_of_like_normals(compiled, self.candidate.points, self.on_faces.inward_normals(self.candidate))
-        self._fix_to_faces(replace(self.candidate, faces=faces, points=alike))
+        candidate, normals = program.candidate, program.on_faces.inward_normals(program.candidate)
+        alike = _places_of_like_normals(compiled, candidate.points, normals)
+        return program._with_own_faces(replace(candidate, faces=faces, points=alike))
 
-    def search(self, deadline: Deadline) -> None:
-        """Refine the candidate, on a mesh in turn with exchanges of its fingers' contacts."""
-        compiled, body = self.compiled, self.compiled.problem.body
-        if isinstance(body, Mesh) and compiled.options.rounds:
-            self._move_on_smooth_surface(deadline)
-        self.refine(deadline)
-        if self.violation > TOUCHING:
-            self.points = []  # links that cannot be free are stated
-            self.refine(deadline)
-        value = self.refined.point.value
-        for _ in range(EXCHANGES if isinstance(body, Mesh) and compiled.options.rounds else 0):
-            if value <= 0.0 or deadline.should_stop():
+    def search(self, deadline: Deadline) -> _PolishProgram:
+        """Return the refined program, on a mesh after exchanges of its fingers' contacts as long as these gain."""
+        compiled, program = self.compiled, self
+        is_moved = isinstance(compiled.problem.body, Mesh) and compiled.options.rounds
+        if is_moved:
+            program = program._moved_on_smooth_surface(deadline)
+        program = program.refine(deadline)
+        if program.violation > TOUCHING:  # links that cannot be free are stated
+            program = replace(program, points=[]).refine(deadline)
+        for _ in range(EXCHANGES if is_moved else 0):
+            point = program.refined.point
+            if point.value <= 0.0 or deadline.should_stop():
                 break
-            on_body = put_on_body(compiled, self.on_faces, self.refined.point.candidate)
+            on_body = put_on_body(compiled, program.on_faces, point.candidate)
             rng, normals = np.random.default_rng(0), on_body.grasp.normals
             exchanged = exchange_fingers(compiled, on_body.candidate, normals, rng, deadline)
             if exchanged is None:
                 break
-            before = dict(self.__dict__)
-            self._fix_to_faces(exchanged)
-            is_near = self._projected()[1] <= TOUCHING
-            if not is_near or self.refine(deadline).point.value <= (1.0 + GAIN) * value:
-                self.__dict__.update(before)
+            trial = program._with_own_faces(exchanged).refine(deadline)
+            if trial.violation > TOUCHING or trial.refined.point.value <= (1.0 + GAIN) * point.value:
                 break
-            value = self.refined.point.value
+            program = trial
+        return program
 
-    def solve(self, deadline: Deadline) -> PolishedGrasp:
-        """Return the grasp at the program's local optimum, projected onto the body, certified and measured."""
-        compiled, program, refined = self.compiled, self.compiled_program, self.refined
-        optimum, reason = None, self._reason_against_optimum
-        if not reason:
-            optimum = optimum_near(program, refined, deadline)
-        final = refined.point.candidate if optimum is None else optimum.candidate
-        self.candidate = replace(self.candidate, points=final.points, hand=final.hand)
-        on_body = put_on_body(compiled, self.on_faces, final, self.smooth_points)
-        bounds = certify(
-            on_body.grasp,
-            compiled.problem.task,
-            compiled.options.rtol,
-            compiled.budget(on_body.candidate),
-            deadline=deadline.certificate_deadline(),
-        )
-        depth = max((penetration.depth for penetration in self._penetrations(on_body)), default=0.0)
-        kkt = residuals_at(program, final) if optimum is None else optimum.kkt
-        kkt = replace(kkt, reason=reason or ("" if kkt.is_small else UNSETTLED))
-        grasp = PolishedGrasp(on_body, bounds, _search_state(compiled, refined, optimum), kkt, optimum, depth)
-        return replace(grasp, kkt=replace(kkt, reason=MISSED)) if grasp.has_missed else grasp
+    def place(self) -> _PlacedGrasp:
+        """Return the grasp of the candidate on the body itself, with the links' penetrations."""
+        on_body = put_on_body(self.compiled, self.on_faces, self.candidate, self.smooth_points)
+        return _PlacedGrasp(self, on_body, self._penetrations(on_body))
 
-    def learn(self, grasp: PolishedGrasp) -> bool:
-        """Add what a grasp shows to be missing in the program; return whether anything was added."""
-        on_body, optimum, learned = grasp.on_body, grasp.optimum, False
-        if not self.compiled.options.rounds:
-            return False
-        if grasp.has_missed:
-            self.missed = np.concatenate([self.missed, [np.asarray(grasp.bounds.worst_direction, dtype=float)]])
-            learned = True
+    def correct(
+        self, on_body: GraspOnBody, optimum: LocalOptimum | None, penetrations: Sequence[LinkPenetration]
+    ) -> _PolishProgram | None:
+        """Return the program with all that a grasp shows to be missing in it; None if nothing is."""
+        compiled, changes = self.compiled, dict[str, Any]()
+        if not compiled.options.rounds:
+            return None
         if self.prices_margins and optimum is not None:
-            costly, self.prices_margins = self._costly_margins(optimum), False
-            self.keeps_margin &= ~costly
-            learned |= bool(np.any(costly))
-        if any(limit.value < limit.lower for limit in on_body.per_contact) and self.on_faces is not self.compiled:
-            self.edge_points.append(self.candidate.points)
-            self.on_faces, _ = fix_to_triangles(self.compiled, self.candidate, self.edge_points)
-            learned = True
-        if not on_body.is_feasible and (lacking := _missing_clearance(self.compiled, on_body)).any():
-            self.clearance += lacking
-            learned = True
-        for penetration in self._penetrations(on_body):
-            learned |= self._keep_apart(penetration) if penetration.other_link else self._keep_outside(penetration)
-        return learned
+            costly = self._costly_margins(optimum)
+            changes = {"prices_margins": False, "keeps_margin": self.keeps_margin & ~costly} if np.any(costly) else {}
+        if any(limit.value < limit.lower for limit in on_body.per_contact) and self.on_faces is not compiled:
+            changes["edge_points"] = (*self.edge_points, self.candidate.points)
+            changes["on_faces"], _ = fix_to_triangles(compiled, self.candidate, changes["edge_points"])
+        clearance, points = self.clearance.copy(), self.points
+        if not on_body.is_feasible:
+            clearance += _missing_clearance(compiled, on_body)
+        for penetration in penetrations:
+            if penetration.other_link:
+                self._keep_apart(penetration, clearance)
+            else:
+                added = self._points_inside(penetration)[:ADDED]
+                points = added + points if added else points
+        if np.any(clearance != self.clearance):
+            changes["clearance"] = clearance
+        if points is not self.points:
+            changes["points"] = points
+        return replace(self, **changes) if changes else None
 
     @property
-    def _reason_against_optimum(self) -> str:
+    def reason_against_optimum(self) -> str:
         """Why no local optimum of the program is sought; empty if it is."""
         if self.on_faces is self.compiled and isinstance(self.compiled.problem.body, Mesh):
             return EDGES
@@ -299,20 +423,25 @@ class _PolishProgram:
         penetrations = hulls.in_surroundings(hand) + links.in_each_other(hand)
         return [penetration for penetration in penetrations if penetration.depth > least(penetration)]
 
-    def _keep_outside(self, penetration: LinkPenetration) -> bool:
-        """Add points of a link's surface where it is inside the body; return whether there are any."""
-        hulls, hand = self.compiled.hull_depths, self.compiled.hand_functions.linked_hand
-        if hulls is None:
-            return False
-        link, values = str(penetration.link), self.candidate.hand
-        local = hulls.points_inside(values, penetration)
-        pose = hand.tree.body_poses(values)[link]
-        added = _link_points(self.compiled, [link] * len(local), local, local @ pose[:3, :3].T + pose[:3, 3])
-        self.points = added[:ADDED] + self.points
-        return bool(added)
+    def _points_inside(self, penetration: LinkPenetration) -> list[LinkPoint]:
+        """Return points of a link's surface where it is inside the body, without those of round fingertips.
 
-    def _keep_apart(self, penetration: LinkPenetration) -> bool:
-        """Require as much more distance between the spheres of two links as these penetrate each other."""
+        Where a round tip touches, the body is inside it at any posture.
+        """
+        hulls, functions = self.compiled.hull_depths, self.compiled.hand_functions
+        if hulls is None:
+            return []
+        link, values, radii = str(penetration.link), self.candidate.hand, np.asarray(functions.hand.tip_radii)
+        local = hulls.points_inside(values, penetration)
+        pose = functions.linked_hand.tree.body_poses(values)[link]
+        x = local @ pose[:3, :3].T + pose[:3, 3]
+        from_centres = np.linalg.norm(x[:, None] - functions.tip_centres(values, self.candidate.points), axis=2)
+        beyond = np.all(from_centres > radii + DEEP_TIP * (radii > 0.0), axis=1)
+        distances = self.compiled.problem.body.distances(x[beyond])[0][:, 0]
+        return _link_points(self.compiled, [link] * int(np.sum(beyond)), local[beyond], x[beyond], distances)
+
+    def _keep_apart(self, penetration: LinkPenetration, clearance: FloatArray) -> None:
+        """Require, in place, as much more distance between two links' spheres as these links penetrate each other."""
         compiled, names = self.compiled, {str(penetration.link), penetration.other_link}
         points = self.candidate.points[None]
         values = compiled.rows.values(points, np.zeros_like(points), self.candidate.repeated_hand(1))[0]
@@ -321,13 +450,11 @@ class _PolishProgram:
             for i, row in enumerate(compiled.rows.named)
             if row.kind == SELF_COLLISION and {part.rpartition("/")[0] for part in row.part.split(" and ")} == names
         ]
-        if not rows:
-            return False
-        lower = np.array([compiled.rows.named[i].lower for i in rows])
-        gaps = np.sqrt(values[rows]) - np.sqrt(lower)
-        required = float(np.min(gaps)) + penetration.depth + BEYOND
-        self.clearance[rows] = np.maximum(self.clearance[rows], np.where(gaps < required, required, 0.0))
-        return True
+        if rows:
+            lower = np.array([compiled.rows.named[i].lower for i in rows])
+            gaps = np.sqrt(values[rows]) - np.sqrt(lower)
+            required = float(np.min(gaps)) + penetration.depth + BEYOND
+            clearance[rows] = np.maximum(clearance[rows], np.where(gaps < required, required, 0.0))
 
 
 def _search_state(compiled: CompiledProblem, refined: RefinementResult, optimum: LocalOptimum | None) -> SearchState:
@@ -377,18 +504,20 @@ def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reac
     order = np.argsort(distances, kind="stable")
     local = [item for i in order.tolist() for item in shapes.points_by_link(index[i : i + 1]).items()]
     points = np.concatenate([np.zeros((0, 3)), *(point for _, point in local)])
-    return _link_points(compiled, [link for link, _ in local], points, x[order])
+    smooth = compiled.distance_grid.smooth_distance(x[order])[0]
+    return _link_points(compiled, [link for link, _ in local], points, x[order], smooth)
 
 
-def _link_points(compiled: CompiledProblem, links: Sequence[str], local: FloatArray, x: FloatArray) -> list[LinkPoint]:
+def _link_points(
+    compiled: CompiledProblem, links: Sequence[str], local: FloatArray, x: FloatArray, distances: FloatArray
+) -> list[LinkPoint]:
     """Return points of links to be kept outside the body, given in their links' frames and in the body's, (m, 3).
 
-    Where the smooth distance of a mesh exceeds that from the mesh itself, as much more of it is required.
+    Where given distances (m,) exceed those from a mesh itself, as much more of it is required.
     """
-    hand, excess = compiled.hand_functions.linked_hand, np.zeros(len(x))
-    if isinstance(compiled.problem.body, Mesh) and len(x):
-        smooth = compiled.distance_grid.smooth_distance(x)[0]
-        excess = np.maximum(smooth - compiled.problem.body.clearance(x), 0.0)
+    hand, body, excess = compiled.hand_functions.linked_hand, compiled.problem.body, np.zeros(len(x))
+    if isinstance(body, Mesh) and len(x):
+        excess = np.maximum(distances - body.clearance(x), 0.0)
     least = [hand.least_clearance(link) for link in links]
     return [LinkPoint(*parts) for parts in zip(links, local, np.array(least) + excess, strict=True)]
 

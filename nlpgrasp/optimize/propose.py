@@ -19,16 +19,17 @@ def propose(
     known_contacts: Sequence[FloatArray] = (),
     starts: int = 1,
     raced: int = 4,
+    further: int = 2,
 ) -> list[GraspCandidate]:
     """Return initial candidates for a number of starts, the most promising first.
 
-    Hands with a pose race, with ``raced`` candidates for each start. For other problems candidates near known contacts,
-    (k, space) each, are proposed as well. There is at least one candidate, the least violated one where none is
-    feasible.
+    Hands with a pose race, with ``raced`` candidates for the first start and ``further`` ones for each other. For other
+    problems candidates near known contacts, (k, space) each, are proposed as well. There is at least one candidate, the
+    least violated one where none is feasible.
     """
     if compiled.follows_contacts:
         return exchanged_candidates(compiled, rng, known_contacts, starts * PROPOSED)
-    return raced_candidates(compiled, rng, starts * raced)
+    return raced_candidates(compiled, rng, raced + further * (starts - 1))
 
 
 def deal_candidates(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.validation import FloatArray, IntArray
@@ -109,9 +110,9 @@ class RaceLimits:
     """Evaluator of the limits of a problem: what must not be negative, in lengths, with derivatives by the twist.
 
     A contact that is kept to some faces, or off edges, has to be near a sample of its faces and have about its normal:
-    the smooth surface rounds the edges between faces. A constraint's value is divided by its slope along the unit of
-    motion, a metre or the turn that moves a point at 60 mm by it, in the median of some postures, so that it counts as
-    a length whatever its unit.
+    the smooth surface rounds the edges between faces, those of a machined part's mesh as well. A constraint's value is
+    divided by its slope along the unit of motion, a metre or the turn that moves a point at 60 mm by it, in the median
+    of some postures, so that it counts as a length whatever its unit.
 
     Parameters
     ----------
@@ -137,7 +138,8 @@ class RaceLimits:
         self._units = np.zeros(0)  # of the constraints, from the first postures
         self._least_cosine = least_cosine
         every = problem.body.face_names
-        has_edges = len(every) > 1 and problem.margin > 0.0
+        is_flat = isinstance(problem.body, Mesh) and problem.body.has_flat_faces
+        has_edges = is_flat or (len(every) > 1 and problem.margin > 0.0)
         kept = [i for i in range(len(problem.models)) if has_edges or problem.allowed_faces(i) != every]
         self._clouds: dict[int, SampleCloud] = {i: compiled.surface.cloud(i) for i in kept}
         self._gaps = {i: _spacing(cloud) for i, cloud in self._clouds.items()}

@@ -10,19 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import daqp
 import numpy as np
 
 from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.spatial import cross
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.hands.urdf_hand import POINT_CLEARANCE
 from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits, Solids
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.quality.screening import GraspBatch, fixed_force_set, second_moment, spread_directions
 
@@ -167,31 +169,50 @@ class RaceSteps:
         self.unit = float(np.quantile(mu, 0.95)) or 0.1 * float(np.mean(ratios))
         return mu
 
+    @cached_property
+    def is_one_sided(self) -> bool:
+        """Whether the task pushes from some sides alone: contacts may exert it without pressing on each other."""
+        y = np.random.default_rng(0).standard_normal((500, len(self._metric))) @ np.linalg.inv(self._metric)
+        return bool(np.min(self.problem.task.support(y)[0]) <= 0.0)
+
+    def grasp(self, racer: Racer) -> Grasp:
+        """Return the grasp at a racer's contacts."""
+        return Grasp(racer.points, racer.normals, self.problem.models, self.problem.origin)
+
     def first(self, state: HandState) -> list[Racer]:
         """Return racers in given postures, whose weak directions are not known yet; after ``screen``."""
         y = self._random_directions(len(state), CUTS)
         return self.linearise(state, y / self.problem.task.support(y.reshape(-1, y.shape[2]))[0].reshape(len(y), -1, 1))
 
-    def touch(self, frames: Frames) -> Touch:
+    def touch(self, frames: Frames, steps: int = 4) -> Touch:
         """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body.
 
-        On a flat patch it is found by Newton steps from its middle.
+        On a flat patch it is found by Newton steps from its middle. Contacts take ``steps`` Newton steps; gaps need
+        fewer, for they are stationary there.
         """
-        tips, centres = self.shapes.tips, list[FloatArray]()
-        for patch, group in zip(tips.patches, tips.groups, strict=True):
-            points = frames.points(patch, np.full(len(patch), group))
-            distances = self.grid.distance(points.reshape(-1, 3))[0].reshape(points.shape[:2])
-            centres.append(points[np.arange(len(points)), np.argmin(distances, axis=1)])
-        nearest = np.stack(centres, axis=1)
+        shapes, tips = self.shapes, self.shapes.tips
+        starts, index = shapes.patch_starts, np.tile(shapes.patch_starts, (len(frames.R), 1))
+        if len(starts) < len(shapes.patches.at):
+            points = frames.cloud(shapes.patches)
+            distances = self.grid.nearest(points).astype(float)
+            sizes = np.diff(starts, append=points.shape[1])
+            least = np.repeat(np.minimum.reduceat(distances, starts, axis=1), sizes, axis=1)
+            which, near = np.nonzero(distances < least + 1.2 * self.grid.spacing)
+            distances[:] = np.inf
+            distances[which, near] = self.grid.distance(points[which, near].astype(float))[0]
+            for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
+                index[:, i] += np.argmin(distances[:, start : start + size], axis=1)
+        R, t = frames.R[:, tips.groups], frames.t[:, tips.groups]
+        nearest = (R @ shapes.patches.at[index][..., None])[..., 0] + t
         nearest[:, tips.flat] = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
-        result = self._contacts(nearest)
+        result = self._contacts(nearest, steps)
         for _ in range(3 if len(tips.flat) else 0):
             pads = self._pads(frames, result)
             step = -np.linalg.solve(pads.stiffness, pads.slopes[..., None])[..., 0]
             places = np.clip(pads.places + step, -tips.halves, tips.halves)
             middles = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
             nearest[:, tips.flat] = middles + np.einsum("bfa,bfax->bfx", places, pads.sides)
-            result = self._contacts(nearest)
+            result = self._contacts(nearest, steps)
         return result
 
     def _pads(self, frames: Frames, touch: Touch, pull: float = 1.0) -> Pads:
@@ -231,12 +252,12 @@ class RaceSteps:
         which, tip = np.repeat(np.arange(len(motion)), len(flat)), np.tile(flat, len(motion))
         rates = pads.sides @ touch.turning[:, flat] @ motion[:, flat]
         for axis in range(2):
-            turned = np.cross(pads.sides[:, :, axis], touch.normals[:, flat]).reshape(-1, 3)
+            turned = cross(pads.sides[:, :, axis], touch.normals[:, flat]).reshape(-1, 3)
             rates[:, :, axis] += frames.turning_rows(turned, tips.groups[tip], which).reshape(*rates.shape[:2], -1)
         result[:, flat] -= pads.sides.transpose(0, 1, 3, 2) @ np.linalg.solve(stiffness, rates)
         return result
 
-    def _contacts(self, centres: FloatArray, steps: int = 4) -> Touch:
+    def _contacts(self, centres: FloatArray, steps: int) -> Touch:
         """Return the contacts of balls with centres (b, k, 3).
 
         The contact p of a centre c is the point of the smooth surface with ``c = p + d g(p)`` and the outward normal g,
@@ -277,8 +298,9 @@ class RaceSteps:
         moving = touch.by_centre @ motion
         turning = -touch.turning @ motion
         points, normals = touch.points, -touch.normals
-        cuts, ratios = self._weakest(points, normals, known)
-        slopes = self._support_slopes(points, normals, moving, turning, cuts)
+        G = self._stack(points, normals).G
+        cuts, ratios = self._weakest(G, known)
+        slopes = self._support_slopes(G, points, normals, moving, turning, cuts)
         approaching = np.einsum("bkx,bkxn->bkn", touch.normals, motion)
         rows, values, owners = self._limits(frames, touch, motion, pivot)
         if self.limits:
@@ -286,9 +308,11 @@ class RaceSteps:
             parts = zip((owners, values, rows), self.limits.rows(contacts), strict=True)
             owners, values, rows = (np.concatenate(pair) for pair in parts)
         linkages = self.shapes.linkage_rows(state.joints)
+        order = np.argsort(owners, kind="stable")
+        ends = np.searchsorted(owners[order], np.arange(count + 1))
         racers = list[Racer]()
         for i in range(count):
-            real, own = np.isfinite(ratios[i]), owners == i
+            real, own = np.isfinite(ratios[i]), order[ends[i] : ends[i + 1]]
             racers.append(
                 Racer(
                     state.of(slice(i, i + 1)), float(np.min(ratios[i])), points[i], normals[i], moving[i], turning[i],
@@ -308,15 +332,14 @@ class RaceSteps:
         return np.asarray(random @ np.linalg.inv(self._metric))
 
     def _weakest(
-        self, points: FloatArray, normals: FloatArray, known: FloatArray, descents: int = 14, fresh: int = 6,
-        steps: int = 5,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        self, G: FloatArray, known: FloatArray, descents: int = 14, fresh: int = 6, steps: int = 5
+    ) -> tuple[FloatArray, FloatArray]:
         """Return weak directions (b, CUTS, d) with ``phi_A = 1`` and their ratios, infinite where there are fewer.
 
         Descents begin from the weakest known directions (b, m, d) and from ``fresh`` random ones.
         """
         task = self.problem.task
-        view = GraspBatch(self._stack(points, normals).G, self._forces)
+        view = GraspBatch(G, self._forces)
         supports = view.support(known)
         order = np.argsort(supports, axis=1, kind="stable")[:, :descents, None]
         begin = [np.take_along_axis(known, order, axis=1), self._random_directions(len(known), fresh)]
@@ -342,24 +365,24 @@ class RaceSteps:
         return y, ratios
 
     def _support_slopes(
-        self, points: FloatArray, normals: FloatArray, moving: FloatArray, turning: FloatArray, y: FloatArray
-    ) -> FloatArray:
+        self, G: FloatArray, points: FloatArray, normals: FloatArray, moving: FloatArray, turning: FloatArray,
+        y: FloatArray,
+    ) -> FloatArray:  # fmt: skip
         """Return the derivatives (b, m, n) of supports along y (b, m, d) by the twist.
 
         With the maximising force f and torque t n of a contact at r from the torque origin, its part of the support is
         ``y_f . f + y_m . (r x f + t n)``. The force turns with the normal, by the least rotation.
         """
-        G = self._stack(points, normals).G
         z = y @ G
         x = self._forces.support(z.reshape(-1, z.shape[2]))[1].reshape(z.shape)
         slopes = np.zeros((*y.shape[:2], moving.shape[3]))
         for i, part in enumerate(self._forces.ranges):
             wrench = x[..., part] @ G[:, :, part].transpose(0, 2, 1)
             f, n, r = wrench[..., :3], normals[:, None, i], points[:, None, i] - self.problem.origin
-            torque = np.sum((wrench[..., 3:] - np.cross(r, f)) * n, axis=2, keepdims=True)
-            pull = y[..., :3] + np.cross(y[..., 3:], r)  # derivative of the support by the force
+            torque = np.sum((wrench[..., 3:] - cross(r, f)) * n, axis=2, keepdims=True)
+            pull = y[..., :3] + cross(y[..., 3:], r)  # derivative of the support by the force
             by_normal = np.sum(n * f, axis=2, keepdims=True) * pull - np.sum(n * pull, axis=2, keepdims=True) * f
-            slopes += np.cross(f, y[..., 3:]) @ moving[:, i] + (by_normal + torque * y[..., 3:]) @ turning[:, i]
+            slopes += cross(f, y[..., 3:]) @ moving[:, i] + (by_normal + torque * y[..., 3:]) @ turning[:, i]
         return slopes
 
     def _limits(
@@ -382,22 +405,23 @@ class RaceSteps:
         owners.append(which)
         # pairs of spheres apart
         first, second = shapes.pairs.T
-        lines = spheres[:, first] - spheres[:, second]
-        lengths = np.linalg.norm(lines, axis=2)
-        which, pair = np.nonzero(lengths - shapes.apart < reach)
-        n = lines[which, pair] / np.maximum(lengths[which, pair], 1e-9)[:, None]
+        x, y, z = (along[:, first] - along[:, second] for along in np.ascontiguousarray(spheres.transpose(2, 0, 1)))
+        which, pair = np.nonzero(x * x + y * y + z * z < (shapes.apart + reach) ** 2)
+        n = spheres[which, first[pair]] - spheres[which, second[pair]]
+        lengths = np.linalg.norm(n, axis=1)
+        n /= np.maximum(lengths, 1e-9)[:, None]
         ends = [
             frames.rows(spheres[which, s], shapes.sphere_groups[s], n, pivot, which)
             for s in (first[pair], second[pair])
         ]
         rows.append(ends[0] - ends[1])
-        values.append((lengths - shapes.apart)[which, pair])
+        values.append(lengths - shapes.apart[pair])
         owners.append(which)
         # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
         limited = np.setdiff1d(np.flatnonzero(tips.cosines > -1.0), tips.flat)
         which, tip = np.repeat(np.arange(len(pivot)), len(limited)), np.tile(limited, len(pivot))
         facing, n = frames.directions(tips.facing, tips.groups)[which, tip], -touch.normals[which, tip]
-        turning = frames.turning_rows(np.cross(facing, n), tips.groups[tip], which)
+        turning = frames.turning_rows(cross(facing, n), tips.groups[tip], which)
         turning -= np.einsum("ix,ixy,iyn->in", facing, touch.turning[which, tip], motion[which, tip])
         rows.append(0.01 * turning)
         values.append(0.01 * (np.sum(facing * n, axis=1) - tips.cosines[tip]))
@@ -408,7 +432,7 @@ class RaceSteps:
             which, tip = np.repeat(np.arange(len(pivot)), len(tips.flat)), np.tile(tips.flat, len(pivot))
             side = frames.directions(direction, tips.groups[tips.flat]).reshape(-1, 3)
             n = -touch.normals[which, tip]
-            turning = frames.turning_rows(np.cross(side, n), tips.groups[tip], which)
+            turning = frames.turning_rows(cross(side, n), tips.groups[tip], which)
             turning -= np.einsum("ix,ixy,iyn->in", side, touch.turning[which, tip], motion[which, tip])
             rows.append(0.01 * turning)
             values.append(0.01 * np.sum(side * n, axis=1))
@@ -468,7 +492,7 @@ class RaceSteps:
         J = J @ self.shapes.free_twists(state.joints, scale)
         pivot = pivot + twists[:, :3]
         for _ in range(corrections):
-            gaps = self.touch(self.shapes.links.frames(state)).gaps
+            gaps = self.touch(self.shapes.links.frames(state), 4).gaps
             forces = np.linalg.solve(J @ J.transpose(0, 2, 1) + 1e-4 * np.eye(J.shape[1]), -gaps[..., None])
             correction = scale * (J.transpose(0, 2, 1) @ forces)[..., 0]
             state, pivot = self.shapes.moved(state, correction, pivot), pivot + correction[:, :3]
@@ -481,26 +505,32 @@ class RaceSteps:
         clearance in millimetres.
         """
         n, limits = self.shapes.links.size, self.shapes.limits
-        scale = np.concatenate([np.full(3, racer.radius), np.full(n - 3, racer.radius / 0.06)])
+        scale = np.full(n, racer.radius / 0.06)
+        scale[:3] = racer.radius
         near = racer.values < 4.0 * racer.radius + 1e-3
         # closed linkages allow no motion along their rows, of which some may depend on others
-        _, sizes, closed = np.linalg.svd(racer.linkages * scale, full_matrices=False)
-        closed = closed[sizes > 1e-6 * np.max(sizes, initial=0.0)]
-        parts = [racer.slopes / self.unit, 1e3 * racer.touch, -1e3 * racer.touch, 1e3 * racer.rows[near]]
-        least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
-        slack = np.repeat([[-1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0]], list(map(len, parts)), axis=0)
-        A = np.hstack([np.concatenate(parts) * scale, slack])
-        A = np.concatenate([A, np.hstack([closed, np.zeros((len(closed), 3))])])
+        closed = racer.linkages * scale
+        if len(closed):
+            _, sizes, closed = np.linalg.svd(closed, full_matrices=False)
+            closed = closed[sizes > 1e-6 * sizes[0]]
+        parts = [racer.slopes / self.unit, 1e3 * racer.touch, -1e3 * racer.touch, 1e3 * racer.rows[near], closed]
+        mu, _, gaps, lacks, end = np.cumsum(list(map(len, parts)))
+        A = np.zeros((end, n + 3))
+        np.concatenate(parts, out=A[:, :n])
+        A[:lacks, :n] *= scale
+        A[:mu, n], A[mu:gaps, n + 1], A[gaps:lacks, n + 2] = -1.0, 1.0, 1.0
         room = (limits - racer.state.joints[0]) / scale[6:]
-        low = np.concatenate([np.full(6, -1.0), np.clip(room[0], -1.0, 0.0), [-10.0, 0.0, 0.0]])
-        high = np.concatenate([np.full(6, 1.0), np.clip(room[1], 0.0, 1.0), [1e3, 1e3, 1e3]])
+        lower, upper, sense = np.zeros(n + 3 + end), np.zeros(n + 3 + end), np.zeros(n + 3 + end, np.int32)
+        lower[:6], upper[:6] = -1.0, 1.0
+        lower[6:n], upper[6:n] = np.maximum(np.minimum(room[0], 0.0), -1.0), np.minimum(np.maximum(room[1], 0.0), 1.0)
+        lower[n : n + 3], upper[n : n + 3] = (-10.0, 0.0, 0.0), 1e3
+        least = [-racer.ratios / self.unit, -1e3 * racer.gaps, 1e3 * racer.gaps, -1e3 * racer.values[near]]
+        np.concatenate(least, out=lower[n + 3 : n + 3 + lacks])
+        upper[n + 3 : n + 3 + lacks], sense[n + 3 + lacks :] = 1e30, 5  # equations last
         millimetre = 1e-3 * price / self.unit
-        H = np.diag(np.concatenate([np.full(n, 2e-3), np.full(3, 1e-7)]))
-        f = np.concatenate([np.zeros(n), [-1.0, millimetre, millimetre]])
-        upper = np.concatenate([high, np.full(len(A) - len(closed), 1e30), np.zeros(len(closed))])
-        lower = np.concatenate([low, *least, np.zeros(len(closed))])
-        sense = np.zeros(len(upper), np.int32)
-        sense[len(upper) - len(closed) :] = 5  # equations
+        H, f = np.zeros((n + 3, n + 3)), np.zeros(n + 3)
+        H.flat[:: n + 4], f[n:] = 2e-3, (-1.0, millimetre, millimetre)
+        H[n:] *= 5e-5  # 1e-7
         z, _, flag, _ = daqp.solve(H, f, A, upper, lower, sense)
         if flag <= 0:
             return None
@@ -527,9 +557,9 @@ class RaceSteps:
         points, normals, moving, turning = (
             np.stack([getattr(racer, name) for racer in staying]) for name in ("points", "normals", "moving", "turning")
         )
-        known = _known([[racers[i], trial] for i, trial in rejected.items()])
-        cuts, ratios = self._distinct(known, GraspBatch(self._stack(points, normals).G, self._forces).support(known))
-        slopes = self._support_slopes(points, normals, moving, turning, cuts)
+        known, G = _known([[racers[i], trial] for i, trial in rejected.items()]), self._stack(points, normals).G
+        cuts, ratios = self._distinct(known, GraspBatch(G, self._forces).support(known))
+        slopes = self._support_slopes(G, points, normals, moving, turning, cuts)
         for i, racer in enumerate(staying):
             real = np.isfinite(ratios[i])
             racer.cuts, racer.ratios, racer.slopes = cuts[i][real], ratios[i][real], slopes[i][real]

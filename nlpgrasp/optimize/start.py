@@ -47,6 +47,7 @@ def run_start(
     deadline: Deadline,
     known_contacts: Sequence[FloatArray] = (),
     candidates: Sequence[GraspCandidate] = (),
+    rtol: float | None = None,
 ) -> StartResult:
     """Run one start from given candidates, or from candidates proposed with the start's index and seed.
 
@@ -62,13 +63,14 @@ def run_start(
         Contacts near which candidates are proposed as well, metres.
     candidates : sequence of GraspCandidate, optional
         The most promising first.
+    rtol : float, optional
+        Relative gap of certificates; that of the options if not given.
     """
     clock = Stopwatch()
     with single_thread():
         try:
-            result = _best_of_candidates(
-                compiled, index, np.random.default_rng([seed, index]), deadline, clock, known_contacts, candidates
-            )
+            rng = np.random.default_rng([seed, index])
+            result = _best_of_candidates(compiled, index, rng, deadline, clock, known_contacts, candidates, rtol)
         except SOLVER_ERRORS as error:
             return failed_start(index, error, clock.seconds)
     return replace(result, record=replace(result.record, seconds=clock.seconds))
@@ -99,6 +101,7 @@ def _best_of_candidates(
     clock: Stopwatch,
     known_contacts: Sequence[FloatArray],
     candidates: Sequence[GraspCandidate],
+    rtol: float | None,
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
     origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
@@ -107,7 +110,7 @@ def _best_of_candidates(
     # hand poses are scored under the L2 budget
     comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
-    refinement = _Refinement(compiled, index, origin, deadline, clock)
+    refinement = _Refinement(compiled, index, origin, deadline, clock, rtol)
     if not compiled.follows_contacts:
         clock.mark("propose")
         scored = [ScoredCandidate(raced, weakest_directions_of(comparing, raced, rng).value) for raced in proposed]
@@ -209,6 +212,8 @@ class _Refinement:
     origin : CandidateOrigin
     deadline : Deadline
     clock : Stopwatch
+    rtol : float, optional
+        Relative gap of certificates; that of the options if not given.
     """
 
     compiled: CompiledProblem
@@ -216,6 +221,7 @@ class _Refinement:
     origin: CandidateOrigin
     deadline: Deadline
     clock: Stopwatch
+    rtol: float | None = None
 
     def best_first(self, candidates: Sequence[ScoredCandidate]) -> list[StartGrasp]:
         """Return the results of candidates, sorted by their scores, until one is solved and no other promises more."""
@@ -233,7 +239,7 @@ class _Refinement:
         """Return the grasp of a candidate, refined on the body, certified and measured."""
         compiled, message = self.compiled, initial.message or self.origin.value
         if not compiled.follows_contacts:
-            polished = polish(compiled, initial.candidate, self.deadline)
+            polished = polish(compiled, initial.candidate, self.deadline, self.rtol)
             self.clock.mark("refine")
             result = StartGrasp.at_optimum(compiled, self.index, polished, message, self.origin)
             self.clock.mark("link depth")
@@ -244,21 +250,22 @@ class _Refinement:
         if compiled.options.maximise_robust:
             on_body, robust = maximise_robustness(compiled, on_body, self.deadline)
             self.clock.mark("robust")
-        bounds = _certify_grasp(compiled, on_body, refined, self.deadline)
+        bounds = _certify_grasp(compiled, on_body, refined, self.deadline, self.rtol)
         self.clock.mark("certificate")
         state = refined.state()
         return StartGrasp.of(compiled, self.index, on_body, bounds, state, message, origin=self.origin, robust=robust)
 
 
 def _certify_grasp(
-    compiled: CompiledProblem, on_body: GraspOnBody, result: RefinementResult, deadline: Deadline
+    compiled: CompiledProblem,
+    on_body: GraspOnBody,
+    result: RefinementResult,
+    deadline: Deadline,
+    rtol: float | None = None,
 ) -> Bounds:
     """Return the certified bounds of a grasp, with the upper bound tightened by known weak directions."""
-    budget, time_limit, rtol = (
-        compiled.budget(on_body.candidate),
-        deadline.certificate_deadline(),
-        compiled.options.rtol,
-    )
+    budget, time_limit = compiled.budget(on_body.candidate), deadline.certificate_deadline()
+    rtol = rtol or compiled.options.rtol
     certificate, directions = result.certificate, result.point.minimisers
     if certificate is not None and certificate.belongs_to(on_body.grasp, budget):
         bounds = certificate.bounds(rtol, time_limit)

@@ -15,9 +15,11 @@ Kortanek 1993, doi:10.1137/1035089). As g_y = 0 at a minimiser, the implicit fun
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.optimize import nnls
 
 from nlpgrasp.common.quadratic_program import (
     Linearised,
@@ -118,8 +120,9 @@ class Linearisation:
         cost[self.beta] = -1.0
         return cost
 
+    @cached_property
     def rows(self) -> Linearised:
-        """Return all constraints linearised, without a bound on the step.
+        """All constraints linearised, without a bound on the step.
 
         Cuts outside the program come last.
         """
@@ -132,10 +135,20 @@ class Linearisation:
             slopes[:, self.beta] = -1.0
             g, J = self.functions.linearise(z, self.theta)
             return np.concatenate([g, support - z[self.beta]]), np.concatenate([J, slopes])
+        return self.functions.linearise(z, self._with_directions(cuts))
+
+    def gradient_at(self, z: FloatArray, cuts: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return the gradient (n,) of the sum of all constraints with weights (rows,), as of ``evaluate_at``."""
+        if self.outside_cuts is not None:
+            return np.asarray(weights @ self.evaluate_at(z, cuts)[1])
+        return self.functions.gradient(z, self._with_directions(cuts), weights)
+
+    def _with_directions(self, cuts: FloatArray) -> FloatArray:
+        """Return the program's parameters with other cuts."""
         theta = self.theta.copy()
         start = self.functions.program.block("directions").start
         theta[start : start + cuts.size] = cuts.ravel()
-        return self.functions.linearise(z, theta)
+        return theta
 
     def candidate_at(self, z: FloatArray) -> GraspCandidate:
         """Return the candidate at variables z, without projection onto the faces."""
@@ -162,7 +175,8 @@ class Linearisation:
         cost : (n,) array, optional
             Gradient of another objective than ``-beta``.
         """
-        rows = self._with_cuts(self._rows(self.z, self._largest_step(radius), slice(0, None)))
+        least, most = step_bounds(self.z, self.functions.program.bounds, self._largest_step(radius))
+        rows = replace(self.rows, least=least, most=most)
         damping = DAMPING if curvature is None else CURVED_DAMPING
         return quadratic_step(rows, self.cost if cost is None else cost, damping, curvature=curvature)
 
@@ -181,6 +195,27 @@ class Linearisation:
             qp_step.multipliers[program.placement],
             self.cut_multipliers(qp_step.multipliers),
         )
+
+    def least_squares_multipliers(self, largest: float = 1e-5) -> tuple[FloatArray, FloatArray]:
+        """Return multipliers of all constraints (rows,) and of the bounds (n,) with the least KKT residuals.
+
+        They minimise the squares of the Lagrangian's gradient and of the complementarity, by nonnegative least squares
+        over the constraints with a slack of at most ``largest``, solver units.
+        """
+        rows, n = self.rows, len(self.z)
+        low, high = (
+            np.concatenate(limits)
+            for limits in zip((rows.lower, rows.upper), self.functions.program.bounds, strict=True)
+        )
+        values, slopes = np.concatenate([rows.values, self.z]), np.concatenate([rows.jacobian, np.eye(n)])
+        at_least, at_most = (np.flatnonzero(np.abs(limit - values) <= largest) for limit in (low, high))
+        signs = np.concatenate([-np.ones(len(at_least)), np.ones(len(at_most))])
+        index, limits = np.concatenate([at_least, at_most]), np.concatenate([low[at_least], high[at_most]])
+        conditions = np.concatenate([(signs[:, None] * slopes[index]).T, np.diag(limits - values[index])])
+        solution, _ = nnls(conditions, np.concatenate([-self.cost, np.zeros(len(index))]), maxiter=10 * len(index))
+        multipliers = np.zeros(len(values))
+        np.add.at(multipliers, index, signs * solution)
+        return multipliers[:-n], multipliers[-n:]
 
     @property
     def cut_indices(self) -> IntArray:
@@ -239,10 +274,10 @@ def reduced_hessian(
     multipliers : (rows,) array
         Multipliers of all constraints of ``Linearisation.rows``.
     """
-    rows = linear.rows()
+    rows = linear.rows
     basis = _tangents(rows.jacobian[rows.lower == rows.upper], linear.beta)
     gradient = multipliers @ rows.jacobian
-    displaced = [multipliers @ linear.evaluate_at(linear.z + DIFFERENCE * direction, cuts)[1] for direction in basis.T]
+    displaced = [linear.gradient_at(linear.z + DIFFERENCE * direction, cuts, multipliers) for direction in basis.T]
     hessian = np.array([(g - gradient) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
     hessian = 0.5 * (hessian + hessian.T) + _moving_minimiser_part(linear, cuts, moving, multipliers, basis)

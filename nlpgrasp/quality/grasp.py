@@ -403,8 +403,13 @@ class GraspStack(ContactArrays):
         self.ids = _grasp_ids(ids, len(self.points))
         if is_called_by_user():
             warn_of_units_and_normals("GraspStack", self.points, self.normals)
-        tangents = [m.tangents(self.normals[:, i]) for i, m in enumerate(self.contacts)]
-        self.tangents = read_only(np.stack(tangents, axis=1))  # (b, k, space - 1, space), unit rows
+        count, k, space = self.normals.shape
+        if all(model == self.contacts[0] for model in self.contacts):
+            flat = self.contacts[0].tangents(self.normals.reshape(-1, space))
+            tangents = flat.reshape(count, k, space - 1, space)
+        else:
+            tangents = np.stack([m.tangents(self.normals[:, i]) for i, m in enumerate(self.contacts)], axis=1)
+        self.tangents = read_only(tangents)  # (b, k, space - 1, space), unit rows
 
     @cached_property
     def G(self) -> FloatArray:

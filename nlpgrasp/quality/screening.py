@@ -6,6 +6,8 @@ that choose the directions themselves.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.linalg import eigh
 
@@ -13,7 +15,8 @@ from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.unit_directions import directions, directions_around
 from nlpgrasp.common.validation import BoolArray, FloatArray
-from nlpgrasp.contacts.product import project
+from nlpgrasp.contacts.base import upper_triangle
+from nlpgrasp.contacts.product import derivative_entries, project
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
 from nlpgrasp.quality.grasp import GraspStack
@@ -165,6 +168,16 @@ class GraspBatch:
         self.G = G
         self._set = force_set
 
+    @cached_property
+    def _products(self) -> FloatArray:
+        """Derivatives (b, entries, d d) of ``G D G^T`` by the entries of D's symmetric blocks, one for each contact."""
+        pairs = [(r.start + i, r.start + j) for r in self._set.ranges for i, j in upper_triangle(r.stop - r.start)]
+        first, second = np.array(pairs).T
+        columns = self.G.transpose(0, 2, 1)
+        products = columns[:, first, :, None] * columns[:, second, None, :]
+        products += (first != second)[:, None, None] * products.transpose(0, 1, 3, 2)
+        return products.reshape(len(self.G), len(pairs), -1)
+
     def of(self, rows: BoolArray) -> GraspBatch:
         """Return the batch of the grasps in a mask."""
         return GraspBatch(self.G[rows], self._set)
@@ -199,14 +212,14 @@ class GraspBatch:
         z = y @ self.G
         flat = z.reshape(-1, z.shape[2])
         phi = self._set.support(flat)[0].reshape(y.shape[:2])
-        x = project(flat, self._set.contacts, self._set.space)
-        sizes = np.stack([np.linalg.norm(x[:, r], axis=1) for r in self._set.ranges])
-        sizes = np.maximum(sizes / np.maximum(np.max(sizes, axis=0), 1e-300), LEAST_WEIGHT)
-        H = np.zeros((*y.shape, y.shape[2]))
-        for contact, r, size in zip(self._set.contacts, self._set.ranges, sizes, strict=True):
-            matrix = contact.derivative(flat[:, r]) * (size ** (self._set.power - 2.0))[:, None, None]
-            Gi = self.G[:, None, :, r]
-            H += Gi @ matrix.reshape(*y.shape[:2], *matrix.shape[1:]) @ Gi.transpose(0, 1, 3, 2)
+        entries = derivative_entries(flat, self._set.contacts, self._set.space)
+        if self._set.power != 2.0:
+            x = project(flat, self._set.contacts, self._set.space)
+            sizes = np.stack([np.linalg.norm(x[:, r], axis=1) for r in self._set.ranges], axis=1)
+            sizes = np.maximum(sizes / np.maximum(np.max(sizes, axis=1, keepdims=True), 1e-300), LEAST_WEIGHT)
+            counts = [len(upper_triangle(r.stop - r.start)) for r in self._set.ranges]
+            entries = entries * np.repeat(sizes ** (self._set.power - 2.0), counts, axis=1)
+        H = (entries.reshape(*y.shape[:2], -1) @ self._products).reshape(*y.shape, y.shape[2])
         scale = np.einsum("bdn,bdn->b", self.G, self.G)[:, None, None, None]
         reach, wrench = task.support(y.reshape(-1, y.shape[2]))
         reach = reach.reshape(y.shape[:2])

@@ -69,6 +69,8 @@ def test_mesh_derivatives_agree_with_casadi(mesh_problem, transcription, rng):
     jacobian, hessian = reference(*arguments)
     _, ours = derivatives["jac_g"](*arguments[:2])
     np.testing.assert_allclose(ours.full(), jacobian.full(), atol=1e-10)
+    gradient = functions.gradient(*arguments[:2], arguments[3]).full().ravel()
+    np.testing.assert_allclose(gradient, np.ravel(arguments[3]) @ jacobian.full(), atol=1e-10)
     upper = derivatives["hess_lag"](*arguments)
     scale = np.max(np.abs(hessian.full()))
     np.testing.assert_allclose(upper.full(), np.triu(hessian.full()), atol=1e-10 * scale)

@@ -45,6 +45,9 @@ def test_rows_and_derivatives(name, rng):
     plain = ca.Function("plain", [z, theta], [rows, ca.jacobian(rows, z)])
     np.testing.assert_allclose(np.ravel(g.full())[:SLOTS], np.ravel(plain(*point)[0].full()), rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(jacobian.full()[:SLOTS], plain(*point)[1].full(), rtol=1e-10, atol=1e-10)
+    weights = rng.standard_normal(program.limits[0].size)
+    gradient = functions.gradient(*point, weights).full().ravel()
+    np.testing.assert_allclose(gradient, weights @ jacobian.full(), rtol=1e-10, atol=1e-10)
     multipliers = np.zeros(program.limits[0].size)
     multipliers[:SLOTS] = rng.standard_normal(SLOTS)
     second = ca.hessian(ca.dot(ca.DM(multipliers[:SLOTS]), rows), z)[0]

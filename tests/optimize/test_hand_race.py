@@ -66,25 +66,42 @@ def test_slopes_of_supports_are_derivatives_by_contacts_and_normals(budget):
 
         expected = (supports(1e-6) - supports(-1e-6)) / 2e-6
         motion = moves[0][None, ..., None], turns[None, ..., None]
-        predicted = steps._support_slopes(racer.points[None], racer.normals[None], *motion, racer.cuts[None])[0, :, 0]
+        at = racer.points[None], racer.normals[None]
+        predicted = steps._support_slopes(steps._stack(*at).G, *at, *motion, racer.cuts[None])[0, :, 0]
         assert np.mean(np.isclose(predicted, expected, rtol=1e-3, atol=1e-3)) > 0.9  # kinks at edges of cones
 
 
+def exact_contacts(centres):
+    """Return the points of the ellipsoid nearest to centres (..., 3) outside it, and outward normals there."""
+    squares, multiplier = np.square(ELLIPSOID.semi_axes), np.zeros((*centres.shape[:-1], 1))
+    for _ in range(60):  # Newton's method from below on a convex decreasing function
+        scaled = centres**2 * squares / (squares + multiplier) ** 2
+        excess = np.sum(scaled, axis=-1, keepdims=True) - 1.0
+        multiplier = multiplier + excess / np.sum(2.0 * scaled / (squares + multiplier), axis=-1, keepdims=True)
+    points = centres * squares / (squares + multiplier)
+    normals = points / squares
+    return points, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
 def test_contacts_follow_their_fingertips(on_ellipsoid):
+    """By differences of the nearest points of the ellipsoid itself, which the race knows on a grid."""
     steps, first = racers(on_ellipsoid, 4)
     wide, rng = np.array([[-10.0], [10.0]]), np.random.default_rng(0)
+
+    def centres(racer, twist):
+        return steps.touch(steps.shapes.links.frames(racer.state.moved(twist[None], racer.pivot[None], wide))).centres
+
     for racer in first:
-        touch = steps.touch(steps.shapes.links.frames(racer.state))
-        move = rng.standard_normal(touch.centres.shape)
-        ends = [steps._contacts(touch.centres + sign * 1e-4 * move) for sign in (1.0, -1.0)]
-        moved = (ends[0].points - ends[1].points) / 2e-4
-        assert np.mean(np.isclose(moved, np.einsum("bkxy,bky->bkx", touch.by_centre, move), atol=0.1)) > 0.9
-        turned = (ends[0].normals - ends[1].normals) / 2e-4
-        assert turned == pytest.approx(np.einsum("bkxy,bky->bkx", touch.turning, move), abs=3.0)
-        twist = rng.standard_normal(steps.shapes.links.size)
-        states = [racer.state.moved(sign * 1e-5 * twist[None], racer.pivot[None], wide) for sign in (1.0, -1.0)]
-        gaps = [steps.touch(steps.shapes.links.frames(state)).gaps[0] for state in states]
-        assert racer.touch @ twist == pytest.approx((gaps[0] - gaps[1]) / 2e-5, abs=0.1)
+        twist = 1e-5 * rng.standard_normal(steps.shapes.links.size)
+        ends = [centres(racer, sign * twist) for sign in (1.0, -1.0)]
+        points, normals = ((a - b)[0] / 2.0 for a, b in zip(*(exact_contacts(end) for end in ends), strict=True))
+        size = np.max(np.linalg.norm(ends[0] - ends[1], axis=2)) / 2.0
+        assert racer.moving @ twist == pytest.approx(points, abs=0.02 * size)
+        assert racer.turning @ twist == pytest.approx(
+            -normals, abs=0.02 * size / 0.015
+        )  # its least radius of curvature
+        gaps = [np.sum((end - exact_contacts(end)[0]) * exact_contacts(end)[1], axis=2)[0] for end in ends]
+        assert racer.touch @ twist == pytest.approx((gaps[0] - gaps[1]) / 2.0, abs=0.02 * size)
 
 
 def test_steps_raise_the_merit():
@@ -128,7 +145,7 @@ def test_a_body_larger_than_any_opening_is_said():
 
 
 def test_derivatives_of_the_problems_constraints_by_the_twist():
-    """Of contacts, normals, palm and joints, by central differences along random twists."""
+    """Of contacts, normals, palm and joints, by central differences with the ellipsoid's own nearest points."""
 
     def expression(p, n, hand):
         q, turn = hand["joints"], hand["palm quaternion"]
@@ -139,18 +156,18 @@ def test_derivatives_of_the_problems_constraints_by_the_twist():
     steps, first = racers(compiled, 4)
     limits, wide, rng = steps.limits, np.array([[-10.0], [10.0]]), np.random.default_rng(0)
 
-    def evaluated(state, pivot):
-        touch = steps.touch(steps.shapes.links.frames(state))
-        motion = steps.shapes.links.frames(state).motions(touch.centres, steps.shapes.tips.groups, pivot)
-        moving = touch.by_centre @ motion, -touch.turning @ motion
-        return limits.rows(PosedContacts(state, touch.points, -touch.normals, *moving, pivot))
+    def values(racer, twist):
+        state = racer.state.moved(twist[None], racer.pivot[None], wide)
+        points, normals = exact_contacts(steps.touch(steps.shapes.links.frames(state)).centres)
+        still = np.zeros((*points.shape, len(twist)))
+        return limits.rows(PosedContacts(state, points, -normals, still, still, racer.pivot[None]))[1]
 
     for racer in first:
-        twist, pivot = rng.standard_normal(steps.shapes.links.size), racer.pivot[None]
-        ends = [evaluated(racer.state.moved(sign * 1e-5 * twist[None], pivot, wide), pivot) for sign in (1.0, -1.0)]
-        slopes = evaluated(racer.state, pivot)[2] @ twist
-        expected = (ends[0][1] - ends[1][1]) / 2e-5
-        assert np.mean(np.isclose(slopes, expected, rtol=0.05, atol=0.1)) > 0.9  # contacts follow a grid
+        twist = 1e-5 * rng.standard_normal(steps.shapes.links.size)
+        moving = racer.moving[None], racer.turning[None], racer.pivot[None]
+        slopes = limits.rows(PosedContacts(racer.state, racer.points[None], racer.normals[None], *moving))[2] @ twist
+        expected = (values(racer, twist) - values(racer, -twist)) / 2.0
+        assert slopes == pytest.approx(expected, abs=0.03 * np.max(np.abs(expected)))
 
 
 ABOVE = ng.Constraint("palm above", lambda p, n, hand: hand["palm position"][2], 0.05)
@@ -197,3 +214,26 @@ def test_closed_linkages_stay_closed(tmp_path):
     _, moved, violation = project_onto_body(compiled, candidate)  # the point of a pad's flat side turns with the normal
     assert violation <= 1e-4
     assert np.max(np.linalg.norm(moved.points - candidate.points, axis=1)) < 5e-3
+
+
+def test_contacts_on_a_machined_part_are_on_its_flat_faces():
+    """Two blocks in one mesh, as an L: the smooth surface rounds its edges, the candidates' normals are the mesh's."""
+    blocks = [trimesh.creation.box([0.034, 0.025, 0.01]), trimesh.creation.box([0.034, 0.01, 0.034])]
+    blocks[1].apply_translation([0.0, -0.0075, 0.012])
+    mesh = ng.Mesh(trimesh.boolean.union(blocks))
+    compiled = compiled_problem(mesh)
+    for candidate in raced_candidates(compiled, np.random.default_rng(0), 3):
+        points, normals, _ = mesh.closest(candidate.points)
+        smooth = compiled.distance_grid.smooth_distance(candidate.points)[1]
+        smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
+        assert np.min(np.sum(smooth * normals, axis=1)) > np.cos(np.radians(15.0))
+        np.testing.assert_allclose(points, candidate.points, atol=1.5e-3)
+
+
+def test_contacts_press_on_each_other_where_the_task_does_not_ask_for_it():
+    """A weight can be carried from below, but by no squeeze."""
+    task = ng.lift([0.0, 0.0, 0.0], 0.2)
+    problem = ng.GraspProblem(ng.Cylinder(0.02, 0.05), ng.SoftContact(0.7, 0.01), task, hand=gripper())
+    best = raced_candidates(CompiledProblem(problem, ng.SolveOptions(workers=1)), np.random.default_rng(0), 1)[0]
+    normals = CompiledProblem(problem, ng.SolveOptions(workers=1)).inward_normals(best)
+    assert normals[0] @ normals[1] < -0.9

@@ -75,7 +75,7 @@ def test_no_grasp_beside_it_is_better(name, rng):
     assert optimum.kkt.is_small
     assert optimum.value >= start.record.mu.upper * (1.0 - 1e-3)
     size, gains = compiled.problem.body.size, []
-    for _ in range(60):
+    for _ in range(200):
         step = rng.normal(size=optimum.candidate.points.shape) * 3e-3 * size
         moved = compiled.projected_onto_faces(replace(optimum.candidate, points=optimum.candidate.points + step))
         margin = compiled.problem.margin

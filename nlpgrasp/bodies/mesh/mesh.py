@@ -309,6 +309,13 @@ class Mesh(Body):
         """Number of sharp edges."""
         return len(self._edges)
 
+    @cached_property
+    def has_flat_faces(self) -> bool:
+        """Whether most of the surface is in flat faces, of two triangles or more each, as on a machined part."""
+        is_flat = np.zeros(len(self.mesh.faces), bool)
+        is_flat[self.mesh.face_adjacency[self.mesh.face_adjacency_angles < 1e-3]] = True
+        return bool(self.mesh.area_faces[is_flat].sum() > 0.5 * self.mesh.area)
+
     def room(self, name: str) -> float:
         """Return the largest distance of sampled surface points from sharp edges, metres; inf without sharp edges."""
         del name
