@@ -1,6 +1,6 @@
 """Depths of a hand's links in the body and in each other, by dense samples and libigl alone.
 
-    python -m benchmarks.link_depths solution.json ...
+    python -m benchmarks.link_depths problem.py solution.json ...
 
 Independent of the search: no distance of ``nlpgrasp.motion`` is used. Samples of each link, 0.8 mm apart, are measured
 in the body's triangles and in the other links' shapes, and samples of the body in the links' shapes: in the grasp, and
@@ -19,6 +19,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
@@ -121,13 +122,14 @@ def _depth(points: FloatArray, vertices: FloatArray, faces: IntArray) -> float:
     return float(np.sqrt(np.max(igl.point_mesh_squared_distance(within, vertices, faces)[0])))
 
 
-def main(paths: Sequence[str]) -> None:
+def main(script: str, *paths: str) -> None:
+    """Print the depths of solutions, files, of the problem that a script's ``problem()`` makes."""
+    problem = load_problem(script)
+    if not isinstance(problem.hand, URDFHand):
+        raise SystemExit(f"{script}: expected a problem with a URDFHand")
+    depths = LinkDepths(problem.hand, problem.body)
     for path in paths:
         solution = ng.GraspSolution.load(path)
-        problem = ng.GraspProblem.from_dict(dict(solution.problem))
-        if not isinstance(problem.hand, URDFHand):
-            continue
-        depths = LinkDepths(problem.hand, problem.body)
         values = problem.hand.values_of(solution.hand or {})
         in_body, link = depths.in_body(values)
         in_links = max(depths.in_each_other(values).values(), default=0.0)
@@ -139,4 +141,4 @@ def main(paths: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(*sys.argv[1:])

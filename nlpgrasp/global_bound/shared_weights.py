@@ -385,6 +385,10 @@ class CornerContacts:
         self._normals = self._convert(normals.T)
         self.torsion = TORSION in supports.contact.axes(3)
 
+    def __deepcopy__(self, memo: dict[int, object]) -> CornerContacts:
+        """Return the same contacts, which do not change: copies of a search share them."""
+        return self
+
     @cached_property
     def _maps(self) -> RealArray:
         """Grasp maps of supports without a closed form, (6, m, n_i)."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import casadi as ca
 import numpy as np
@@ -221,9 +221,13 @@ def hull_penetration(hulls: Sequence[ShapeHull], other_hulls: Sequence[ShapeHull
     frames : (b, 4, 4) array
         Of the other link in the first one's.
     """
-    rotations, translations = frames[:, :3, :3], frames[:, :3, 3]
-    depths = [_hull_depth(a, b, rotations, translations) for a in hulls for b in other_hulls]
-    return np.asarray(np.max(depths, axis=0, initial=-np.inf))
+    result = np.full(len(frames), -np.inf)
+    for start in range(0, len(frames), 32):  # few postures at a time need little memory
+        part = frames[start : start + 32]
+        for a, b in product(hulls, other_hulls):
+            depths = _hull_depth(a, b, part[:, :3, :3], part[:, :3, 3])
+            result[start : start + 32] = np.maximum(result[start : start + 32], depths)
+    return result
 
 
 def _hull_depth(a: ShapeHull, b: ShapeHull, rotations: FloatArray, translations: FloatArray) -> FloatArray:

@@ -29,6 +29,7 @@ from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.moving_links import Frames, HandState, MovingLinks
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.link_parts import LinkParts, sharp_edge_points
 from nlpgrasp.problem.problem import GraspProblem
@@ -117,6 +118,53 @@ class Clearance:
             is_measured |= is_due
             is_due[np.arange(len(result)), np.argmin(result, axis=1)] = True
         return np.asarray(result)
+
+    def rows(self, values: Values, reach: float = 0.01) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the clearances below a reach, metres: indices (r,), values (r,), derivatives by the twist (r, 6 + m).
+
+        The twist is that of ``Frames.rows``, about the palm's origin. A part is as near to a field as its nearest
+        sample.
+        """
+        frames, count, moving = self.parts.frames(values), len(self._chosen), self.moving_frames(values)
+        groups = np.array([self._moving.group[part.link] for part in self.parts.parts], int)
+
+        def rows(x: FloatArray, parts: IntArray, n: FloatArray) -> FloatArray:
+            return moving.rows(x, groups[parts], n, moving.t[:, 0], np.zeros(len(x), int))
+
+        indices, result, slopes = [np.zeros(0, int)], [np.zeros(0)], [np.zeros((0, self._moving.size))]
+        grid = distance_grid(self.body) if isinstance(self.body, Mesh) else None
+        centres = self.parts.ball_centres(frames)[self._chosen]
+        for number, field in enumerate(self.fields):
+            distance = self._far_distance if number == 0 else field.distance
+            near = np.flatnonzero(distance(centres) - self.parts.reaches[self._chosen] < reach)
+            if len(near):
+                parts = self._chosen[near]
+                value, x = self.parts.nearest_samples(
+                    parts, frames[parts], field.distance, grid if number == 0 else None, close=reach
+                )
+                step = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
+                ahead, behind = field.distance((x + step[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
+                indices.append(number * count + near)
+                result.append(value)
+                slopes.append(rows(x, parts, (ahead - behind).T / 2e-6))
+        pairs, value, ends, n = self.parts.near_pairs(frames, self.pairs, reach)
+        first, second = self.pairs[pairs].T
+        indices.append(len(self.fields) * count + pairs)
+        result.append(value)
+        slopes.append(rows(ends[:, 1], second, n) - rows(ends[:, 0], first, n))
+        values_of_all = np.concatenate(result)
+        below = values_of_all < reach
+        return np.concatenate(indices)[below], values_of_all[below], np.concatenate(slopes)[below]
+
+    def moving_frames(self, values: Values) -> Frames:
+        """Return the frames of the hand's groups of links in one posture, which tell how points on them move."""
+        palm = self.hand.tree.palm_frame(values)
+        state = HandState(palm[None, :3, :3], palm[None, :3, 3], np.asarray(values["joints"], dtype=float)[None])
+        return self._moving.frames(state)
+
+    @cached_property
+    def _moving(self) -> MovingLinks:
+        return MovingLinks(self.hand.robot)
 
     def _far_distance(self, points: FloatArray) -> FloatArray:
         """Return a distance (m,) of points (m, 3) from the body quickly, metres: nowhere more than its own."""

@@ -246,9 +246,17 @@ class LinkParts:
         coarse, error = (distance, 0.0) if grid is None else (grid.nearest, grid.spacing)
         table = self._samples
         cells, owner = _ranges(table.first_cells[chosen], table.cells[chosen])
-        value = coarse(_moved(table.middles[cells], frames[owner]))
-        best = _least(owner, value + table.reaches[cells] + error)
-        keep = value - table.reaches[cells] - error <= best[owner]
+        middles = _moved(table.middles[cells], frames[owner])
+        value = coarse(middles)
+        lowest = value - table.reaches[cells] - error
+        first = _first_of_each(owner, lowest)
+        result, nearest = lowest[first] - self.radii[chosen], middles[first]
+        is_near = result < close
+        if not np.any(is_near):
+            return result, nearest
+        keep = is_near[owner] & (lowest <= _least(owner, value + table.reaches[cells] + error)[owner])
+        owner = (np.cumsum(is_near) - 1)[owner]
+        chosen, frames = chosen[is_near], frames[is_near]
         index, of_cell = _ranges(table.first[cells[keep]], table.sizes[cells[keep]])
         owner = owner[keep][of_cell]
         points = _moved(table.points[index], frames[owner])
@@ -263,9 +271,9 @@ class LinkParts:
             measured = (_least(owner, value) - self.radii[chosen] < close)[owner]
             value[measured] = distance(points[measured])
             value[~measured] -= error
-        order = np.lexsort((value, owner))
-        first = order[np.searchsorted(owner[order], np.arange(len(chosen)))]
-        return value[first] - self.radii[chosen], points[first]
+        first = _first_of_each(owner, value)
+        result[is_near], nearest[is_near] = value[first] - self.radii[chosen], points[first]
+        return result, nearest
 
     @cached_property
     def _samples(self) -> _SampleTable:
@@ -281,26 +289,45 @@ class LinkParts:
         Where the balls around two parts are apart it is the distance of these, which is less. ``frames`` (n, 4, 4) are
         those of the parts' links, in one frame.
         """
-        centres = self.ball_centres(frames)
-        i, j = pairs.T
-        gaps = np.linalg.norm(centres[i] - centres[j], axis=1) - self.reaches[i] - self.reaches[j]
+        gaps = self._ball_gaps(frames, pairs)
         near = np.flatnonzero(gaps < 0.0)
         if len(near):
-            gaps[near] = self._exact_distances(frames, pairs[near])
+            gaps[near] = self._exact_distances(frames, pairs[near])[0]
         return np.asarray(gaps)
 
-    def _exact_distances(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
-        """Return the distance (r,) of the two parts of each pair, metres, by MuJoCo."""
+    def near_pairs(
+        self, frames: FloatArray, pairs: IntArray, reach: float
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return the pairs nearer than a reach, metres: indices (n,), distances (n,), nearest points, and directions.
+
+        The points (n, 2, 3) are on the first and on the second part, and the unit vectors (n, 3) lead from the first to
+        the second; where parts penetrate, along the shortest translation that separates them.
+        """
+        index = np.flatnonzero(self._ball_gaps(frames, pairs) < reach)
+        distances, ends = self._exact_distances(frames, pairs[index])
+        lines = ends[:, 1] - ends[:, 0]
+        lengths = np.linalg.norm(lines, axis=1)
+        near = (distances < reach) & (lengths > 1e-9)
+        signs = np.where(distances < 0.0, -1.0, 1.0)[near]
+        return index[near], distances[near], ends[near], lines[near] * (signs / lengths[near])[:, None]
+
+    def _ball_gaps(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
+        """Return the distances (r,) of the balls around the parts of pairs, metres."""
+        centres, (i, j) = self.ball_centres(frames), pairs.T
+        return np.asarray(np.linalg.norm(centres[i] - centres[j], axis=1) - self.reaches[i] - self.reaches[j])
+
+    def _exact_distances(self, frames: FloatArray, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distance (r,) of each pair's parts, metres, by MuJoCo, and the nearest points (r, 2, 3)."""
         mujoco, model, data, local = self._geoms
         poses = frames @ local
         data.geom_xpos[:] = poses[:, :3, 3]
         data.geom_xmat[:] = poses[:, :3, :3].reshape(-1, 9)
-        ends, result = np.zeros(6), np.zeros(len(pairs))
+        ends, result = np.zeros((len(pairs), 6)), np.zeros(len(pairs))
         for number, (i, j) in enumerate(pairs.tolist()):
-            result[number] = mujoco.mj_geomDistance(model, data, i, j, 1.0, ends)
+            result[number] = mujoco.mj_geomDistance(model, data, i, j, 1.0, ends[number])
             if result[number] < 0.0 and not (self.parts[i].is_convex and self.parts[j].is_convex):
                 result[number] = self._mesh_distance(i, j, np.linalg.inv(frames[j]) @ frames[i])
-        return result
+        return result, ends.reshape(-1, 2, 3)
 
     def _mesh_distance(self, i: int, j: int, pose: FloatArray) -> float:
         """Return the distance of two parts, metres, from their samples; ``pose`` is that of one in the other."""
@@ -340,7 +367,7 @@ class LinkParts:
 
 @dataclass(frozen=True)
 class _SampleTable:
-    """Samples of all parts in cells of 12 mm.
+    """Samples of all parts in cells of 6 mm.
 
     Parameters
     ----------
@@ -367,7 +394,7 @@ class _SampleTable:
         """Return the table of the samples of each part, (m, 3) each."""
         points = np.concatenate([np.zeros((0, 3)), *samples])
         parts = np.repeat(np.arange(len(samples)), [len(part) for part in samples])
-        keys = np.floor(points / 12e-3).astype(int)
+        keys = np.floor(points / 6e-3).astype(int)
         order = np.lexsort((*keys.T, parts))
         points, parts, keys = points[order], parts[order], keys[order]
         first = np.flatnonzero(np.any(np.diff(np.column_stack([parts, keys]), axis=0, prepend=-1), axis=1))
@@ -402,6 +429,12 @@ def _ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
 def _least(owner: IntArray, values: FloatArray) -> FloatArray:
     """Return the least of the values (m,) of each owner (m,), which are in order and from 0 on without a gap."""
     return np.asarray(np.minimum.reduceat(values, np.flatnonzero(np.diff(owner, prepend=-1))))
+
+
+def _first_of_each(owner: IntArray, values: FloatArray) -> IntArray:
+    """Return the index of the least of the values (m,) of each owner (m,), which are those of ``_least``."""
+    order = np.lexsort((values, owner))
+    return order[np.flatnonzero(np.diff(owner[order], prepend=-1))]
 
 
 def _moved(points: FloatArray, frames: FloatArray) -> FloatArray:

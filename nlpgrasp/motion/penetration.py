@@ -341,8 +341,7 @@ def _solid_body(name: str, body: Body) -> LinkObstacle:
 
 def _thin_out(points: FloatArray) -> FloatArray:
     """Return about ``1000`` of the points (n, 3), evenly chosen, the outermost ones included."""
-    directions = directions_around(np.eye(3)[2], 200)
-    outermost = points[np.unique(np.argmax(points @ directions.T, axis=0))]
+    outermost = points[np.unique([np.argmax(points @ d) for d in directions_around(np.eye(3)[2], 200)])]
     return np.concatenate([points[:: max(1, len(points) // 1000)], outermost])
 
 

@@ -133,8 +133,8 @@ def _screened(
     for stride, kept in ((200, 4 * keep), (24, keep)):
         few = LinkPoints(shapes.samples.at[::stride], shapes.samples.groups[::stride])
         scores = list[FloatArray]()
-        for start in range(0, len(state), 512):
-            part = state.of(slice(start, start + 512))
+        for start in range(0, len(state), 128):  # few postures at a time need little memory
+            part = state.of(slice(start, start + 128))
             frames = shapes.links.frames(part)
             depths = np.minimum(solids.nearest(frames.cloud(few)), 0.0)
             gaps = np.abs(grid.nearest(frames.points(shapes.tips.at, shapes.tips.groups)) - shapes.tips.radii)

@@ -77,6 +77,9 @@ def _comparison_checks(solution: GraspSolution, solids: _LinkComparison, points:
         return [Check("links inside something", False, "the file states no sha256 of the meshes of the hand's links")]
     error, message = solids.in_grasp()
     checks = [Check.of_errors("links inside something", [error], message)]
+    if "pregrasp" in (solution.hand or {}):
+        error, message = solids.in_pregrasp()
+        checks.append(Check.of_errors("links in the pregrasp", [error], message))
     if solution.phases:
         error, message = solids.on_approach()
         checks.append(Check.of_errors("links on the way in", [error], message))
@@ -121,6 +124,14 @@ class _LinkComparison:
         """Check the stored penetration depth in the grasp; return an error text and a summary."""
         stated, recomputed = grasp_penetration(self.solution.hand), self._penetration(self.hand)
         return self._depth_error(stated, recomputed, self._is_called_free)
+
+    def in_pregrasp(self) -> tuple[str, str]:
+        """Check that no link is deeper in the pregrasp than in the grasp, or than allowed; return error and summary."""
+        recomputed = self._penetration(self.hand.with_posture((self.solution.hand or {})["pregrasp"]))
+        stated = grasp_penetration(self.solution.hand)
+        allowed = max(self.tolerance, 0.0 if stated is None else stated.depth)
+        message = f"{recomputed.words} ({1e3 * allowed:g} mm allowed)" if recomputed.depth > 0.0 else "none is"
+        return (message, "") if recomputed.depth > allowed + SLACK else ("", message)
 
     @property
     def _is_called_free(self) -> bool:

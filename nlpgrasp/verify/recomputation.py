@@ -39,7 +39,6 @@ from nlpgrasp.verify.joint_checks import joint_margin_checks, torque_checks
 from nlpgrasp.verify.link_checks import link_checks
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_hands import UnknownHand, fingertip_clearances
-from nlpgrasp.verify.numeric_urdf_hand import require_links
 from nlpgrasp.verify.optimality_checks import displacement_checks, optimality_checks
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.sources import SourceFolders
@@ -114,9 +113,6 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
     if hand is not None and hand.has_links:
         within = partial(check_unstated_constraints, promise=promise)
         constraint_checks.append(_guard_check("joints", hand.limits, within))
-        if "pregrasp" in (solution.hand or {}):
-            opened = partial(_pregrasp_constraints, solution, hand, surface, placement)
-            constraint_checks.append(_guard_check("links in the pregrasp", opened, within))
     checks += _hand_checks(solution, grasp, surface, placement)
     checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
     checks += guard("worst displacement", lambda: displacement_checks(solution, grasp, surface, size))
@@ -231,14 +227,6 @@ def link_constraints(
             name = f"{CLEARANCE}, {sphere.name}"
             yield ConstraintValue(name, value, sphere.least, scale=placement.size, error=placement.error)
     yield from hand.apart()
-
-
-def _pregrasp_constraints(
-    solution: GraspSolution, hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
-) -> Iterator[ConstraintValue]:
-    """Yield the constraints on the links in the pregrasp, which are not among a file's constraints."""
-    opened = require_links(hand, "links").with_posture((solution.hand or {})["pregrasp"])
-    yield from link_constraints(opened, surface, placement)
 
 
 def _stated_check(
