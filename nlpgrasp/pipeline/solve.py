@@ -56,7 +56,7 @@ def solve(
     """Find the best grasp over several seeded starts and certify it.
 
     Candidates come from coordinate exchange over surface samples; for a hand with a pose of its own, from a race of its
-    postures, or over samples within reach from many palm poses. Each start refines its candidates by cutting planes in
+    postures. Each start refines its candidates by cutting planes in
     a trust region and certifies the result on the body itself. The answer is the start with the best certified bounds
     whose hand and its approach are free of collision, if there is one. A branch and bound, where it covers the problem,
     bounds mu over all placements: ``solution.gap`` is the relative distance of the answer from the best possible, at

@@ -45,7 +45,7 @@ class Status(Enum):
 class CandidateOrigin(Enum):
     """Kind of a start's initial candidate; the value is the default message of the start."""
 
-    RANDOM = "random surface samples, exchanged, or random poses"
+    RANDOM = "random surface samples, exchanged, or postures of a hand, raced"
     BOUND = "from the search of all placements"
     FACING = "from a pair of places that face each other"
     HELD = "a hand that holds the body"
