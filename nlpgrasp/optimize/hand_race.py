@@ -83,14 +83,15 @@ def raced_candidates(
 
 
 def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
-    """Warn once of fingertips that no posture opposes, and of a body that is thicker than any opening everywhere."""
+    """Warn once of fingertips too far apart to oppose on the body, and of a body thicker than any opening everywhere."""
     thickness = float(np.min(places.thickness))
     tree, opening = compiled.hand_functions.linked_hand.tree, largest_opening(library)
     if not opening:
         nearest = min(opposition(tree, tree.joint_limits.mean(axis=0)).pairs, key=lambda pair: pair.opposed)
-        names = " and ".join(tree.tips[i][0] for i in nearest.fingers)
-        apart = f"face to face {names} come within {1e3 * nearest.opposed:.3g} mm at best"
-        warn_once(f"URDFHand.fingertips: no posture was found in which the fingertips oppose each other; {apart}")
+        if nearest.opposed > float(np.max(places.thickness)):
+            names = " and ".join(tree.tips[i][0] for i in nearest.fingers)
+            apart = f"face to face {names} come within {1e3 * nearest.opposed:.3g} mm at best"
+            warn_once(f"URDFHand.fingertips: no posture was found in which the fingertips oppose each other; {apart}")
     elif thickness > 1.1 * opening:
         text = f"at least {1e3 * thickness:.3g} mm thick, and the hand opens to {1e3 * opening:.3g} mm"
         warn_once(f"GraspProblem.body: {text}: no posture was found that holds it from two sides")

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from tests.hands.urdf import (
@@ -118,12 +119,13 @@ def test_the_phases_of_a_solve_are_free_and_verified(tmp_path):
     afar, opened = solution.phases[:2]
     links = solution_links(FOUR, opened.to_dict())
     least = np.inf
-    for link, fit in hand.fits.items():
-        centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
-        for share in np.linspace(0.0, 1.0, 100):
-            shifted = centres + share * (afar.palm_position - opened.palm_position)
-            distance = np.asarray(body.distance_function.map(len(shifted))(shifted.T).full()).ravel()
-            least = min(least, np.min(distance - fit.radii))
+    for link, shapes in hand.robot.shapes.items():
+        surface = np.concatenate([trimesh.sample.sample_surface(shape.mesh, 500, seed=0)[0] for shape in shapes])
+        surface = surface @ links[link][:3, :3].T + links[link][:3, 3]
+        for share in np.linspace(0.0, 1.0, 50):
+            shifted = surface + share * (afar.palm_position - opened.palm_position)
+            distance = np.asarray(body.distance_function.map(len(shifted))(shifted.T).full())
+            least = min(least, np.min(distance))
     assert least > opened.clearance - 1e-4
     checks = {
         check.name: check for check in ng.verify(solution.save(tmp_path / "f.json"), folders=[FOUR.parent]).checks

@@ -96,6 +96,7 @@ def test_the_panda_gripper_holds_an_ellipsoid(tmp_path):
     assert held(hand, ng.Ellipsoid([0.03, 0.02, 0.02]), ng.SoftContact(0.7, 0.3), path, tmp_path).mu.lower > 0.4
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.slow
 @pytest.mark.filterwarnings(*QUIET)
 def test_five_capsules_hold_an_ellipsoid(tmp_path):

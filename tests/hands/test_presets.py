@@ -192,6 +192,7 @@ def test_panda_touches_with_its_rubber_tips():
         pytest.param("panda", PANDA, 0.025, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 def test_presets_hold_a_sphere(name, path, radius):
     hand = getattr(ng.hands, name)(robot(path))
     contact = ng.FrictionContact(0.7) if hand.count > 2 else ng.SoftContact(0.7, 0.3)

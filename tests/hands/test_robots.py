@@ -119,6 +119,7 @@ def test_what_is_wrong_with_a_file_is_said(name):
     assert SAID[name] in [str(warning.message) for warning in caught]
 
 
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
 @pytest.mark.filterwarnings(THICKER, "ignore:pr2.urdf", "ignore:so100.urdf")
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == FAST else pytest.mark.slow) for n in HANDS])
 def test_hands_hold_a_sphere(name, tmp_path):
@@ -171,6 +172,7 @@ def test_mended_as_told_it_loads(tmp_path):
     assert not hand.robot.missing
 
 
+@pytest.mark.filterwarnings("ignore:.*beyond the shapes of its link:UserWarning")
 @pytest.mark.slow
 @needs_collada
 def test_collada_is_read():
