@@ -83,7 +83,7 @@ def raced_candidates(
 
 
 def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
-    """Warn once of fingertips too far apart to oppose on the body, and of a body thicker than any opening everywhere."""
+    """Warn once of fingertips too far apart to oppose on the body, and of a body thicker than all openings."""
     thickness = float(np.min(places.thickness))
     tree, opening = compiled.hand_functions.linked_hand.tree, largest_opening(library)
     if not opening:
