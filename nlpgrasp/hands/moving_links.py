@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.spatial import cross, cross_matrix
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.robot import Robot
 
 
@@ -42,6 +44,18 @@ class HandState:
     def of(self, chosen: IntArray | BoolArray | slice) -> HandState:
         """Return some of the postures."""
         return HandState(self.rotation[chosen], self.position[chosen], self.joints[chosen])
+
+    @classmethod
+    def of_values(cls, values: Values, tree: LinkTree) -> HandState:
+        """Return the one posture of values of the hand's variables."""
+        palm = tree.palm_frame(values)
+        return cls(palm[None, :3, :3], palm[None, :3, 3], np.asarray(values["joints"], dtype=float)[None])
+
+    @property
+    def values(self) -> Values:
+        """Values of the hand's variables, (b, m) each, without fingertips' slides."""
+        quaternions = Rotation.from_matrix(self.rotation).as_quat(scalar_first=True)
+        return {"palm_position": self.position, "palm_quaternion": quaternions, "joints": self.joints}
 
     @classmethod
     def joined(cls, states: list[HandState]) -> HandState:

@@ -17,7 +17,7 @@ from nlpgrasp.common.unit_directions import directions_around, directions_beside
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.straight_path import PathPosture, StraightPath, follow_straight_path
 from nlpgrasp.solution.obstructions import TABLE
 
@@ -30,7 +30,7 @@ DIRECTION_TOLERANCE = 1e-9  # difference of a cosine from 1 below which two dire
 
 
 def find_free_approach(
-    model: Clearance,
+    model: HandClearance,
     open_hand: Callable[[float], OpeningPath],
     directions: Sequence[FloatArray],
     distance: Callable[[Values, FloatArray], float],
@@ -44,7 +44,7 @@ def find_free_approach(
 
     Parameters
     ----------
-    model : Clearance
+    model : HandClearance
     open_hand : callable
         Opening, as a multiple of the pregrasp's, to the path of the opening hand.
     directions : sequence of (3,) arrays
@@ -169,7 +169,9 @@ def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
     return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
 
 
-def open_fingers(model: Clearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0) -> OpeningPath:
+def open_fingers(
+    model: HandClearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0
+) -> OpeningPath:
     """Return the path on which the hand opens, from the grasp towards a multiple of the pregrasp's opening.
 
     All joints move together; those that are blocked stop, and the others continue. Links that penetrate something in
@@ -177,7 +179,7 @@ def open_fingers(model: Clearance, grasp: Values, pregrasp: Values, factor: floa
 
     Parameters
     ----------
-    model : Clearance
+    model : HandClearance
     grasp, pregrasp : dict
         Values of the hand's variables.
     factor : float
@@ -207,7 +209,7 @@ def open_fingers(model: Clearance, grasp: Values, pregrasp: Values, factor: floa
 
 
 def open_hand_straight(
-    model: Clearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0
+    model: HandClearance, grasp: Values, pregrasp: Values, factor: float, depth: float = 0.0
 ) -> OpeningPath:
     """Return a path on which the hand opens along one straight line in joint space.
 
@@ -248,7 +250,7 @@ class OpeningPath:
         return self.postures[-1].values
 
 
-def opening_distances(model: Clearance, values: Values, grasp: Values) -> FloatArray:
+def opening_distances(model: HandClearance, values: Values, grasp: Values) -> FloatArray:
     """Return each fingertip's distance from its place in the grasp, (k,), metres, palm frame."""
     open_tips, grasp_tips = model.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
     return np.asarray(np.linalg.norm(open_tips - grasp_tips, axis=1))
@@ -271,7 +273,7 @@ def _refined_directions(directions: Sequence[FloatArray], blocked: Sequence[Bloc
 
 
 def _free_retreat(
-    model: Clearance, start: Values, direction: FloatArray, distance: float, locate: bool, depth: float = 0.0
+    model: HandClearance, start: Values, direction: FloatArray, distance: float, locate: bool, depth: float = 0.0
 ) -> StraightPath:
     """Return the collision-free part of the open hand's straight retreat from the grasp."""
 
@@ -282,7 +284,7 @@ def _free_retreat(
     return follow_straight_path(model, posture, limits, locate)
 
 
-def missing_room(model: Clearance, start: Values, directions: Sequence[FloatArray], length: float) -> str:
+def missing_room(model: HandClearance, start: Values, directions: Sequence[FloatArray], length: float) -> str:
     """Return the table or obstacle that alone blocks a direction, and by how much, as text.
 
     Of several the one with the least missing room; empty where every direction has other obstructions, too. A table
@@ -301,7 +303,7 @@ def missing_room(model: Clearance, start: Values, directions: Sequence[FloatArra
 
 
 def _depths_of_fields(
-    model: Clearance, start: Values, directions: Sequence[FloatArray], length: float
+    model: HandClearance, start: Values, directions: Sequence[FloatArray], length: float
 ) -> Iterator[tuple[float, int, FloatArray]]:
     """Yield penetration depth, field index and direction of each retreat that enters exactly one table or obstacle.
 
@@ -327,7 +329,7 @@ def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: floa
     return f"{subject} free for {1e3 * distance:.0f} mm; {longest}"
 
 
-def _clearance_limits(model: Clearance, depth: float, first: PathPosture) -> FloatArray:
+def _clearance_limits(model: HandClearance, depth: float, first: PathPosture) -> FloatArray:
     """Return the least admissible clearances, (n,), metres.
 
     From tables and obstacles zero; from the body and between links as negative as in the first posture, if not zero,
@@ -339,7 +341,9 @@ def _clearance_limits(model: Clearance, depth: float, first: PathPosture) -> Flo
     return np.where(relaxed, np.minimum(first.clearances, limits), limits)
 
 
-def _straight_motion(model: Clearance, start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
+def _straight_motion(
+    model: HandClearance, start: Values, goal: Values, is_free: BoolArray
+) -> Callable[[float], Values]:
     """Return a function from fraction to variables: the straight path of the free joints to their goal.
 
     The palm moves only while all joints are free. Joints of linkages leave the line as far as these stay closed.

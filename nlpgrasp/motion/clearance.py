@@ -39,7 +39,7 @@ CURVED = 1.5  # longest path of a joint in a linkage between two near postures, 
 TIP_SHARE = 0.2  # tolerated penetration of a round tip in the body, as a share of its radius, as in the program
 
 
-class Clearance:
+class HandClearance:
     """Clearances of a hand's links from the body, the obstacles of the problem's constraints, and each other.
 
     They are one array: those of each part from each field, one field after another, then those of pairs of parts.
@@ -70,19 +70,19 @@ class Clearance:
         self._chosen = np.arange(len(self.parts.parts))  # parts whose clearances from fields are computed
         self.pairs = self.parts.pairs
 
-    def for_joints(self, joints: IntArray) -> Clearance:
+    def for_joints(self, joints: IntArray) -> HandClearance:
         """Return the model restricted to the parts that given free joints move."""
         result, moves = copy(self), np.any(self.motion_bounds[:, joints] > 0.0, axis=1)
         result._chosen, result.pairs = np.flatnonzero(moves), self.pairs[np.any(moves[self.pairs], axis=1)]
         return result
 
-    def for_palm_motion(self) -> Clearance:
+    def for_palm_motion(self) -> HandClearance:
         """Return the model without self-collision, for motions of the palm alone."""
         result = copy(self)
         result.pairs = self.pairs[:0]
         return result
 
-    def with_room(self, index: int, room: float) -> Clearance:
+    def with_room(self, index: int, room: float) -> HandClearance:
         """Return the model with one distance field increased by a length, metres, as if its solid were farther away."""
         result = copy(self)
         result.fields = [field.with_room(room) if i == index else field for i, field in enumerate(self.fields)]
@@ -158,9 +158,7 @@ class Clearance:
 
     def moving_frames(self, values: Values) -> Frames:
         """Return the frames of the hand's groups of links in one posture, which tell how points on them move."""
-        palm = self.hand.tree.palm_frame(values)
-        state = HandState(palm[None, :3, :3], palm[None, :3, 3], np.asarray(values["joints"], dtype=float)[None])
-        return self._moving.frames(state)
+        return self._moving.frames(HandState.of_values(values, self.hand.tree))
 
     @cached_property
     def _moving(self) -> MovingLinks:

@@ -14,7 +14,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.tips import SymbolicTouch
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.contact_path import LIFTED, SLIDING, TargetContact
 
 TOLERANCE = 1e-6  # share of the body's size, and radians: tolerance of a reached contact
@@ -58,7 +58,7 @@ class FingerJoints:
     ----------
     hand : URDFHand
     finger : int
-    surroundings : Clearance
+    surroundings : HandClearance
     size : float
         The body's, metres.
 
@@ -68,7 +68,7 @@ class FingerJoints:
         Indices of its free joints.
     """
 
-    def __init__(self, hand: URDFHand, finger: int, surroundings: Clearance, size: float) -> None:
+    def __init__(self, hand: URDFHand, finger: int, surroundings: HandClearance, size: float) -> None:
         self.hand, self.finger, self.size = hand, finger, size
         robot = hand.robot
         if hand.closed_linkages:

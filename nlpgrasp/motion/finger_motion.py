@@ -4,8 +4,8 @@ A hand with links (``LinkedMotions``): from each waypoint a step is tried, and h
 finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MAX_JOINT_STEP``,
 so that the posture does not jump between branches of the inverse kinematics. At the middle of the joint motion, where a
 chord deviates most to second order, the fingertip is off the path by less than the tolerance. No link can have
-penetrated anything by more than the tolerance (``Clearance.clearance_bounds``). Where a step of ``LEAST_STEP`` fails,
-the finger stops.
+penetrated anything by more than the tolerance (``HandClearance.clearance_bounds``). Where a step of ``LEAST_STEP``
+fails, the finger stops.
 
 A hand that is given by its contacts alone (``ContactMotions``), such as free fingertips or jaws, constrains these
 jointly. Its constraints are evaluated at waypoints ``WAYPOINT_STEP`` apart: between two, no distance of two contacts or
@@ -28,7 +28,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.contact_path import LIFTED, SLIDING, ContactPath, FingerTransfer, PathStation, TargetContact
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.finger_kinematics import FingerJoints, describe_obstruction, format_path_position
@@ -130,7 +130,7 @@ class LinkedMotions:
         Path of each finger from its contact to its new one.
     lift : float
         Height of a lifted finger above the surface, metres.
-    model : Clearance, optional
+    model : HandClearance, optional
         Of the same problem and hand, where it exists already.
     """
 
@@ -141,10 +141,10 @@ class LinkedMotions:
         values: Values,
         paths: Sequence[Sequence[PathStation]],
         lift: float,
-        model: Clearance | None = None,
+        model: HandClearance | None = None,
     ) -> None:
         self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
-        self.model = model or Clearance(problem, hand)
+        self.model = model or HandClearance(problem, hand)
         self.fingers = [FingerJoints(hand, i, self.model, problem.body.size) for i in range(hand.count)]
         self._first = self._with_slides(values)
         self._contact_paths: dict[tuple[int, float], ContactPath] = {}

@@ -14,7 +14,7 @@ from nlpgrasp.constraints import Table
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand, Values
 from nlpgrasp.motion.approach_path import ApproachPath, approach_candidates, find_free_approach, open_hand_straight
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.motion.straight_path import certified_clearance
@@ -36,7 +36,7 @@ def plan_keyframes(
     grasp: Values,
     pregrasp: Values | None,
     links: PenetrationModel | None = None,
-    model: Clearance | None = None,
+    model: HandClearance | None = None,
 ) -> Json:
     """Return the keyframes from approach to grasp, with the lift, as JSON data.
 
@@ -52,7 +52,7 @@ def plan_keyframes(
     grasp, pregrasp : dict
         Values of the hand's variables; None where there is no pregrasp.
     links : PenetrationModel, optional
-    model : Clearance, optional
+    model : HandClearance, optional
         Both of the same problem and hand, where they exist already.
 
     Returns
@@ -62,7 +62,7 @@ def plan_keyframes(
         something in the grasp itself), ``way_in`` (penetration of the links on that path and while the fingers close),
         ``phases`` and ``lift``.
     """
-    model = model or Clearance(problem, hand)
+    model = model or HandClearance(problem, hand)
     links = links or PenetrationModel(problem, hand, parts=model.parts)
     grasp_phase = Phase.of(GRASP, hand.describe(grasp))
     entries: dict[str, Json | list[Json]] = {
@@ -122,7 +122,7 @@ def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str,
     return {**posture, "phases": [*posture["phases"], squeezed.to_dict(), lift.to_dict()]}
 
 
-def lift_distance(model: Clearance, problem: GraspProblem, values: Values) -> Json:
+def lift_distance(model: HandClearance, problem: GraspProblem, values: Values) -> Json:
     """Return direction and collision-free distance of a lift along the last axis, as JSON data.
 
     The links and samples of the body's surface are checked, at steps as long as their distance from obstacles
@@ -130,7 +130,7 @@ def lift_distance(model: Clearance, problem: GraspProblem, values: Values) -> Js
 
     Parameters
     ----------
-    model : Clearance
+    model : HandClearance
     problem : GraspProblem
     values : dict
         Of the hand's variables in the grasp.
@@ -159,14 +159,14 @@ def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
     return np.concatenate([body.sample(name, count, rng) for name in body.face_names])
 
 
-def _retraction_length(model: Clearance, bounds: FloatArray, values: Values, direction: FloatArray) -> float:
+def _retraction_length(model: HandClearance, bounds: FloatArray, values: Values, direction: FloatArray) -> float:
     """Return how far the palm retracts, metres, until the hand is clear of the body's bounding box."""
     box_end = np.where(direction > 0.0, bounds[0], bounds[1]) @ direction  # the end of the box on the hand's side
     hand_end = model.parts.extent(values, direction)
     return float(max(hand_end - box_end, 0.0) + START_DISTANCE)
 
 
-def _free_height(model: Clearance, around: Sequence[str], values: Values) -> tuple[float, str]:
+def _free_height(model: HandClearance, around: Sequence[str], values: Values) -> tuple[float, str]:
     """Return the height to which hand and body rise freely, metres, and the obstacle that stops them, if any.
 
     ``around`` are names of the fields that they may run into.

@@ -21,7 +21,7 @@ from nlpgrasp.motion.approach_path import (
     open_fingers,
     opening_distances,
 )
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
@@ -160,7 +160,7 @@ def palm_path(
     distance = number("distance", distance, above=0.0)
     directions = integer("directions", directions, at_least=1, at_most=10_000)
     grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
-    model, touching = Clearance(problem, hand), warn_of_touching(solution.name, solution.hand)
+    model, touching = HandClearance(problem, hand), warn_of_touching(solution.name, solution.hand)
     reason = _exceeded_joint(hand, grasp, pregrasp)
     if reason:
         return _failure_record(model, distance, reason, (), touching)
@@ -212,7 +212,7 @@ def _exceeded_joint(hand: URDFHand, *postures: Values) -> str:
 
 
 def _path_record(
-    model: Clearance, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
+    model: HandClearance, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
 ) -> PalmPath:
     """Return the palm path that an approach search found, from start to grasp."""
     tree, is_no_tip = model.hand.tree, ~model.tip_mask()
@@ -238,7 +238,7 @@ def _path_record(
 
 
 def _failure_record(
-    model: Clearance, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
+    model: HandClearance, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
 ) -> PalmPath:
     """Return the palm path of a failed search, with the reason."""
     names = tuple(model.hand.tree.joint_positions(np.zeros(len(model.hand.robot.free_joints))))

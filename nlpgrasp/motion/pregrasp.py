@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.common.quadratic_program import Linearised, quadratic_step, step_bounds
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,12 @@ class Pregrasp:
 
 
 def find_pregrasp(
-    model: Clearance, grasp: Values, normals: FloatArray, clearance: float, finest: float = 0.05, enough: float = 0.2
+    model: HandClearance,
+    grasp: Values,
+    normals: FloatArray,
+    clearance: float,
+    finest: float = 0.05,
+    enough: float = 0.2,
 ) -> Pregrasp:
     """Return the pregrasp of a grasp: the hand opened along the contact normals, free of collision.
 
@@ -40,7 +45,7 @@ def find_pregrasp(
 
     Parameters
     ----------
-    model : Clearance
+    model : HandClearance
     grasp : dict
         Values of the hand's variables.
     normals : (k, 3) array
@@ -67,7 +72,7 @@ def find_pregrasp(
 
 
 def _opened(
-    model: Clearance, grasp: Values, least: FloatArray, start: Values, normals: FloatArray, distance: float,
+    model: HandClearance, grasp: Values, least: FloatArray, start: Values, normals: FloatArray, distance: float,
     moves_palm: bool, steps: int = 8, longest: float = 0.2, accuracy: float = 1e-7,
 ) -> Values | None:  # fmt: skip
     """Return the hand with every fingertip at a distance from its contact; None where Newton steps do not get there."""
@@ -106,7 +111,7 @@ def _opened(
     return None
 
 
-def _fingertips(model: Clearance, values: Values) -> tuple[FloatArray, FloatArray]:
+def _fingertips(model: HandClearance, values: Values) -> tuple[FloatArray, FloatArray]:
     """Return the middles of the fingertips (k, 3), metres, and their derivatives by the twist, (k, 3, 6 + m)."""
     frames, tips = model.moving_frames(values), model.hand.tips
     poses = [frames.links.pose[link] for link, _ in tips]

@@ -10,7 +10,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 
 LARGEST_STEP = 1.0 / 8.0  # first and largest step, as a share of the path
 CLEARANCE_ACCURACY = 1e-4  # metres, accuracy of the certified clearance
@@ -61,7 +61,7 @@ class StraightPath:
 
 
 def follow_straight_path(
-    model: Clearance,
+    model: HandClearance,
     posture: Callable[[float], Values],
     clearance_limits: Callable[[PathPosture], FloatArray],
     locate: bool = True,
@@ -70,7 +70,7 @@ def follow_straight_path(
 
     Parameters
     ----------
-    model : Clearance
+    model : HandClearance
     posture : callable
         Share of the path, from 0 to 1, to values of the hand's variables, linear in it; the palm does not turn.
     clearance_limits : callable
@@ -116,16 +116,16 @@ def follow_straight_path(
     return StraightPath(tuple(postures), "", np.zeros(model.motion_bounds.shape[1], bool))
 
 
-def certified_clearance(model: Clearance, postures: Sequence[PathPosture]) -> float:
+def certified_clearance(model: HandClearance, postures: Sequence[PathPosture]) -> float:
     """Return a lower bound on the clearance of links along a path, metres, from body and obstacles.
 
-    It holds anywhere on the straight paths between the postures, by ``Clearance.clearance_bounds``: within a tenth of a
-    millimetre of the least one, or less accurate after ``MAX_ROUNDS`` rounds of further postures. From tables and
-    obstacles it counts beyond the required clearance.
+    It holds anywhere on the straight paths between the postures, by ``HandClearance.clearance_bounds``: within 0.1 mm
+    of the least one, or less accurate after ``MAX_ROUNDS`` rounds of further postures. From tables and obstacles it
+    counts beyond the required clearance.
 
     Parameters
     ----------
-    model : Clearance
+    model : HandClearance
     postures : sequence of PathPosture
         Free ones, such as ``follow_straight_path`` returns; the palm does not turn.
     """

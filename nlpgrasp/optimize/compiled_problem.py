@@ -14,7 +14,7 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.link_parts import LinkParts
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
@@ -110,13 +110,13 @@ class CompiledProblem:
         return PenetrationModel(self.problem, hand, parts=LinkParts(hand, hulls=True))
 
     @cached_property
-    def collision_model(self) -> Clearance | None:
+    def collision_model(self) -> HandClearance | None:
         """Clearances of the hand's links; None for hands without links."""
         hand = self.problem.hand
         if self._parent is not None and self._parent.problem.hand is hand:  # a variant's hand may have other limits
             return self._parent.collision_model
         depths = self.link_depths
-        return Clearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
+        return HandClearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
 
     @cached_property
     def hand_shapes(self) -> HandShapes:

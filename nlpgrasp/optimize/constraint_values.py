@@ -328,11 +328,6 @@ class HandFunctions:
         """
         return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
-    def link_sphere_centres(self, values: Values) -> FloatArray:
-        """Return the centres of the link spheres, (b, s, 3), for values (b, m) of the hand's variables."""
-        centres = self._evaluator(*values.values())[1]
-        return centres.reshape(len(centres), 3, -1).transpose(0, 2, 1)
-
     @cached_property
     def tip_jacobian_function(self) -> ca.Function:
         """CasADi function of the hand's m variables that returns fingertip positions (3, k) and Jacobian (3 k, m)."""
@@ -340,11 +335,6 @@ class HandFunctions:
         positions = ca.horzcat(*self.posed_hand.tip_places(symbols))
         jacobian = ca.densify(ca.jacobian(ca.vec(positions), ca.vertcat(*symbols.values())))
         return ca.Function("tips", list(symbols.values()), [positions, jacobian], {"cse": True})
-
-    @cached_property
-    def _evaluator(self) -> BatchEvaluator:
-        """Batched evaluator of the centres of round fingertips and of link spheres."""
-        return BatchEvaluator(self._function)
 
     @cached_property
     def _function(self) -> ca.Function:

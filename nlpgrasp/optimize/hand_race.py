@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.user_warnings import warn_once
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.validation import IntArray
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.optimize.candidate import GraspCandidate
@@ -138,11 +137,7 @@ def _best(steps: RaceSteps, racers: list[Racer], price: float, least: float = 4e
 
 def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
     """Return a racer as a candidate, with its contacts on the faces nearest to them."""
-    hand: dict[str, FloatArray] = {
-        "palm_position": racer.state.position[0],
-        "palm_quaternion": Rotation.from_matrix(racer.state.rotation[0]).as_quat(scalar_first=True),
-        "joints": racer.state.joints[0],
-    }
+    hand = {name: value[0] for name, value in racer.state.values.items()}
     linked = compiled.hand_functions.linked_hand
     poses = linked.tree.body_poses(hand)
     slides = [

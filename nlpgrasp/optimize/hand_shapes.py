@@ -1,4 +1,4 @@
-"""What a hand must keep clear, in plain arrays: samples of its links' shapes, spheres, pairs of spheres, fingertips."""
+"""Shapes of a hand in plain arrays: samples of its links, spheres, pairs of spheres, fingertips."""
 
 from __future__ import annotations
 

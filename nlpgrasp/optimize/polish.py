@@ -498,9 +498,9 @@ def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reac
     hand = compiled.hand_functions.linked_hand
     if hand.robot.has_linkages or not hand.shaped_links:
         return []
-    shapes, palm = compiled.hand_shapes, hand.tree.palm_frame(candidate.hand)
-    state = HandState(palm[None, :3, :3], palm[None, :3, 3], candidate.hand["joints"][None])
-    _, index, x, distances, _ = shapes.lowest_samples(compiled.distance_grid, shapes.links.frames(state), reach)
+    shapes = compiled.hand_shapes
+    frames = shapes.links.frames(HandState.of_values(candidate.hand, hand.tree))
+    _, index, x, distances, _ = shapes.lowest_samples(compiled.distance_grid, frames, reach)
     order = np.argsort(distances, kind="stable")
     local = [item for i in order.tolist() for item in shapes.points_by_link(index[i : i + 1]).items()]
     points = np.concatenate([np.zeros((0, 3)), *(point for _, point in local)])

@@ -12,13 +12,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import map_coordinates
-from scipy.spatial.transform import Rotation
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.distance_grid import DistanceGrid
 from nlpgrasp.common.evaluation import BatchEvaluator
+from nlpgrasp.common.spatial import cross_matrix
 from nlpgrasp.common.validation import FloatArray, IntArray
-from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.motion.distance_fields import Distance, build_distance_fields, distance_to_all
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -184,9 +183,7 @@ class RaceLimits:
     def _user_rows(self, contacts: PosedContacts) -> tuple[FloatArray, FloatArray]:
         """Return the values (b, r) of the user's constraints, in their units, and their derivatives (b, r, 6 + m)."""
         state, count = contacts.state, len(contacts.points)
-        quaternion = Rotation.from_matrix(state.rotation).as_quat(scalar_first=True)
-        hand: Values = {"palm_position": state.position, "palm_quaternion": quaternion, "joints": state.joints}
-        hand |= self._slides(count)
+        hand = state.values | self._slides(count)
         flat = contacts.points.reshape(count, -1), contacts.normals.reshape(count, -1)
         values, by_inputs = self._evaluator(*flat, *hand.values())
         size, width = contacts.points_by_twist.shape[3], sum(part.shape[1] for part in (*flat, *hand.values()))
@@ -195,23 +192,16 @@ class RaceLimits:
         inputs[:, : end // 2] = contacts.points_by_twist.reshape(count, -1, size)
         inputs[:, end // 2 : end] = contacts.normals_by_twist.reshape(count, -1, size)
         inputs[:, end : end + 3, :3] = np.eye(3)
-        inputs[:, end : end + 3, 3:6] = _cross(contacts.pivot - state.position)
-        w, v = quaternion[:, 0], quaternion[:, 1:]
+        inputs[:, end : end + 3, 3:6] = cross_matrix(contacts.pivot - state.position)
+        w, v = hand["palm_quaternion"][:, 0], hand["palm_quaternion"][:, 1:]
         inputs[:, end + 3, 3:6] = -0.5 * v  # of the quaternion: half the product of a turn and itself
-        inputs[:, end + 4 : end + 7, 3:6] = 0.5 * (w[:, None, None] * np.eye(3) - _cross(v))
+        inputs[:, end + 4 : end + 7, 3:6] = 0.5 * (w[:, None, None] * np.eye(3) - cross_matrix(v))
         inputs[:, end + 7 : end + 1 + size, 6:] = np.eye(size - 6)
         by_twist = by_inputs.reshape(count, -1, width) @ inputs
         if not len(self._units):
             scaled = by_twist * np.concatenate([np.ones(3), np.full(size - 3, 1.0 / 0.06)])
             self._units = np.maximum(np.median(np.max(np.abs(scaled), axis=2), axis=0), NOTHING)
         return values.reshape(count, -1), by_twist
-
-
-def _cross(vectors: FloatArray) -> FloatArray:
-    """Return the matrices (b, 3, 3) of the cross products with vectors (b, 3)."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
 def _spacing(cloud: SampleCloud) -> float:

@@ -111,11 +111,10 @@ def _best_of_candidates(
     comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
     refinement = _Refinement(compiled, index, origin, deadline, clock, rtol)
+    clock.mark("propose")
     if not compiled.follows_contacts:
-        clock.mark("propose")
         scored = [ScoredCandidate(raced, weakest_directions_of(comparing, raced, rng).value) for raced in proposed]
         return _best_of_results(refinement.best_first(sorted(scored, key=lambda raced: -raced.score)))
-    clock.mark("propose")
     results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
     batch = list[ScoredCandidate]()
@@ -176,7 +175,7 @@ def _sort_by_promise(
     ]
 
 
-def _refined_grasps(
+def _refined_grasp(
     compiled: CompiledProblem, index: int, candidate: GraspCandidate, deadline: Deadline
 ) -> tuple[GraspOnBody, RefinementResult]:
     """Return the refined grasp of a candidate; every other start is first refined under the L2 budget.
@@ -244,7 +243,7 @@ class _Refinement:
             result = StartGrasp.at_optimum(compiled, self.index, polished, message, self.origin)
             self.clock.mark("link depth")
             return result
-        on_body, refined = _refined_grasps(compiled, self.index, initial.candidate, self.deadline)
+        on_body, refined = _refined_grasp(compiled, self.index, initial.candidate, self.deadline)
         self.clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:

@@ -10,7 +10,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.motion.approach_path import missing_room, open_fingers
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.keyframes import NO_PREGRASP, START_DISTANCE, plan_keyframes
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
@@ -101,7 +101,7 @@ def test_without_a_free_direction_the_solution_says_so(tmp_path):
 def test_what_alone_blocks_a_direction_is_named_with_the_room_that_it_takes(tmp_path):
     """A hand that sinks as it leaves the body ends in the table; level it is free, and nothing is named."""
     solution, problem = grasped(tmp_path, [ng.Table(-0.03, clearance=0.002)])
-    values, model = problem.hand.values_of(solution.hand["pregrasp"]), Clearance(problem, problem.hand)
+    values, model = problem.hand.values_of(solution.hand["pregrasp"]), HandClearance(problem, problem.hand)
     lowest = -model.parts.extent(values, -UP)
     level, sinking = np.array([-1.0, 0.0, 0.0]), np.array([-np.cos(0.3), 0.0, np.sin(0.3)])
     assert missing_room(model, values, [level], 0.2) == ""
@@ -110,7 +110,7 @@ def test_what_alone_blocks_a_direction_is_named_with_the_room_that_it_takes(tmp_
     room = 0.2 * np.sin(0.3) - (lowest + 0.03 - 0.002)
     assert float(re.search(r"([0-9.]+) mm more room", text)[1]) == pytest.approx(1e3 * room, abs=1.1)
     post = ng.Obstacle(ng.Box([0.04, 0.04, 0.04]), position=[0.15, 0.0, 0.08], name="post")
-    named = missing_room(Clearance(replace(problem, constraints=(post,)), problem.hand), values, [level], 0.2)
+    named = missing_room(HandClearance(replace(problem, constraints=(post,)), problem.hand), values, [level], 0.2)
     assert re.search(r"only post is in the way, and takes at least [0-9.]+ mm more room", named)
 
 
@@ -165,7 +165,7 @@ def test_what_penetrates_the_body_in_the_grasp_may_do_so_on_the_way_and_no_deepe
     postures = [hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
     for posture in postures:
         posture["palm_position"] = posture["palm_position"] + [0.0, 3e-3, 0.0]
-    model = Clearance(problem, hand)
+    model = HandClearance(problem, hand)
     first = model.clearances(postures[0])
     assert np.min(first) == pytest.approx(-3e-3, abs=1e-6)
     opening = open_fingers(model, *postures, 1.0)
@@ -174,5 +174,5 @@ def test_what_penetrates_the_body_in_the_grasp_may_do_so_on_the_way_and_no_deepe
     for posture in opening.postures:
         assert np.all(posture.clearances >= np.minimum(first, 0.0) - model.tolerance)
     plate = ng.Obstacle(ng.Box([0.3, 0.3, 0.01]), 4e-3, [0.0, 0.0, model.parts.extent(postures[0], UP) + 6e-3])
-    under_plate = Clearance(replace(problem, constraints=(plate,)), hand)
+    under_plate = HandClearance(replace(problem, constraints=(plate,)), hand)
     assert open_fingers(under_plate, *postures, 1.0).blocked_by == "link palm against obstacle"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from tests.hands.urdf import GRIPPER, PADS
 from tests.quick import every
@@ -15,7 +15,7 @@ BODY = ng.Box([0.06, 0.2, 0.06])
 
 def clearance_model(hand, constraints=()):
     contacts = [ng.FrictionContact(0.5)] * hand.count
-    return Clearance(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
+    return HandClearance(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
 
 
 def values(rng, hand):

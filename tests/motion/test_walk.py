@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.clearance import Clearance
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.contact_path import PathStation
 from nlpgrasp.motion.finger_kinematics import FingerJoints
 from nlpgrasp.motion.finger_motion import LinkedMotions
@@ -192,7 +192,7 @@ def test_a_joint_that_two_fingers_share_is_neither_ones(tmp_path):
     (tmp_path / "wrist.urdf").write_text(text.replace("</robot>", f"{extra}</robot>"))
     hand = ng.URDFHand.load(tmp_path / "wrist.urdf", {"a_tip": TIP, "b_tip": TIP})
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
-    fingers = [FingerJoints(hand, i, Clearance(problem, hand), BODY.size) for i in range(2)]
+    fingers = [FingerJoints(hand, i, HandClearance(problem, hand), BODY.size) for i in range(2)]
     assert [f.names for f in fingers] == [tuple(f"{name}{i}_joint" for i in range(3)) for name in "ab"]
 
 
@@ -227,7 +227,7 @@ def test_a_hand_without_shapes_moves_all_the_same(tmp_path):
     pads = {f"{name}_tip": ng.FlatTip([0.1, 0.1], rpy=[0.0, 0.0, 0.0]) for name in "ab"}
     hand = ng.URDFHand.load(tmp_path / "bare.urdf", pads)
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
-    model = Clearance(problem, hand)
+    model = HandClearance(problem, hand)
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": np.zeros(6)}
     assert len(model.clearances(values)) == 0
     path = follow_straight_path(
