@@ -17,7 +17,6 @@ if TYPE_CHECKING:  # certificates reach this file, and no CasADi
 # kinds of scalar constraints with special treatment
 CLEARANCE = "clearance from the body"
 ON_FINGERTIP = "on fingertip"  # the only kind shown together with its link
-SELF_COLLISION = "self-collision"
 TIPS_APART = "fingertip distance"
 FINGERTIP_CLEARANCE = "room for the fingertip"
 EDGE_MARGIN = "edge margin"
@@ -141,33 +140,23 @@ class Clearance(Label):
 
 @dataclass(frozen=True)
 class LinkSphere:
-    """Collision sphere of a hand's link.
+    """Ball of a hand's link, which constraints on links keep away from something.
+
+    Links themselves have other shapes: constraints are evaluated for a ball anywhere, which tells the distance that
+    they keep (``nlpgrasp.motion.distance_fields``).
 
     Parameters
     ----------
     link : str
-        ``"link/number"``, or the link of a fingertip.
     centre : casadi.SX
         Column, metres, body frame.
     radius : float
         Metres.
-    clearance : float
-        Least distance to the grasped body, metres; negative for a fingertip, which touches it: the depth to which it
-        may penetrate the solver's smooth surface before contacts are projected onto the body.
-    finger : int, optional
-        Index of the fingertip whose own sphere it is; constraints already treat it as a fingertip.
     """
 
     link: str
     centre: Expression
     radius: float
-    clearance: float = 0.0
-    finger: int | None = None
-
-    @property
-    def is_tip(self) -> bool:
-        """Whether the sphere belongs to a fingertip."""
-        return self.finger is not None
 
 
 @dataclass(frozen=True)
@@ -203,8 +192,8 @@ class SymbolicCandidate:
         Of the fingertips, metres; 0 for points.
     size : float
         The body's characteristic length, metres.
-    spheres : sequence of LinkSphere
-        Collision spheres of the hand.
+    links : sequence of LinkSphere
+        Balls of links; none in a program, where links are linearised clearances.
     palm : PalmPose, optional
         Of a hand with a palm.
     closing : column, optional
@@ -217,15 +206,10 @@ class SymbolicCandidate:
     normals: Sequence[Expression]
     radii: Sequence[float]
     size: float
-    spheres: Sequence[LinkSphere] = ()
+    links: Sequence[LinkSphere] = ()
     palm: PalmPose | None = None
     closing: Expression | None = None
     hand: Mapping[str, Expression] | None = None
-
-    @property
-    def links(self) -> list[LinkSphere]:
-        """Collision spheres of the links, without fingertips."""
-        return [s for s in self.spheres if not s.is_tip]
 
     @property
     def tips(self) -> list[Expression]:

@@ -91,7 +91,7 @@ class Obstacle(PlacementConstraint):
             raise InputError("Obstacle.body", f"a body of {self.body.space} dimensions", f"one of {space}")
 
     def rows(self, placement: SymbolicCandidate) -> Sequence[ScalarConstraint | Clearance]:
-        """Return one clearance constraint per fingertip and per collision sphere of a link."""
+        """Return one clearance constraint per fingertip and per ball of a link."""
         tips = zip(placement.tips, placement.radii, strict=True)
         tip_clearances = [
             self._sphere_clearance(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)

@@ -13,7 +13,7 @@ import numpy as np
 
 from nlpgrasp.common.display import show
 from nlpgrasp.common.registry import JsonPart
-from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, ScalarConstraint, SymbolicCandidate
+from nlpgrasp.common.scalar_constraints import PalmPose, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -91,10 +91,6 @@ class Hand(JsonPart):
         """Return initial values of the variables by name, (..., m), for fingertip centres (..., k, space), metres."""
         return {}
 
-    def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return the collision spheres of the links, fingertips excluded."""
-        return []
-
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
         """Return the centre of each round fingertip, body frame; None for other tips or without pose variables."""
         return [None] * self.count
@@ -157,7 +153,7 @@ class Hand(JsonPart):
     def show(self, path: str | Path | None = None) -> Path:
         """Write an HTML page that shows the hand, open it in a browser if there is one, and return its path.
 
-        The page shows links, spheres, fingertips and movable joints, which fingertips can meet, and warnings about the
+        The page shows links, fingertips and movable joints, which fingertips can meet, and warnings about the
         file. It needs no network. Without a browser or a display, a message says where it is.
 
         Parameters

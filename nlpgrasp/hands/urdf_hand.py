@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, NoReturn
 
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.robot_files import MJCF_ENDINGS
-from nlpgrasp.common.scalar_constraints import UNIT_QUATERNION, LinkSphere, ScalarConstraint, SymbolicCandidate
+from nlpgrasp.common.scalar_constraints import UNIT_QUATERNION, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import (
@@ -24,7 +23,6 @@ from nlpgrasp.common.validation import (
     array,
     format_known_names,
     hand_length,
-    integer,
     number,
 )
 from nlpgrasp.errors import InputError
@@ -33,17 +31,9 @@ from nlpgrasp.hands.file_units import check_units, refuse_implausible_lengths, u
 from nlpgrasp.hands.finger_chains import arm_above
 from nlpgrasp.hands.fitted_tips import fit_hull_tips
 from nlpgrasp.hands.kinematics import LinkTree, require_kinematics
-from nlpgrasp.hands.link_spheres import SphereFit, fit_around_tips, fit_hand
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
-from nlpgrasp.hands.self_collision import (
-    LinkPair,
-    colliding_tips,
-    find_colliding_pairs,
-    self_collision_constraints,
-    tip_clearance_constraints,
-)
 from nlpgrasp.hands.suggested_tips import (
     MOST_OVERHANG,
     borrowed_shapes,
@@ -58,9 +48,7 @@ from nlpgrasp.hands.visible_shapes import visible_warning
 
 ROUNDING = 1e-9  # metres: rounding tolerance of an overhang
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
-SPHERES = 6  # of a link
 POINT_CLEARANCE = 1e-3  # metres: distance from the body of surface points of links without a fingertip
-TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
@@ -75,7 +63,7 @@ class URDFHand(LinkedHand):
         Kinematic tree.
     torque_limits : mapping of str to float, optional
         By joint, newton-metres (newtons for sliding joints).
-    clearance, spheres_per_link, self_collision
+    clearance, self_collision
         As for ``load``.
 
     Attributes
@@ -84,8 +72,6 @@ class URDFHand(LinkedHand):
         The palm and all links below it.
     tips : tuple of (str, Tip)
         Link and patch of each contact, in the order of the contacts.
-    fits : mapping of str to SphereFit
-        Collision spheres of each link, with their error.
     """
 
     kind: ClassVar[str] = "urdf"
@@ -96,13 +82,11 @@ class URDFHand(LinkedHand):
         torque_limits: Mapping[str, float] | None = None,
         *,
         clearance: float = 0.0,
-        spheres_per_link: int = SPHERES,
         self_collision: bool = True,
     ) -> None:
         self.tree, self.robot, self.tips = tree, tree.robot, tree.tips
         self.count = len(self.tips)
         self.clearance = number("URDFHand.clearance", clearance, at_least=0.0)
-        self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=40)
         if not isinstance(self_collision, bool):
             raise InputError("URDFHand.self_collision", self_collision, "True or False")
         self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
@@ -121,7 +105,6 @@ class URDFHand(LinkedHand):
         palm: str | None = None,
         approach: ArrayLike = (0.0, 0.0, 1.0),
         clearance: float = 0.0,
-        spheres_per_link: int = SPHERES,
         self_collision: bool = True,
         tip_overhang: float | None = None,
         scale: float = 1.0,
@@ -147,10 +130,7 @@ class URDFHand(LinkedHand):
         approach : (3,) array
             Direction in which the palm faces, palm frame.
         clearance : float
-            Least distance between the links and the body, metres.
-        spheres_per_link : int
-            Largest number of collision spheres of a link (five times as many for the palm): more fit the shape better
-            and cost time.
+            Least distance from the body of links that are not rigidly connected to a fingertip, metres.
         self_collision : bool
             Keep the links from each other.
         tip_overhang : float, optional
@@ -189,7 +169,6 @@ class URDFHand(LinkedHand):
             torque_limits,
             approach=approach,
             clearance=clearance,
-            spheres_per_link=spheres_per_link,
             self_collision=self_collision,
             tip_overhang=tip_overhang,
         )
@@ -203,7 +182,6 @@ class URDFHand(LinkedHand):
         *,
         approach: ArrayLike = (0.0, 0.0, 1.0),
         clearance: float = 0.0,
-        spheres_per_link: int = SPHERES,
         self_collision: bool = True,
         tip_overhang: float | None = None,
     ) -> URDFHand:
@@ -221,7 +199,6 @@ class URDFHand(LinkedHand):
             LinkTree(robot, tips, unit_approach(approach)),
             resolve_torque_limits(robot, torque_limits),
             clearance=clearance,
-            spheres_per_link=spheres_per_link,
             self_collision=self_collision,
         )
 
@@ -233,7 +210,6 @@ class URDFHand(LinkedHand):
     def with_clearance(self, clearance: float) -> URDFHand:
         """Return the same hand with another clearance between its links and the body."""
         result = copy(self)
-        result.__dict__.pop("fits", None)
         result.clearance = number("URDFHand.clearance", clearance)
         return result
 
@@ -274,7 +250,7 @@ class URDFHand(LinkedHand):
         return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return the constraints: unit quaternion, contacts on fingertips, linkages, self-collision if enabled."""
+        """Return the constraints: unit quaternion, contacts on fingertips, linkages."""
         rows = [ScalarConstraint(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
@@ -282,52 +258,19 @@ class URDFHand(LinkedHand):
             rows += tip.rows(SymbolicTouch(link, i, poses[link], p, n, slide, placement.size))
         if self.robot.has_linkages:
             rows += self.tree.linkages.rows(variables["joints"])
-        if self.self_collision:
-            rows += tip_clearance_constraints(self.tree, variables)
-        return rows + self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
-
-    def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return the links' collision spheres in the body frame."""
-        poses = self.tree.poses(variables)
-        result = []
-        for link, fit in self.fits.items():
-            pose = poses[link]
-            for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
-                position = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
-                result.append(LinkSphere(f"{link}/{i}", position, float(radius), self.clearance))
-        for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
-            if centre is not None:
-                depth = -TIP_DEPTH * tip.standoff
-                result.append(LinkSphere(link, centre, tip.standoff, depth, finger=i))
-        return result
-
-    @property
-    def shaped_links(self) -> tuple[str, ...]:
-        """Links with collision shapes."""
-        return tuple(link for link, shapes in self.robot.shapes.items() if shapes)
+        return rows
 
     def least_clearance(self, link: str) -> float:
-        """Return the least distance of a link's surface from the body, metres: none for links with a fingertip."""
+        """Return the least distance of a link's surface from the body, metres: none for links with a fingertip.
+
+        A little more than the stated clearance, as points of the surface stand for it.
+        """
         groups = self.robot.rigid_groups
-        return 0.0 if groups[link] in {groups[tip] for tip, _ in self.tips} else POINT_CLEARANCE
-
-    @cached_property
-    def fits(self) -> dict[str, SphereFit]:
-        """Collision spheres of each link, shrunk near a fingertip so that the fingertip can touch."""
-        return fit_around_tips(self.unshrunk_spheres, self.tree, self.clearance)
-
-    @cached_property
-    def self_collision_pairs(self) -> tuple[LinkPair, ...]:
-        """Pairs of links with self-collision constraints, and the sphere overlap allowed for each."""
-        return find_colliding_pairs(self.tree, self.fits) if self.self_collision else ()
-
-    @cached_property
-    def unshrunk_spheres(self) -> dict[str, SphereFit]:
-        """Collision spheres of each link, before shrinking near fingertips."""
-        return fit_hand(self.robot, self.spheres_per_link)
+        has_tip = groups[link] in {groups[tip] for tip, _ in self.tips}
+        return 0.0 if has_tip else max(POINT_CLEARANCE, self.clearance + 2e-4)
 
     def to_dict(self) -> Json:
-        """Return source, fingerprints, fingertips, limits, and the spheres' errors as JSON data."""
+        """Return source, fingerprints, fingertips and limits as JSON data."""
         return {
             "type": self.kind,
             "source": self.robot.source,
@@ -337,17 +280,12 @@ class URDFHand(LinkedHand):
             "palm": self.robot.root,
             "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
             "clearance": self.clearance,
-            "spheres": {link: fit.to_dict() for link, fit in self.fits.items()},
             "missing": list(self.robot.missing),
             "torque_limits": dict(self.torque_limits),
             "approach": self.tree.approach.tolist(),
-            "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
             "self_collision": self.self_collision,
-            "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
-            "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
             **({"stops": self.robot.stop_positions} if self.robot.stops else {}),
             **({"passive": list(self.robot.passive)} if self.robot.passive else {}),
-            "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
     @classmethod

@@ -147,7 +147,7 @@ class HandClearance:
                 indices.append(number * count + near)
                 result.append(value)
                 slopes.append(rows(x, parts, (ahead - behind).T / 2e-6))
-        pairs, value, ends, n = self.parts.near_pairs(frames, self.pairs, reach)
+        _, pairs, value, ends, n = self.parts.near_pairs(frames[None], self.pairs, reach)
         first, second = self.pairs[pairs].T
         indices.append(len(self.fields) * count + pairs)
         result.append(value)

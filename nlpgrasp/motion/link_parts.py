@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.unit_directions import directions_around
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.collision_shapes import CollisionShape
@@ -289,44 +289,102 @@ class LinkParts:
         Where the balls around two parts are apart it is the distance of these, which is less. ``frames`` (n, 4, 4) are
         those of the parts' links, in one frame.
         """
-        gaps = self._ball_gaps(frames, pairs)
+        gaps = self._ball_gaps(frames[None], pairs)[0]
         near = np.flatnonzero(gaps < 0.0)
         if len(near):
-            gaps[near] = self._exact_distances(frames, pairs[near])[0]
+            gaps[near] = self._exact_distances(frames[None], np.zeros(len(near), int), pairs[near], 1.0)[0]
         return np.asarray(gaps)
 
     def near_pairs(
         self, frames: FloatArray, pairs: IntArray, reach: float
-    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """Return the pairs nearer than a reach, metres: indices (n,), distances (n,), nearest points, and directions.
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return the pairs (r, 2) that are nearer than a reach, metres, in postures with frames (b, n, 4, 4).
 
-        The points (n, 2, 3) are on the first and on the second part, and the unit vectors (n, 3) lead from the first to
-        the second; where parts penetrate, along the shortest translation that separates them.
+        Postures and indices of pairs (m,), distances (m,), nearest points (m, 2, 3) on the first and on the second
+        part, and unit vectors (m, 3) from the first to the second; where parts penetrate, along the shortest
+        translation that separates them.
         """
-        index = np.flatnonzero(self._ball_gaps(frames, pairs) < reach)
-        distances, ends = self._exact_distances(frames, pairs[index])
+        which, index = self._pairs_within(frames, pairs, reach)
+        distances, ends = self._exact_distances(frames, which, pairs[index], reach)
         lines = ends[:, 1] - ends[:, 0]
         lengths = np.linalg.norm(lines, axis=1)
         near = (distances < reach) & (lengths > 1e-9)
         signs = np.where(distances < 0.0, -1.0, 1.0)[near]
-        return index[near], distances[near], ends[near], lines[near] * (signs / lengths[near])[:, None]
+        directions = lines[near] * (signs / lengths[near])[:, None]
+        return which[near], index[near], distances[near], ends[near], directions
+
+    def overlap_mask(self, frames: FloatArray, pairs: IntArray) -> BoolArray:
+        """Return in which postures, with frames (b, n, 4, 4), some pair (r, 2) penetrates, (b,)."""
+        which, index = self._pairs_within(frames, pairs, 0.0)
+        distances, _ = self._exact_distances(frames, which, pairs[index], 0.0, stops=True)
+        return np.bincount(which, distances < 0.0, len(frames)) > 0
+
+    def _pairs_within(self, frames: FloatArray, pairs: IntArray, reach: float) -> tuple[IntArray, IntArray]:
+        """Return postures and pairs (m,) whose capsules are nearer than a reach, metres, in order of the postures."""
+        which, index = np.nonzero(self._ball_gaps(frames, pairs) < reach)
+        ends, radii = self._capsules
+        first, second = (
+            (frames[which, part, None, :3, :3] @ ends[part, :, :, None])[..., 0] + frames[which, part, None, :3, 3]
+            for part in pairs[index].T
+        )
+        near = segment_distances(first, second) < radii[pairs[index]].sum(axis=1) + reach
+        return which[near], index[near]
+
+    @cached_property
+    def _capsules(self) -> tuple[FloatArray, FloatArray]:
+        """Ends (n, 2, 3) of the axes of capsules around the parts, metres, link frames, and their radii (n,)."""
+        ends, radii = np.zeros((len(self.parts), 2, 3)), np.zeros(len(self.parts))
+        for i, part in enumerate(self.parts):
+            middle = part.points.mean(axis=0)
+            axis = np.linalg.eigh(np.cov((part.points - middle).T) if len(part.points) > 1 else np.eye(3))[1][:, 2]
+            along = (part.points - middle) @ axis
+            across = np.linalg.norm(part.points - middle - along[:, None] * axis, axis=1)
+            middle = middle + 0.5 * (along.min() + along.max()) * axis
+            half = max(0.5 * np.ptp(along) - 0.5 * float(across.max()), 0.0)  # spherical ends may be outside
+            ends[i] = middle + half * axis * np.array([[-1.0], [1.0]])
+            radii[i] = part.radius + np.max(segment_distances(part.points[:, None].repeat(2, axis=1), ends[i][None]))
+        return ends, radii
 
     def _ball_gaps(self, frames: FloatArray, pairs: IntArray) -> FloatArray:
-        """Return the distances (r,) of the balls around the parts of pairs, metres."""
-        centres, (i, j) = self.ball_centres(frames), pairs.T
-        return np.asarray(np.linalg.norm(centres[i] - centres[j], axis=1) - self.reaches[i] - self.reaches[j])
+        """Return the distances (b, r) of the balls around the parts of pairs, metres, given frames (b, n, 4, 4)."""
+        centres, (i, j) = self.ball_centres(frames).astype(np.float32).transpose(2, 0, 1), pairs.T
+        x, y, z = (along[:, i] - along[:, j] for along in centres)  # rounding is below a micrometre
+        return np.asarray(np.sqrt(x * x + y * y + z * z) - (self.reaches[i] + self.reaches[j]), float)
 
-    def _exact_distances(self, frames: FloatArray, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distance (r,) of each pair's parts, metres, by MuJoCo, and the nearest points (r, 2, 3)."""
+    def _exact_distances(
+        self, frames: FloatArray, which: IntArray, pairs: IntArray, limit: float, stops: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the distances (m,) of the parts of m pairs, metres, by MuJoCo, and the nearest points (m, 2, 3).
+
+        Pairs farther apart than a limit have the limit for a distance.
+
+        Parameters
+        ----------
+        frames : (b, n, 4, 4) array
+        which : (m,) int array
+            Postures of the pairs, in order.
+        pairs : (m, 2) int array
+        limit : float
+            Metres.
+        stops : bool
+            Leave the pairs of a posture after the first one that penetrates at 0.
+        """
         mujoco, model, data, local = self._geoms
-        poses = frames @ local
-        data.geom_xpos[:] = poses[:, :3, 3]
-        data.geom_xmat[:] = poses[:, :3, :3].reshape(-1, 9)
+        used = np.flatnonzero(np.bincount(which, minlength=len(frames)))
+        poses = frames[used] @ local
+        places, turns = poses[..., :3, 3], poses[..., :3, :3].reshape(*poses.shape[:2], 9)
         ends, result = np.zeros((len(pairs), 6)), np.zeros(len(pairs))
-        for number, (i, j) in enumerate(pairs.tolist()):
-            result[number] = mujoco.mj_geomDistance(model, data, i, j, 1.0, ends[number])
-            if result[number] < 0.0 and not (self.parts[i].is_convex and self.parts[j].is_convex):
-                result[number] = self._mesh_distance(i, j, np.linalg.inv(frames[j]) @ frames[i])
+        starts = np.searchsorted(which, [*used.tolist(), len(frames)]).tolist()
+        for posture, (start, end) in enumerate(pairwise(starts)):
+            data.geom_xpos[:], data.geom_xmat[:] = places[posture], turns[posture]
+            for number, (i, j) in enumerate(pairs[start:end].tolist(), start):
+                distance = mujoco.mj_geomDistance(model, data, i, j, limit, ends[number])
+                if distance < 0.0 and not (self.parts[i].is_convex and self.parts[j].is_convex):
+                    pose = frames[used[posture]]
+                    distance = self._mesh_distance(i, j, np.linalg.inv(pose[j]) @ pose[i])
+                result[number] = distance
+                if stops and distance < 0.0:
+                    break
         return result, ends.reshape(-1, 2, 3)
 
     def _mesh_distance(self, i: int, j: int, pose: FloatArray) -> float:
@@ -404,6 +462,20 @@ class _SampleTable:
         reaches = np.maximum.reduceat(distances, first) if len(points) else distances
         counts = np.bincount(parts[first], minlength=len(samples))
         return cls(points, first, sizes, np.cumsum(counts) - counts, counts, middles, reaches)
+
+
+def segment_distances(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the distances (m,) of segments (m, 2, 3) from others (m, 2, 3), metres.
+
+    The nearest points of two lines, or of a segment and an end of the other (Ericson 2005, Section 5.1.9).
+    """
+    d, e, r = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0], first[:, 0] - second[:, 0]
+    a, b, c, p, q = (np.einsum("...x,...x->...", *pair) for pair in ((d, d), (d, e), (e, e), (d, r), (e, r)))
+    tiny = 1e-18
+    s = np.clip((b * q - c * p) / np.maximum(a * c - b * b, tiny), 0.0, 1.0)
+    t = np.clip((b * s + q) / np.maximum(c, tiny), 0.0, 1.0)
+    s = np.clip((b * t - p) / np.maximum(a, tiny), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(r + s[:, None] * d - t[:, None] * e, axis=1))
 
 
 def _first(shapes: Sequence[tuple[str, CollisionShape]]) -> list[tuple[str, CollisionShape]]:

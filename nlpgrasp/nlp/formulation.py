@@ -28,13 +28,13 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.common.scalar_constraints import CLEARANCE, Clearance, Label, ScalarConstraint
+from nlpgrasp.common.scalar_constraints import CLEARANCE, Label, ScalarConstraint
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import Work
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.nlp.blocks import HAND, FaceConstraints
-from nlpgrasp.nlp.program import ForceTemplate, Program
+from nlpgrasp.nlp.program import HAND_CONSTRAINTS, ForceTemplate, Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.virtual_work import joint_torque_constraints
 from nlpgrasp.problem.candidate_constraints import build_candidate_constraints
@@ -57,7 +57,7 @@ def optimal_grasp_program(
     eliminated: bool = False,
     pieces: bool = False,
     scaled: bool = True,
-    link_points: int = 0,
+    link_rows: int = 0,
 ) -> Program:
     """Build the program (3.5-4) with task constraints at ``count`` directions or wrenches (parameters).
 
@@ -74,9 +74,9 @@ def optimal_grasp_program(
         parameters. All weight on the largest piece gives a lower bound, exact where it was chosen.
     scaled : bool
         Whether variables and constraints are in the solver's units (``Scaling``) instead of SI.
-    link_points : int
-        Number of points on each link of a hand, parameters in the link's frame, whose distance from the body is a
-        constraint without limits; see ``Program.with_point_limits``.
+    link_rows : int
+        Number of linear inequalities in the variables of a hand with links, whose coefficients are parameters: the
+        clearances of its links, linearised.
     """
     check_transcription(transcription)
     program, scaling = Program(scaled=scaled), Scaling.of(problem)
@@ -95,8 +95,8 @@ def optimal_grasp_program(
     if not surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     _add_reachability_and_hand(program, problem, contacts)
-    if link_points and isinstance(problem.hand, URDFHand):
-        _add_link_points(program, problem.body, problem.hand, link_points)
+    if link_rows and isinstance(problem.hand, URDFHand):
+        _add_link_rows(program, problem.body, link_rows)
     if surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     return program
@@ -340,18 +340,13 @@ def _add_reachability_and_hand(program: Program, problem: GraspProblem, contacts
     program.constrain_placement(constraints, len(problem.constraints))
 
 
-def _add_link_points(program: Program, body: Body, hand: URDFHand, count: int) -> None:
-    """Add the distances from the body of ``count`` points on each link with shapes, metres, link frame."""
-    poses, begin = hand.tree.poses(program.hand_symbols), len(program.limits[0])
-    for number, link in enumerate(hand.shaped_links):
-        local = ca.reshape(program.parameter("surface points", 3 * count, number), 3, count)
-        points = poses[link][:3, :3] @ local + ca.repmat(poses[link][:3, 3], 1, count)
-        for i, point in enumerate(ca.horzsplit(points)):
-            part = f"{link}, surface point {i}"
-            program.constrain_clearance(
-                Clearance(CLEARANCE, body.distance_function, point, -np.inf, body.size, link=part)
-            )
-    program.link_points = slice(begin, begin + count * len(hand.shaped_links))
+def _add_link_rows(program: Program, body: Body, count: int) -> None:
+    """Add ``a_j . q + b_j >= 0``, metres, for palm position, quaternion and joints q; a_j, b_j are parameters."""
+    q = ca.vertcat(*[symbols for name, symbols in program.hand_symbols.items() if name != "slides"])
+    a = ca.reshape(program.parameter("link slopes", count * q.numel()), count, q.numel())
+    b = program.parameter("link clearances", count)
+    program.equation = HAND_CONSTRAINTS
+    program.constrain(ScalarConstraint(CLEARANCE, ca.mtimes(a, q) + b, 0.0, scale=body.size, part="links"))
 
 
 def has_closed_form(problem: GraspProblem) -> bool:

@@ -106,21 +106,9 @@ class CompiledProgram:
 
         Arguments as of ``Program.with_hand_bounds``.
         """
-        return self._with_program(self.program.with_hand_bounds(name, lower, upper))
-
-    def with_raised_lower_limits(self, increase: FloatArray) -> CompiledProgram:
-        """Return a copy with raised lower limits, without recompilation; see ``Program.with_raised_lower_limits``."""
-        return self._with_program(self.program.with_raised_lower_limits(increase))
-
-    def with_point_limits(self, lower: FloatArray) -> CompiledProgram:
-        """Return a copy with other lower limits of points on links, without recompilation."""
-        return self._with_program(self.program.with_point_limits(lower))
-
-    def _with_program(self, program: Program) -> CompiledProgram:
-        """Return a copy with the limits of another program, which shares the compiled functions."""
         self._linearised, self._weighted  # noqa: B018  compiled once for all copies
         result = copy(self)
-        result.program = program
+        result.program = self.program.with_hand_bounds(name, lower, upper)
         return result
 
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:

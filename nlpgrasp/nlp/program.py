@@ -59,7 +59,6 @@ class Program:
     slots: ConstraintSlots | None = None  # constraints of one function, before all others
     contained: int = 0  # number of containment constraints, which come first
     placement: slice = field(default_factory=lambda: slice(0, 0))  # scalar constraints of constraints and hand
-    link_points: slice = field(default_factory=lambda: slice(0, 0))  # distances of points on links from the body
     objective: ca.SX = field(default_factory=ca.SX)
     equation: str = ""  # equation of the paper for the next constraints
     _z: list[ca.SX] = field(default_factory=list)
@@ -211,14 +210,6 @@ class Program:
                 self.constrain_distance(constraint)
         self.placement = slice(begin, begin + len(constraints.named))
 
-    def constrain_clearance(self, clearance: Clearance) -> None:
-        """Add a clearance constraint; call after ``constrain`` where the distance is a spline."""
-        constraint = clearance.as_row()
-        if constraint is None:
-            self.constrain_distance(clearance)
-        else:
-            self.constrain(constraint)
-
     def constrain_distance(self, clearance: Clearance) -> None:
         """Add a clearance constraint on a spline distance.
 
@@ -327,25 +318,6 @@ class Program:
         result = copy(self)
         result._bounds = list(self._bounds)
         result._bounds[self.variables.index(block)] = lower / block.scale, upper / block.scale
-        return result
-
-    def with_raised_lower_limits(self, increase: FloatArray) -> Program:
-        """Return a copy with the lower limits of the ``placement`` constraints raised by increments (r,).
-
-        Increments are in the program's units.
-        """
-        low, high = self.limits
-        result, low = copy(self), low.copy()
-        low[self.placement] += increase
-        result._limits = [(low, high)]
-        return result
-
-    def with_point_limits(self, lower: FloatArray) -> Program:
-        """Return a copy with other lower limits of the distances of points on links, (m,), in the program's units."""
-        low, high = self.limits
-        result, low = copy(self), low.copy()
-        low[self.link_points] = lower
-        result._limits = [(low, high)]
         return result
 
     @property

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.distance_grid import DistanceGrid, distance_grid
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
@@ -22,7 +19,6 @@ from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_programs import (
-    POINTS,
     CuttingPlaneProgram,
     budget_at,
     closure_budget,
@@ -31,31 +27,15 @@ from nlpgrasp.optimize.compiled_programs import (
 )
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.hand_shapes import HandShapes
+from nlpgrasp.optimize.link_rows import LinkRows
 from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.optimize.solids import HasDistance, Solids
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 
 FEASIBLE = 1e-5  # feasibility tolerance, relative to a constraint's scale
-
-
-@dataclass(frozen=True)
-class LinkPoint:
-    """Point of a link's surface that is kept outside the body.
-
-    Parameters
-    ----------
-    link : str
-    position : (3,) array
-        Metres, link frame.
-    least : float
-        Least distance from the body, metres.
-    """
-
-    link: str
-    position: FloatArray
-    least: float
 
 
 class CompiledProblem:
@@ -75,8 +55,6 @@ class CompiledProblem:
     surface : SurfaceSamples
     hand_functions : HandFunctions
     cutting_planes : CuttingPlaneProgram
-    point_parameters : (q,) array
-        Positions of the points of links in the program, metres, frames of their links.
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
@@ -89,7 +67,7 @@ class CompiledProblem:
         self._initial_nlps: dict[int, CompiledProgram] = {}  # by the number of task samples
         self._parent: CompiledProblem | None = None  # the problem that this one shares its parts with
         self._program_for_faces: CuttingPlaneProgram | None = None
-        self.point_parameters = np.zeros(3 * POINTS * len(self.cutting_planes.point_links))
+        self._link_rows: LinkRows | None = None
 
     @cached_property
     def link_depths(self) -> PenetrationModel | None:
@@ -118,18 +96,31 @@ class CompiledProblem:
         depths = self.link_depths
         return HandClearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
 
+    @property
+    def link_rows(self) -> LinkRows | None:
+        """Clearances of a hand's links that the program holds; None for hands without links."""
+        if self._link_rows is None and self.collision_model is not None:
+            self._link_rows = LinkRows(self.collision_model)
+        return self._link_rows
+
     @cached_property
     def hand_shapes(self) -> HandShapes:
         """Shapes of the problem's hand, which must have links, in plain arrays."""
         if self._parent is not None:
             return self._parent.hand_shapes
         margin = self.options.joint_margin if self.options.seeks_room else 0.0
-        return HandShapes(self.hand_functions.linked_hand, margin)
+        hand = self.hand_functions.linked_hand
+        return HandShapes(hand, self.link_depths.parts if self.link_depths else LinkParts(hand), margin)
 
     @cached_property
     def distance_grid(self) -> DistanceGrid:
         """Signed distance of the body on a grid."""
         return distance_grid(self.problem.body)
+
+    @cached_property
+    def solids(self) -> HasDistance:
+        """Distance of the body and of what else the hand's links avoid."""
+        return self._parent.solids if self._parent is not None else Solids.around(self.distance_grid, self.problem)
 
     def with_task(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem for another task, sharing programs and samples.
@@ -188,39 +179,16 @@ class CompiledProblem:
         self._program_for_faces = result.cutting_planes = self._program_for_faces or result.cutting_planes
         return result
 
-    def with_clearance(self, increase: FloatArray) -> CompiledProblem:
-        """Return the compiled problem with the required clearance of links raised by ``increase`` (rows,), metres.
-
-        On a mesh it makes up for a smoothed distance that is larger than the mesh's own.
-        """
+    def with_link_rows(self, rows: LinkRows) -> CompiledProblem:
+        """Return the compiled problem with clearances of links that its program holds, without recompiling."""
         result = self._share_with(CompiledProblem(self.problem, self.options))
-        raised = increase / self.scaling.length
-        for i in np.flatnonzero(increase):
-            if (constraint := self.rows.named[i]).unit == "m2":  # on a squared distance
-                distance = np.sqrt(constraint.lower) + increase[i]
-                raised[i] = (distance**2 - constraint.lower) / constraint.scale
-        result.cutting_planes = self.cutting_planes.with_raised_lower_limits(raised)
-        return result
-
-    def with_link_points(self, points: Sequence[LinkPoint]) -> CompiledProblem:
-        """Return the compiled problem with points of links that are kept outside the body, without recompiling.
-
-        Of each link the program holds the first few points.
-        """
-        links = self.cutting_planes.point_links
-        positions, lower = np.zeros((len(links), POINTS, 3)), np.full((len(links), POINTS), -np.inf)
-        for i, link in enumerate(links):
-            for j, point in enumerate([point for point in points if point.link == link][:POINTS]):
-                positions[i, j], lower[i, j] = point.position, point.least / self.scaling.length
-        result = self._share_with(CompiledProblem(self.problem, self.options))
-        result.cutting_planes = self.cutting_planes.with_point_limits(lower.ravel())
-        result.point_parameters = positions.ravel()
+        result.cutting_planes, result._link_rows = self.cutting_planes, rows
         return result
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Share constraint functions and surface samples with another compiled problem, and return the other."""
         other.rows, other.surface, other.hand_functions = self.rows, self.surface, self.hand_functions
-        other._parent, other.point_parameters = self, self.point_parameters
+        other._parent, other._link_rows = self, self._link_rows
         return other
 
     @cached_property
@@ -302,15 +270,8 @@ class CompiledProblem:
         return float(self.rows.violations(candidate.points[None], normals[None], candidate.repeated_hand(1))[0])
 
     def constraint_values_at(self, candidate: GraspCandidate, normals: FloatArray) -> FloatArray:
-        """Return the constraint values of a candidate with inward normals (k, space), in the constraints' units.
-
-        Distances of links from a mesh are those from the mesh itself.
-        """
-        values: FloatArray = self.rows.values(candidate.points[None], normals[None], candidate.repeated_hand(1))[0]
-        body = self.problem.body
-        if isinstance(body, Mesh) and len(self.rows.clearances):
-            values[self.rows.clearances] = self.hand_functions.mesh_clearances(body, candidate.hand)
-        return values
+        """Return the constraint values of a candidate with inward normals (k, space), in the constraints' units."""
+        return np.asarray(self.rows.values(candidate.points[None], normals[None], candidate.repeated_hand(1))[0])
 
 
 def pack_variables(compiled: CompiledProblem, program: Program, candidate: GraspCandidate) -> FloatArray:

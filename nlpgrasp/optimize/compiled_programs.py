@@ -5,14 +5,13 @@ One program serves every assignment of contacts to faces: the face of each conta
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from functools import cached_property
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import contact_supports
-from nlpgrasp.hands import PosedHand, URDFHand
+from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp import (
     SUPPORT,
     CompiledProgram,
@@ -23,12 +22,12 @@ from nlpgrasp.nlp import (
 )
 from nlpgrasp.nlp.ipopt import Option
 from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.link_rows import ROWS
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
 SLOTS, SLOTS_WITH_FORCES = 64, 80  # cutting planes of the program; the same with finger forces as variables
-POINTS = 4  # points of each link of a hand that may be kept outside the body
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
 CONFIRMING_ITERATIONS = 5  # the same, from a local optimum
 Ipopt = dict[str, Option]
@@ -80,17 +79,11 @@ class CuttingPlaneProgram:
     ----------
     problem : GraspProblem
     options : SolveOptions
-
-    Attributes
-    ----------
-    point_links : tuple of str
-        Links of a hand with points that may be kept outside the body, ``POINTS`` each.
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
         self._problem, self._options = problem, options
-        self.point_links = problem.hand.shaped_links if isinstance(problem.hand, URDFHand) else ()
-        self._changes: tuple[Callable[[CompiledProgram], CompiledProgram], ...] = ()  # of limits, since compilation
+        self._hand_bounds: tuple[tuple[str, FloatArray, FloatArray], ...] = ()  # changed since compilation
 
     @cached_property
     def has_closed_form(self) -> bool:
@@ -119,7 +112,7 @@ class CuttingPlaneProgram:
     def functions(self) -> CompiledProgram:
         """The compiled program with its solver."""
         program = optimal_grasp_program(
-            self._problem, SUPPORT, self.slots, eliminated=True, pieces=True, link_points=POINTS
+            self._problem, SUPPORT, self.slots, eliminated=True, pieces=True, link_rows=ROWS
         )
         return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
@@ -141,29 +134,17 @@ class CuttingPlaneProgram:
         """
         if self.holds_supports:
             return self.functions.with_options(CLOSING | dict(self._options.ipopt))
-        program = optimal_grasp_program(self._problem, SUPPORT, SLOTS_WITH_FORCES, link_points=POINTS)
+        program = optimal_grasp_program(self._problem, SUPPORT, SLOTS_WITH_FORCES, link_rows=ROWS)
         settings: Ipopt = {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
         result = _compile_program(program, self._options, settings)
-        for change in self._changes:
-            result = change(result)
+        for bounds in self._hand_bounds:
+            result = result.with_hand_bounds(*bounds)
         return result
 
     def with_hand_bounds(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
         """Return the program with the bounds (2, m) of one of the hand's variables replaced, without recompiling."""
-        return self._change_limits(lambda functions: functions.with_hand_bounds(name, bounds[0], bounds[1]))
-
-    def with_raised_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
-        """Return the program with raised lower constraint limits; see ``Program.with_raised_lower_limits``."""
-        return self._change_limits(lambda functions: functions.with_raised_lower_limits(increase))
-
-    def with_point_limits(self, lower: FloatArray) -> CuttingPlaneProgram:
-        """Return the program with other lower limits of points on links; see ``Program.with_point_limits``."""
-        return self._change_limits(lambda functions: functions.with_point_limits(lower))
-
-    def _change_limits(self, change: Callable[[CompiledProgram], CompiledProgram]) -> CuttingPlaneProgram:
-        """Return the cutting-plane program with changed limits, without recompiling."""
-        result = copy(self)
-        result.functions, result._changes = change(self.functions), (*self._changes, change)
+        result, limits = copy(self), (name, bounds[0], bounds[1])
+        result.functions, result._hand_bounds = self.functions.with_hand_bounds(*limits), (*self._hand_bounds, limits)
         for name in ("confirmation_program", "final_program"):
             result.__dict__.pop(name, None)
         return result

@@ -9,12 +9,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.evaluation import BatchEvaluator
-from nlpgrasp.common.scalar_constraints import CLEARANCE, ScalarConstraint
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.spatial import pose_data
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, ParallelJaw, URDFHand
@@ -50,7 +49,7 @@ class ConstraintValues:
 
     @property
     def sources(self) -> tuple[tuple[int, ...], ...]:
-        """Indices of the scalar constraints by source: each user constraint, the hand, the clearance of its links."""
+        """Indices of the scalar constraints by source: each user constraint, then the hand."""
         return self._rows[0].sources
 
     def values(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
@@ -88,11 +87,6 @@ class ConstraintValues:
             rows, columns = self._row_function.jac_sparsity(0, i).get_triplet()
             result[rows, np.array(columns, dtype=int) // space if i < 2 else k] = True
         return result
-
-    @cached_property
-    def clearances(self) -> IntArray:
-        """Indices of the constraints that keep a link away from the held body."""
-        return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     @cached_property
     def _rows(self) -> tuple[CandidateConstraints, list[ca.SX]]:
@@ -318,15 +312,8 @@ class HandFunctions:
 
     def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
         """Return the centres of the fingertips, (k, 3), with ``otherwise`` for fingertips that are not round."""
-        centres = self._function(*values.values())[0].full().T
+        centres = self._function(*values.values()).full().T
         return np.where(np.isnan(centres), otherwise, centres)
-
-    def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
-        """Return the signed distance of each link sphere to the mesh itself, (m,), metres.
-
-        There is one for each clearance constraint.
-        """
-        return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
     @cached_property
     def tip_jacobian_function(self) -> ca.Function:
@@ -338,15 +325,10 @@ class HandFunctions:
 
     @cached_property
     def _function(self) -> ca.Function:
-        """CasADi function of the hand's variables that returns centres of round fingertips and of link spheres.
-
-        Centres of other fingertips are NaN.
-        """
+        """CasADi function of the hand's variables that returns the centres of the fingertips, NaN if not round."""
         symbols = self.hand.symbols(self._problem.body.bounds)
         tips = [ca.SX.nan(3) if c is None else c for c in self.hand.tip_centres(symbols)]
-        spheres = [s.centre for s in self.hand.spheres(symbols)]
-        outputs = [ca.horzcat(*tips), ca.horzcat(ca.SX(3, 0), *spheres)]
-        return ca.Function("hand", list(symbols.values()), outputs, {"cse": True})
+        return ca.Function("hand", list(symbols.values()), [ca.horzcat(*tips)], {"cse": True})
 
 
 def _jaw_record(clearance: JawClearance, points: FloatArray, pose: JawPose) -> Json:

@@ -156,12 +156,14 @@ def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: F
     """Return a program's parameters (q,) for cuts (m, d) with ``phi_A = 1``, padded with zeros to its slots.
 
     Where the program takes the largest of the contacts' supports, the support along each cut is that of the contact
-    which is largest there. Without slots the parameters are those of faces and of points of links alone.
+    which is largest there. Without slots the parameters are those of faces and of links alone. Clearances of links are
+    linearised at the candidate.
     """
     faces = face_parameters(compiled.problem, candidate.faces)
-    points = compiled.point_parameters
+    rows = compiled.link_rows
+    links = np.zeros(0) if rows is None else rows.parameters(candidate.hand)
     if not slots:
-        return np.concatenate([faces, points])
+        return np.concatenate([faces, links])
     pieces = compiled.cutting_planes.pieces(compiled.grasp(candidate), cuts)
     directions = np.zeros((slots, compiled.problem.dimension))
     directions[: len(cuts)] = cuts
@@ -171,4 +173,4 @@ def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: F
     if pieces is not None:
         weights = np.zeros((slots, pieces.shape[1]))
         weights[np.arange(len(cuts)), np.argmax(pieces, axis=1)] = 1.0
-    return np.concatenate([directions.ravel(), reach, weights.ravel(), faces, points])
+    return np.concatenate([directions.ravel(), reach, weights.ravel(), faces, links])

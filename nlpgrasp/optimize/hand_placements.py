@@ -15,8 +15,9 @@ from nlpgrasp.hands.moving_links import HandState, LinkPoints, turned
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 from nlpgrasp.optimize.hand_postures import Postures
-from nlpgrasp.optimize.hand_shapes import HandShapes, HasDistance
+from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
+from nlpgrasp.optimize.solids import HasDistance
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def posture_library(shapes: HandShapes) -> dict[str, Postures]:
 
     tips, links = shapes.tips, shapes.links
     made_from = [
-        *(shapes.samples.at, shapes.samples.groups, shapes.spheres, shapes.sphere_groups, shapes.pairs, shapes.apart),
+        *(shapes.samples.at, shapes.samples.groups, shapes.part_groups, shapes.parts.pairs),
         *(tips.at, tips.groups, tips.radii, tips.facing, tips.cosines, shapes.limits),
         *(links.frame, links.parent, links.axes, links.slides, links.coupling, links.offset),
     ]
@@ -172,7 +172,7 @@ def _improved(
     least[full] = [pool.scores[pool.niches == niche].min() for niche in full]
     better = np.flatnonzero(score > least[new.niches])
     tried, place = np.unique(which[good[better]], return_inverse=True)
-    apart = (shapes.overlaps(frames.of(tried)) <= 0.0)[place]
+    apart = ~shapes.parts.overlap_mask(shapes.part_frames(frames.of(tried)), shapes.parts.pairs)[place]
     joined = Postures.joined([pool, new.of(better[apart])])
     return joined.best_of_sizes(len(joined.radii), of_niche)
 

@@ -63,7 +63,7 @@ def raced_candidates(
     places = BodyPlaces.of(compiled.problem.body, grid, points[chosen], -normals[chosen])
     budget = (compiled.l2_variant or compiled).screening_budget
     limits = RaceLimits(compiled)
-    steps = RaceSteps(compiled.problem, shapes, grid, budget, limits, rng)
+    steps = RaceSteps(compiled.problem, shapes, grid, compiled.solids, budget, limits, rng)
     library = posture_library(shapes)
     _warn_of_openings(compiled, library, places)
     kinds = placements(compiled, library, places, steps.solids, limits, drawn, kept, rng)

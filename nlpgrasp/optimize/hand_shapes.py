@@ -1,11 +1,10 @@
-"""Shapes of a hand in plain arrays: samples of its links, spheres, pairs of spheres, fingertips."""
+"""Shapes of a hand in plain arrays: samples of its links, parts that are kept apart, fingertips."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,21 +15,10 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
-from nlpgrasp.hands.self_collision import colliding_tips
 from nlpgrasp.hands.tips import FlatTip
+from nlpgrasp.motion.link_parts import LinkParts
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
-
-
-class HasDistance(Protocol):
-    """Distance of solids, such as a grid of it."""
-
-    spacing: float
-
-    def nearest(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (..., 3), metres, up to the spacing."""
-
-    def distance(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distance (n,), metres, of points (n, 3), and its gradient (n, 3)."""
+from nlpgrasp.optimize.solids import HasDistance
 
 
 @dataclass(frozen=True)
@@ -106,20 +94,31 @@ class HandShapes:
     Parameters
     ----------
     hand : URDFHand
+    parts : LinkParts
+        Of the hand.
     margin : float
         Of joints from their limits, radians.
     spacing : float
         Of the samples, metres.
+
+    Attributes
+    ----------
+    least : (g,) array
+        Least distance of each group of links from body and surroundings, metres.
     """
 
-    def __init__(self, hand: URDFHand, margin: float, spacing: float = 3e-3) -> None:
-        self.links = MovingLinks(hand.robot)
+    def __init__(self, hand: URDFHand, parts: LinkParts, margin: float, spacing: float = 3e-3) -> None:
+        self.links, self.parts = MovingLinks(hand.robot), parts
+        self.part_groups = np.array([self.links.group[part.link] for part in parts.parts], int)
+        self._part_poses = np.array([self.links.pose[part.link] for part in parts.parts]).reshape(-1, 4, 4)
+        self.least = np.zeros(1 + len(self.links.parent))
+        for link, group in self.links.group.items():
+            self.least[group] = hand.least_clearance(link)
         self.tips = TipBalls.of(hand, self.links)
         margins = JointLimitMargins.of(hand, margin)
         self.linkages = hand.tree.linkages if hand.robot.has_linkages else None
         held = {*hand.robot.passive, *hand.robot.stop_positions}  # others move them, or springs hold them at a limit
         self.limits = margins.narrow_limits(np.array([margin > 0.0 and name not in held for name in margins.names]))
-        self._set_spheres(hand)
         at, groups, cells, self._owners = self._samples(hand, spacing)
         self.samples = LinkPoints(at, groups)
         self.bins, self.first = cells, np.flatnonzero(np.diff(cells, prepend=-1))
@@ -131,32 +130,6 @@ class HandShapes:
         self.reach = np.zeros(len(middles))
         np.maximum.at(self.reach, cells, np.linalg.norm(at - middles[cells], axis=1))
         self.middles = LinkPoints(middles, groups[self.first])
-
-    def _set_spheres(self, hand: URDFHand) -> None:
-        """Set the spheres of the links, then of the fingertips, and the pairs of spheres that are kept apart."""
-        names = dict[tuple[str, int], int]()
-        at, radii, groups = list[FloatArray](), list[float](), list[int]()
-        for link, fit in hand.fits.items():
-            pose = self.links.pose[link]
-            for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
-                names[link, i] = len(at)
-                at.append(pose[:3, :3] @ centre + pose[:3, 3])
-                radii.append(float(radius))
-                groups.append(self.links.group[link])
-        pairs, least = list[tuple[int, int]](), list[float]()
-        for pair in hand.self_collision_pairs:
-            for i, j in pair.pairs:
-                a, b = names[pair.links[0], i], names[pair.links[1], j]
-                pairs.append((a, b))
-                least.append(radii[a] + radii[b] - pair.overlap)
-        tips = len(at)
-        for i, j in colliding_tips(hand.tree) if hand.self_collision else ():
-            pairs.append((tips + i, tips + j))
-            least.append(float(self.tips.standoffs[i] + self.tips.standoffs[j]))
-        self.least = np.array(radii) + hand.clearance
-        self.spheres = np.array([*at, *self.tips.at]).reshape(-1, 3)
-        self.sphere_groups = np.array([*groups, *self.tips.groups], int)
-        self.pairs, self.apart = np.array(pairs, int).reshape(-1, 2), np.array(least)
 
     def _samples(self, hand: URDFHand, spacing: float) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
         """Return samples of the links' hulls outside the fingertips' balls, with groups, bins and links, in order."""
@@ -213,15 +186,13 @@ class HandShapes:
             result[self._names[number]] = (at - pose[:3, 3]) @ pose[:3, :3]
         return result
 
-    def overlaps(self, frames: Frames) -> FloatArray:
-        """Return by how much the spheres of each posture are too near to one another at most, (b,), metres."""
-        result, (first, second) = np.zeros(len(frames.R)), self.pairs.T
-        for start in range(0, len(result) if len(self.pairs) else 0, 128):  # of postures, to fit the processor's cache
-            part = slice(start, start + 128)
-            few = Frames(frames.links, frames.R[part], frames.t[part])
-            centres = few.points(self.spheres, self.sphere_groups).transpose(2, 0, 1)  # rounding is below a micrometre
-            x, y, z = (c[:, first] - c[:, second] for c in centres.astype(np.float32))
-            result[part] = np.max(self.apart - np.sqrt(x * x + y * y + z * z), axis=1)
+    def part_frames(self, frames: Frames) -> FloatArray:
+        """Return the frames (b, n, 4, 4) of the links of all parts."""
+        R, t = frames.R[:, self.part_groups], frames.t[:, self.part_groups]
+        result = np.zeros((*t.shape[:2], 4, 4))
+        result[..., :3, :] = R @ self._part_poses[:, :3]
+        result[..., :3, 3] += t
+        result[..., 3, 3] = 1.0
         return result
 
     def lowest_samples(

@@ -1,9 +1,8 @@
 """Polish of a hand's candidate: contacts on the body's own faces, links clear, at a KKT point of the program.
 
-One program, compiled once, serves all of it: the triangles that contacts lie on, the points of links that are kept
-outside the body and raised clearances are its parameters and limits. They are added by need: where the certified grasp
-shows a link in something, a contact near a sharp edge or a weak direction that the program did not hold, the program is
-solved again from there.
+One program, compiled once, serves all of it: the triangles that contacts lie on and the clearances of links that are
+near something are its parameters. They are added by need: where the certified grasp shows a link in something, a
+contact near a sharp edge or a weak direction that the program did not hold, the program is solved again from there.
 """
 
 from __future__ import annotations
@@ -17,11 +16,10 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.common.scalar_constraints import SELF_COLLISION
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
-from nlpgrasp.optimize.compiled_problem import CompiledProblem, LinkPoint
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
@@ -34,6 +32,7 @@ from nlpgrasp.optimize.kkt_point import (
     reason_against_optimum,
     residuals_at,
 )
+from nlpgrasp.optimize.link_rows import LinkPoint, LinkRows
 from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance
 from nlpgrasp.optimize.projection import (
     TOUCHING,
@@ -54,7 +53,7 @@ COARSE = 1e-3  # relative gain of a step on faces below which it is idle: Newton
 EXCHANGES, GAIN = 4, 2e-3  # exchanges of a hand's fingers on a mesh, at most; least relative gain of one
 ADDED = 3  # points of a link that are added at a time, at most
 DEEP, DEEP_TIP = 1e-4, 2.5e-4  # metres: least depth of a link in the body that is corrected; of one with a fingertip
-DEEP_IN_LINK, BEYOND = 5e-4, 2e-4  # metres: least depth of links in each other likewise; distance added beyond it
+DEEP_IN_LINK = 5e-4  # metres: least depth of links in each other likewise
 WORTH_FREEING = 0.8  # least mu without a penetration over that with it
 UNREACHED = "no posture near this grasp keeps all constraints"
 EDGES = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
@@ -216,10 +215,8 @@ class _PolishProgram:
         Where the search is.
     smooth_points, edge_points : (k, 3) array and tuple of such
         Contacts at the beginning, and those around which contacts stay away from sharp edges, metres.
-    clearance : (rows,) array
-        Metres that are required of each constraint beyond its own limit.
-    points : list of LinkPoint
-        Points kept outside the body; the program holds the first few of each link.
+    rows : LinkRows or None
+        Clearances of links that the program holds; None for hands without links.
     missed : (m, d) array
         Weak directions that certificates showed.
     margins : JointLimitMargins
@@ -238,8 +235,7 @@ class _PolishProgram:
     candidate: GraspCandidate
     smooth_points: FloatArray
     edge_points: tuple[FloatArray, ...]
-    clearance: FloatArray
-    points: list[LinkPoint]
+    rows: LinkRows | None
     missed: FloatArray
     margins: JointLimitMargins
     keeps_margin: BoolArray
@@ -258,8 +254,8 @@ class _PolishProgram:
         keeps_margin, no_directions = np.full(len(margins.names), margin > 0.0), np.zeros((0, dimension))
         point = RefinementPoint(candidate, 0.0, no_directions, no_directions)
         refined = RefinementResult(point, 0.0, np.zeros(len(compiled.rows.named)))
-        start, lists = (compiled, compiled, candidate, candidate.points), ((), np.zeros(0), list[LinkPoint]())
-        unplaced = cls(*start, *lists, no_directions, margins, keeps_margin, margin > 0.0, refined)
+        start = compiled, compiled, candidate, candidate.points, (), compiled.link_rows
+        unplaced = cls(*start, no_directions, margins, keeps_margin, margin > 0.0, refined)
         program = unplaced._with_faces(*fix_to_faces(compiled, candidate))
         lacking = keeps_margin & margins.is_below_margin(program.candidate.hand["joints"])
         if np.any(lacking) and program._projected()[1] > TOUCHING:
@@ -273,8 +269,7 @@ class _PolishProgram:
             on_faces=on_faces,
             candidate=candidate,
             edge_points=(candidate.points,),
-            clearance=_overestimated_clearance(self.compiled, candidate),
-            points=_points_near_body(self.compiled, candidate) if self.compiled.options.rounds else [],
+            rows=_rows_near(self.compiled, candidate) if self.compiled.options.rounds else self.compiled.link_rows,
         )
 
     def _with_own_faces(self, candidate: GraspCandidate) -> _PolishProgram:
@@ -290,9 +285,7 @@ class _PolishProgram:
         result = self.on_faces
         if np.any(self.keeps_margin):
             result = result.with_joint_limits(self.margins.narrow_limits(self.keeps_margin))
-        if self.clearance.any():
-            result = result.with_clearance(self.clearance)
-        return result.with_link_points(self.points)
+        return result if self.rows is None else result.with_link_rows(self.rows)
 
     def _projected(self) -> tuple[GraspCandidate, float]:
         """Return the candidate projected onto the constraints, and the remaining violation."""
@@ -343,7 +336,7 @@ class _PolishProgram:
             program = program._moved_on_smooth_surface(deadline)
         program = program.refine(deadline)
         if program.violation > TOUCHING:  # links that cannot be free are stated
-            program = replace(program, points=[]).refine(deadline)
+            program = replace(program, rows=compiled.link_rows).refine(deadline)
         for _ in range(EXCHANGES if is_moved else 0):
             point = program.refined.point
             if point.value <= 0.0 or deadline.should_stop():
@@ -377,19 +370,12 @@ class _PolishProgram:
         if any(limit.value < limit.lower for limit in on_body.per_contact) and self.on_faces is not compiled:
             changes["edge_points"] = (*self.edge_points, self.candidate.points)
             changes["on_faces"], _ = fix_to_triangles(compiled, self.candidate, changes["edge_points"])
-        clearance, points = self.clearance.copy(), self.points
-        if not on_body.is_feasible:
-            clearance += _missing_clearance(compiled, on_body)
-        for penetration in penetrations:
-            if penetration.other_link:
-                self._keep_apart(penetration, clearance)
-            else:
-                added = self._points_inside(penetration)[:ADDED]
-                points = added + points if added else points
-        if np.any(clearance != self.clearance):
-            changes["clearance"] = clearance
-        if points is not self.points:
-            changes["points"] = points
+        if self.rows is not None and (penetrations or not on_body.is_feasible):
+            inside = [point for p in penetrations if not p.other_link for point in self._points_inside(p)[:ADDED]]
+            near = _rows_near(compiled, on_body.candidate)
+            rows = self.rows if near is None else self.rows.with_more((*inside, *near.points), near.pairs)
+            if rows != self.rows:
+                changes["rows"] = rows
         return replace(self, **changes) if changes else None
 
     @property
@@ -429,7 +415,7 @@ class _PolishProgram:
         Where a round tip touches, the body is inside it at any posture.
         """
         hulls, functions = self.compiled.hull_depths, self.compiled.hand_functions
-        if hulls is None:
+        if hulls is None or self.rows is None:
             return []
         link, values, radii = str(penetration.link), self.candidate.hand, np.asarray(functions.hand.tip_radii)
         local = hulls.points_inside(values, penetration)
@@ -437,24 +423,8 @@ class _PolishProgram:
         x = local @ pose[:3, :3].T + pose[:3, 3]
         from_centres = np.linalg.norm(x[:, None] - functions.tip_centres(values, self.candidate.points), axis=2)
         beyond = np.all(from_centres > radii + DEEP_TIP * (radii > 0.0), axis=1)
-        distances = self.compiled.problem.body.distances(x[beyond])[0][:, 0]
-        return _link_points(self.compiled, [link] * int(np.sum(beyond)), local[beyond], x[beyond], distances)
-
-    def _keep_apart(self, penetration: LinkPenetration, clearance: FloatArray) -> None:
-        """Require, in place, as much more distance between two links' spheres as these links penetrate each other."""
-        compiled, names = self.compiled, {str(penetration.link), penetration.other_link}
-        points = self.candidate.points[None]
-        values = compiled.rows.values(points, np.zeros_like(points), self.candidate.repeated_hand(1))[0]
-        rows = [
-            i
-            for i, row in enumerate(compiled.rows.named)
-            if row.kind == SELF_COLLISION and {part.rpartition("/")[0] for part in row.part.split(" and ")} == names
-        ]
-        if rows:
-            lower = np.array([compiled.rows.named[i].lower for i in rows])
-            gaps = np.sqrt(values[rows]) - np.sqrt(lower)
-            required = float(np.min(gaps)) + penetration.depth + BEYOND
-            clearance[rows] = np.maximum(clearance[rows], np.where(gaps < required, required, 0.0))
+        field = next(i for i, field in enumerate(self.rows.clearance.fields) if field.solid == penetration.thing)
+        return [LinkPoint(link, (at[0], at[1], at[2]), field) for at in local[beyond].tolist()]
 
 
 def _search_state(compiled: CompiledProblem, refined: RefinementResult, optimum: LocalOptimum | None) -> SearchState:
@@ -493,50 +463,20 @@ def _places_of_like_normals(
     return result
 
 
-def _points_near_body(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> list[LinkPoint]:
-    """Return the samples of a candidate's links near the body, the nearest first."""
-    hand = compiled.hand_functions.linked_hand
-    if hand.robot.has_linkages or not hand.shaped_links:
-        return []
-    shapes = compiled.hand_shapes
-    frames = shapes.links.frames(HandState.of_values(candidate.hand, hand.tree))
-    _, index, x, distances, _ = shapes.lowest_samples(compiled.distance_grid, frames, reach)
-    order = np.argsort(distances, kind="stable")
-    local = [item for i in order.tolist() for item in shapes.points_by_link(index[i : i + 1]).items()]
-    points = np.concatenate([np.zeros((0, 3)), *(point for _, point in local)])
-    smooth = compiled.distance_grid.smooth_distance(x[order])[0]
-    return _link_points(compiled, [link for link, _ in local], points, x[order], smooth)
-
-
-def _link_points(
-    compiled: CompiledProblem, links: Sequence[str], local: FloatArray, x: FloatArray, distances: FloatArray
-) -> list[LinkPoint]:
-    """Return points of links to be kept outside the body, given in their links' frames and in the body's, (m, 3).
-
-    Where given distances (m,) exceed those from a mesh itself, as much more of it is required.
-    """
-    hand, body, excess = compiled.hand_functions.linked_hand, compiled.problem.body, np.zeros(len(x))
-    if isinstance(body, Mesh) and len(x):
-        excess = np.maximum(distances - body.clearance(x), 0.0)
-    least = [hand.least_clearance(link) for link in links]
-    return [LinkPoint(*parts) for parts in zip(links, local, np.array(least) + excess, strict=True)]
-
-
-def _overestimated_clearance(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
-    """Return by how much the smooth distance of links from a mesh exceeds that from the mesh itself, metres, (rows,).
-
-    0 for other constraints, and where the smooth distance is the smaller one.
-    """
-    excess, rows, body = np.zeros(len(compiled.rows.named)), compiled.rows.clearances, compiled.problem.body
-    if len(rows) and isinstance(body, Mesh):
-        points = candidate.points[None]  # these constraints depend on the hand alone
-        smooth = compiled.rows.values(points, np.zeros_like(points), candidate.repeated_hand(1))[0, rows]
-        excess[rows] = np.maximum(smooth - compiled.hand_functions.mesh_clearances(body, candidate.hand), 0.0)
-    return excess
-
-
-def _missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatArray:
-    """Return the clearance that links lack from the body, metres, (rows,); 0 for other constraints."""
-    lacking, rows = np.zeros(len(compiled.rows.named)), compiled.rows.clearances
-    lacking[rows] = [max(compiled.rows.named[i].lower - on_body.values[i], 0.0) for i in rows]
-    return lacking
+def _rows_near(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> LinkRows | None:
+    """Return the clearances of a candidate's links that exceed what is required by less than a reach, metres."""
+    rows = compiled.link_rows
+    if rows is None:
+        return None
+    model, shapes, parts = rows.clearance, compiled.hand_shapes, rows.clearance.parts
+    frames = shapes.links.frames(HandState.of_values(candidate.hand, model.hand.tree))
+    _, index, x, *_ = shapes.lowest_samples(compiled.solids, frames, reach + float(np.max(shapes.least)))
+    required = shapes.least[shapes.samples.groups[index]]
+    points = [
+        LinkPoint(link, (at[0], at[1], at[2]), number)
+        for number, field in enumerate(model.fields)
+        for link, local in shapes.points_by_link(index[field.distance(x) < required + reach]).items()
+        for at in local.tolist()
+    ]
+    pairs = parts.near_pairs(parts.frames(candidate.hand)[None], model.pairs, reach)[1]
+    return replace(rows, points=tuple(points), pairs=tuple(pairs.tolist()))

@@ -214,13 +214,11 @@ class _TouchConstraints:
         set_contacts(compiled, program, self.z, contacts, normals)
         g, J = compiled.cutting_planes.functions.linearise(self.z, self.theta)
         placement = program.placement
-        g = g[placement]
-        g[compiled.rows.clearances] = (
-            compiled.hand_functions.mesh_clearances(compiled.surface.mesh, hand) / compiled.scaling.length
-        )
         low, high = (limits[placement] for limits in program.limits)
         bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)
-        return _TouchLinearisation(g, J[placement][:, self.free], low, high, *bounds, contacts, normals, hand)
+        return _TouchLinearisation(
+            g[placement], J[placement][:, self.free], low, high, *bounds, contacts, normals, hand
+        )
 
     def _hand(self, free: FloatArray) -> Values:
         """Write the hand's free variables into z, and return the hand's configuration."""

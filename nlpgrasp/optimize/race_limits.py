@@ -1,7 +1,7 @@
 """Limits on raced postures that a problem states: its constraints, the solids around the body, the faces of contacts.
 
 Constraints are the program's functions of contacts, normals and the hand's variables; their derivatives by the twist
-follow by the chain rule. Those that keep links away from something are distances, as that of the body. No kind of
+follow by the chain rule. What they keep links away from is a solid with a distance, as the body is. No kind of
 constraint is named here.
 """
 
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.distance_grid import DistanceGrid
@@ -19,11 +18,9 @@ from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.spatial import cross_matrix
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
-from nlpgrasp.motion.distance_fields import Distance, build_distance_fields, distance_to_all
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.surface_samples import SampleCloud
-from nlpgrasp.problem.problem import GraspProblem
 
 NOTHING = 1e-9  # slope by the twist below which a constraint does not depend on it
 
@@ -63,48 +60,6 @@ class PosedContacts:
         return cls(state, centres + distances * normals, normals, along, np.zeros_like(motion), pivot)
 
 
-class Solids:
-    """Distance of the body and of what else links have to avoid, with the interface of a grid of distances.
-
-    Parameters
-    ----------
-    grid : DistanceGrid
-        Of the body.
-    others : callable
-        Distance of the nearest other solid, less the clearance from it, metres.
-    """
-
-    def __init__(self, grid: DistanceGrid, others: Distance, box: FloatArray, count: int = 48) -> None:
-        self._grid, self._others, self.spacing = grid, others, grid.spacing
-        self._corner, self._step = box[0], (box[1] - box[0]) / (count - 1)
-        axes = [np.linspace(low, high, count) for low, high in box.T]
-        coarse = others(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
-        self._coarse = coarse.reshape(count, count, count)
-
-    @classmethod
-    def around(cls, grid: DistanceGrid, problem: GraspProblem, reach: float = 0.2) -> Solids | DistanceGrid:
-        """Return body and surroundings of a problem, as far as ``reach`` from it; the grid itself without any."""
-        body = problem.body
-        others = build_distance_fields(body, problem.constraints, len(problem.models))[1:]
-        box = body.bounds + reach * np.array([[-1.0], [1.0]])
-        return cls(grid, distance_to_all(others), box) if others else grid
-
-    def nearest(self, points: FloatArray) -> FloatArray:
-        """Return about the distance of points (..., 3), metres, of the surroundings between points of a coarse grid."""
-        cells = np.moveaxis((points - self._corner) / self._step, -1, 0)
-        return np.minimum(self._grid.nearest(points), map_coordinates(self._coarse, cells, order=1, mode="nearest"))
-
-    def distance(self, points: FloatArray, step: float = 1e-6) -> tuple[FloatArray, FloatArray]:
-        """Return the distance (n,), metres, of points (n, 3), and its gradient (n, 3)."""
-        value, slope = self._grid.distance(points)
-        other = self._others(points)
-        near = np.flatnonzero(other < value)
-        value[near] = other[near]
-        for axis, e in enumerate(np.eye(3)):
-            slope[near, axis] = (self._others(points[near] + step * e) - other[near]) / step
-        return value, slope
-
-
 class RaceLimits:
     """Evaluator of the limits of a problem: what must not be negative, in lengths, with derivatives by the twist.
 
@@ -123,13 +78,7 @@ class RaceLimits:
     def __init__(self, compiled: CompiledProblem, least_cosine: float = 0.985) -> None:
         rows, problem = compiled.rows, compiled.problem
         self._slides = compiled.hand_functions.linked_hand.tree.initial_slides
-        spheres = {
-            f"{link}/{i}"
-            for link, fit in compiled.hand_functions.linked_hand.fits.items()
-            for i in range(len(fit.radii))
-        }
         users = [i for source in rows.sources[: len(problem.constraints)] for i in source]
-        users = [i for i in users if rows.named[i].link not in spheres]  # solids keep links away
         self._rows, self._indices = rows, users
         self._lower, self._upper = (
             np.array([getattr(rows.named[i], end) for i in users]) for end in ("lower", "upper")

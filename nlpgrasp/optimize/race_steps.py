@@ -2,8 +2,8 @@
 
 The variables are the twist of the palm and the joints alone. A fingertip touches with the point of its patch nearest to
 the body: contact and normal follow from the body's smooth surface. mu is bounded by its weakest directions (Li and
-Sastry 1986, equation 3.4-3). Links are samples of their shapes, beside the spheres of the program; the largest gap of a
-fingertip and the largest lack of clearance have a price.
+Sastry 1986, equation 3.4-3). Links are samples of their shapes, in pairs the shapes themselves; the largest gap of
+a fingertip and the largest lack of clearance have a price.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.spatial import cross
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
-from nlpgrasp.hands.urdf_hand import POINT_CLEARANCE
 from nlpgrasp.optimize.hand_shapes import HandShapes
-from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits, Solids
+from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
+from nlpgrasp.optimize.solids import HasDistance
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
@@ -137,6 +137,8 @@ class RaceSteps:
     shapes : HandShapes
     grid : DistanceGrid
         Of the body.
+    solids : HasDistance
+        Body and surroundings.
     budget : ForceBudget
         One that does not depend on the contacts' frames.
     limits : RaceLimits
@@ -150,11 +152,11 @@ class RaceSteps:
     """
 
     def __init__(
-        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, budget: ForceBudget, limits: RaceLimits,
-        rng: np.random.Generator,
+        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, solids: HasDistance, budget: ForceBudget,
+        limits: RaceLimits, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.problem, self.shapes, self.grid, self._budget, self._rng = problem, shapes, grid, budget, rng
-        self.limits, self.solids = limits, Solids.around(grid, problem)
+        self.limits, self.solids = limits, solids
         self.unit = 1.0
 
     def screen(self, touch: Touch) -> FloatArray:
@@ -391,31 +393,17 @@ class RaceSteps:
         """Return derivatives, values, metres, and postures of what must not be negative and is near zero."""
         shapes, grid, solids, tips = self.shapes, self.grid, self.solids, self.shapes.tips
         # samples of links outside body and surroundings
-        which, index, x, value, slope = shapes.lowest_samples(solids, frames, reach)
+        reach_of_samples = reach + float(np.max(shapes.least))
+        which, index, x, value, slope = shapes.lowest_samples(solids, frames, reach_of_samples)
         groups = shapes.samples.groups[index]
         rows = [frames.rows(x, groups, slope, pivot, which)]
-        values, owners = [value - np.where(np.isin(groups, tips.groups), 0.0, POINT_CLEARANCE)], [which]
-        # spheres of links outside these
-        spheres = frames.points(shapes.spheres, shapes.sphere_groups)
-        near = solids.nearest(spheres[:, : len(shapes.least)]) < shapes.least + reach + grid.spacing
-        which, index = np.nonzero(near)
-        value, slope = solids.distance(spheres[which, index])
-        rows.append(frames.rows(spheres[which, index], shapes.sphere_groups[index], slope, pivot, which))
-        values.append(value - shapes.least[index])
-        owners.append(which)
-        # pairs of spheres apart
-        first, second = shapes.pairs.T
-        x, y, z = (along[:, first] - along[:, second] for along in np.ascontiguousarray(spheres.transpose(2, 0, 1)))
-        which, pair = np.nonzero(x * x + y * y + z * z < (shapes.apart + reach) ** 2)
-        n = spheres[which, first[pair]] - spheres[which, second[pair]]
-        lengths = np.linalg.norm(n, axis=1)
-        n /= np.maximum(lengths, 1e-9)[:, None]
-        ends = [
-            frames.rows(spheres[which, s], shapes.sphere_groups[s], n, pivot, which)
-            for s in (first[pair], second[pair])
-        ]
-        rows.append(ends[0] - ends[1])
-        values.append(lengths - shapes.apart[pair])
+        values, owners = [value - shapes.least[groups]], [which]
+        # parts of links apart
+        which, pairs, value, ends, n = shapes.parts.near_pairs(shapes.part_frames(frames), shapes.parts.pairs, reach)
+        groups = shapes.part_groups[shapes.parts.pairs[pairs]]
+        sides = [frames.rows(ends[:, i], groups[:, i], n, pivot, which) for i in range(2)]
+        rows.append(sides[1] - sides[0])
+        values.append(value)
         owners.append(which)
         # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
         limited = np.setdiff1d(np.flatnonzero(tips.cosines > -1.0), tips.flat)

@@ -9,10 +9,8 @@ import casadi as ca
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.scalar_constraints import (
-    CLEARANCE,
     FINGERTIP_CLEARANCE,
     Clearance,
-    LinkSphere,
     ScalarConstraint,
     SymbolicCandidate,
 )
@@ -34,8 +32,7 @@ class CandidateConstraints:
     rows : tuple of ScalarConstraint
     clearances : tuple of Clearance
     sources : tuple of tuple of int
-        Indices in ``named`` of the scalar constraints of each constraint, in order, then of the hand, then of the
-        links' clearance.
+        Indices in ``named`` of the scalar constraints of each constraint, in order, then of the hand.
     """
 
     rows: tuple[ScalarConstraint, ...]
@@ -65,9 +62,7 @@ def symbolic_candidate(
         return SymbolicCandidate(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
     named_variables = {hand_variable_name(name): symbols for name, symbols in variables.items()}
-    return SymbolicCandidate(
-        positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, named_variables
-    )
+    return SymbolicCandidate(positions, normals, hand.tip_radii, size, (), palm, closing, named_variables)
 
 
 def expression_data(constraint: PlacementConstraint, body: Body, hand: Hand | None, contacts: int) -> Json:
@@ -99,7 +94,7 @@ def build_candidate_constraints(
     normals: Sequence[Expression],
     variables: dict[str, Expression],
 ) -> CandidateConstraints:
-    """Return all scalar constraints of a problem, from its constraints, its hand and link clearances.
+    """Return all scalar constraints of a problem, from its constraints and its hand.
 
     Parameters
     ----------
@@ -113,8 +108,8 @@ def build_candidate_constraints(
     """
     placement = symbolic_candidate(hand, positions, normals, variables, body.size)
     symbolic = symbolic_constraints(body, constraints, hand, placement, variables)
-    has_clearance = bool(placement.spheres)  # spheres cover the hand's links
-    return collect_constraints(symbolic, has_clearance)
+    has_pose = hand is not None and not hand.follows_contacts
+    return collect_constraints(symbolic, eliminate=has_pose)
 
 
 def symbolic_constraints(
@@ -124,11 +119,10 @@ def symbolic_constraints(
     placement: SymbolicCandidate,
     variables: dict[str, Expression],
 ) -> list[Sequence[ScalarConstraint | Clearance]]:
-    """Return the scalar constraints by source: each constraint, the hand, the link clearances."""
+    """Return the scalar constraints by source: each constraint, then the hand."""
     sources = [c.rows(placement) for c in constraints]
     if hand is not None:
         sources.append([*hand.rows(placement, variables), *_tip_clearances(body, hand, placement)])
-        sources.append([_link_clearance(body, sphere) for sphere in placement.spheres])
     return sources
 
 
@@ -171,13 +165,6 @@ def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> lis
         for i, (tip, r) in fingertips
         if r > 0.0
     ]
-
-
-def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:
-    """Return the clearance of a link's collision sphere from the body."""
-    lower, fingers = sphere.radius + sphere.clearance, () if sphere.finger is None else (sphere.finger,)
-    distance = body.distance_function
-    return Clearance(CLEARANCE, distance, sphere.centre, lower, body.size, fingers=fingers, link=sphere.link)
 
 
 def _eliminate_subexpressions(constraints: list[ScalarConstraint], clearances: list[Clearance]) -> CandidateConstraints:
