@@ -22,9 +22,11 @@ from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray, replace_unchecked
 from nlpgrasp.constraints import BoxRegion, Constraint, HalfSpace, PlacementConstraint
 from nlpgrasp.hands import Hand, URDFHand
+from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import LocalOptimum, find_local_optimum
+from nlpgrasp.optimize.link_rows import LinkRows
 from nlpgrasp.optimize.projection import fix_to_triangles
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.problem.candidate_constraints import collect_constraints, symbolic_candidate, symbolic_constraints
@@ -52,7 +54,10 @@ def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadlin
     """
     optimum = best.optimum
     if optimum is None and best.kkt is None:
-        optimum = find_local_optimum(*fix_to_triangles(compiled, best.on_body.candidate), deadline)
+        on_faces, candidate = fix_to_triangles(compiled, best.on_body.candidate)
+        rows = compiled.link_rows_near(candidate)
+        on_faces = on_faces if rows is None else on_faces.with_link_rows(rows)
+        optimum = find_local_optimum(on_faces, candidate, deadline)
     mu_upper = best.record.mu.upper
     if optimum is None or not optimum.kkt.is_small or abs(optimum.value - mu_upper) > VALUE_TOLERANCE * mu_upper:
         return ()
@@ -75,6 +80,9 @@ def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit)
             return None  # constraints come or go with the limit: it is at a threshold, where it has no price
         active = np.abs(optimum.prices) > 0.0
         gain = float(np.sum(optimum.prices[active] * (slacks[0] - slacks[1])[active])) / (2.0 * h)
+        if optimum.link_rows is not None and np.any(optimum.link_prices):
+            links = [_link_clearances(optimum.link_rows, optimum, changed) for changed in (increased, decreased)]
+            gain += float(optimum.link_prices[: len(links[0])] @ (links[1] - links[0])) / (2.0 * h)
     if limit.touches_contacts:
         ratios = (_support_ratios(compiled, optimum, increased) - _support_ratios(compiled, optimum, decreased)) / (
             2.0 * h
@@ -184,6 +192,15 @@ def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem:
         for constraint, price in zip(constraints.named, optimum.prices, strict=True)
     ]
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
+
+
+def _link_clearances(rows: LinkRows, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
+    """Return the clearances of links that the program held, metres, for a changed problem at the optimum."""
+    values, hand = optimum.candidate.hand, problem.hand
+    if not isinstance(hand, URDFHand):
+        return np.zeros(0)
+    changed = replace(rows, clearance=HandClearance(problem, hand, rows.clearance.parts))
+    return np.asarray(changed.rows(values)[0][rows.held(rows.rows(values)[0])])
 
 
 def _support_ratios(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:

@@ -265,9 +265,12 @@ class URDFHand(LinkedHand):
 
         A little more than the stated clearance, as points of the surface stand for it.
         """
+        return 0.0 if self.has_fingertip(link) else max(POINT_CLEARANCE, self.clearance + 2e-4)
+
+    def has_fingertip(self, link: str) -> bool:
+        """Return whether a fingertip is on a link or on one that is fixed to it."""
         groups = self.robot.rigid_groups
-        has_tip = groups[link] in {groups[tip] for tip, _ in self.tips}
-        return 0.0 if has_tip else max(POINT_CLEARANCE, self.clearance + 2e-4)
+        return groups[link] in {groups[tip] for tip, _ in self.tips}
 
     def to_dict(self) -> Json:
         """Return source, fingerprints, fingertips and limits as JSON data."""

@@ -119,6 +119,15 @@ class HandClearance:
             is_due[np.arange(len(result)), np.argmin(result, axis=1)] = True
         return np.asarray(result)
 
+    def link_distances(self, number: int, values: Values, most: float = 0.05) -> dict[str, float]:
+        """Return the distance of each link from a field's solid, metres, up to the most that is told apart."""
+        frames, all_parts, result = self.parts.frames(values), np.arange(len(self.parts.parts)), dict[str, float]()
+        if len(all_parts):
+            measured = self._measured(number, all_parts, frames, most) + self.fields[number].clearance
+            for part, distance in zip(self.parts.parts, measured.tolist(), strict=True):
+                result[part.link] = min(result.get(part.link, most), distance)
+        return result
+
     def rows(self, values: Values, reach: float = 0.01) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the clearances below a reach, metres: indices (r,), values (r,), derivatives by the twist (r, 6 + m).
 

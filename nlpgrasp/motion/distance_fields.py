@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import casadi as ca
@@ -30,6 +30,8 @@ class DistanceField:
         Unique among the fields of a problem.
     solid : str
         The body, the table, or an obstacle by its name.
+    clearance : float
+        Metres that it is required to be away.
     distance : callable
         Maps points (m, space) to distances (m,), metres, which outside never exceed the true ones. A ball of radius r
         about a point is collision-free if the distance is at least r.
@@ -37,11 +39,12 @@ class DistanceField:
 
     name: str
     solid: str
+    clearance: float
     distance: Distance
 
     def with_room(self, room: float) -> DistanceField:
         """Return the distance field increased by a length, metres, as if the solid were farther away."""
-        return DistanceField(self.name, self.solid, lambda points: self.distance(points) + room)
+        return replace(self, distance=lambda points: self.distance(points) + room)
 
 
 def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint], contacts: int) -> list[DistanceField]:
@@ -51,7 +54,7 @@ def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint]
     distances of the centre; a ball of radius r satisfies them where they are at least r. Constraints that do not
     involve links, such as ``Spread``, apply to grasps only, not to the hand's motion.
     """
-    fields = [DistanceField(BODY, BODY, body.signed_distance)]
+    fields = [DistanceField(BODY, BODY, 0.0, body.signed_distance)]
     counter = count(1)
     for constraint in constraints:
         distances = list(_probe_distances(constraint, contacts, body))
@@ -59,7 +62,8 @@ def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint]
             kind, index = constraint.kind, next(counter)
             label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
             name = f"{label} {index}" if label in {f.name for f in fields} else str(label)
-            fields.append(DistanceField(name, TABLE if kind == Table.kind else str(label), _minimum(distances)))
+            solid, clearance = TABLE if kind == Table.kind else str(label), float(getattr(constraint, "clearance", 0.0))
+            fields.append(DistanceField(name, solid, clearance, _minimum(distances)))
     return fields
 
 

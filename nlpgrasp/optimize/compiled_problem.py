@@ -11,6 +11,7 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.motion.clearance import HandClearance
 from nlpgrasp.motion.link_parts import LinkParts
 from nlpgrasp.motion.penetration import PenetrationModel
@@ -27,7 +28,7 @@ from nlpgrasp.optimize.compiled_programs import (
 )
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.hand_shapes import HandShapes
-from nlpgrasp.optimize.link_rows import LinkRows
+from nlpgrasp.optimize.link_rows import LinkPoint, LinkRows
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.solids import HasDistance, Solids
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
@@ -184,6 +185,23 @@ class CompiledProblem:
         result = self._share_with(CompiledProblem(self.problem, self.options))
         result.cutting_planes, result._link_rows = self.cutting_planes, rows
         return result
+
+    def link_rows_near(self, candidate: GraspCandidate, reach: float = 4e-3) -> LinkRows | None:
+        """Return the clearances of a candidate's links that exceed those required by less than a reach, metres."""
+        if self.link_rows is None:
+            return None
+        model, shapes, parts = self.link_rows.clearance, self.hand_shapes, self.link_rows.clearance.parts
+        frames = shapes.links.frames(HandState.of_values(candidate.hand, model.hand.tree))
+        _, index, x, *_ = shapes.lowest_samples(self.solids, frames, reach + float(np.max(shapes.least)))
+        required = shapes.least[shapes.samples.groups[index]]
+        points = [
+            LinkPoint(link, (at[0], at[1], at[2]), number)
+            for number, field in enumerate(model.fields)
+            for link, local in shapes.points_by_link(index[field.distance(x) < required + reach]).items()
+            for at in local.tolist()
+        ]
+        pairs = parts.near_pairs(parts.frames(candidate.hand)[None], model.pairs, reach)[1]
+        return LinkRows(model, tuple(points), tuple(pairs.tolist()))
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Share constraint functions and surface samples with another compiled problem, and return the other."""

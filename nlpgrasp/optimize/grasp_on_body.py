@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.scalar_constraints import EDGE_MARGIN, FINGERTIP_CLEARANCE, Label
+from nlpgrasp.common.scalar_constraints import CLEARANCE, EDGE_MARGIN, FINGERTIP_CLEARANCE, Label
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
@@ -34,11 +34,12 @@ class GraspOnBody:
     values : (rows,) array
         Values of the constraints, in their own units; distances from a mesh are from the mesh itself.
     violation : float
-        Largest violation of these, relative to their scales, and of the per-contact ones, over the body's size.
+        Largest violation of these, relative to their scales, and of the lengths, over the body's size.
     surface : SurfaceMatch or None
         Differences from the smoothed surface, for meshes.
-    per_contact : tuple of LimitedLength
-        Constraints of single contacts: margin from sharp edges, and on a mesh clearance of the fingertip.
+    lengths : tuple of LimitedLength
+        Constraints of single contacts: margin from sharp edges, and on a mesh clearance of the fingertip; and those of
+        links: their clearances where some are required.
     """
 
     candidate: GraspCandidate
@@ -46,7 +47,7 @@ class GraspOnBody:
     values: FloatArray
     violation: float
     surface: SurfaceMatch | None = None
-    per_contact: tuple[LimitedLength, ...] = ()
+    lengths: tuple[LimitedLength, ...] = ()
 
     @classmethod
     def of(
@@ -54,7 +55,10 @@ class GraspOnBody:
     ) -> GraspOnBody:
         """Return a grasp with its constraint values and largest violation."""
         values = compiled.constraint_values_at(candidate, grasp.normals)
-        limits = tuple(contact_constraints(compiled.problem, candidate, grasp.normals))
+        limits = (
+            *contact_constraints(compiled.problem, candidate, grasp.normals),
+            *_link_clearances(compiled, candidate),
+        )
         excess = max((limit.lower - limit.value for limit in limits), default=0.0) / compiled.problem.body.size
         violation = max(float(compiled.rows.largest_violations(values[None])[0]), excess)
         return cls(candidate, grasp, values, violation, surface, limits)
@@ -80,7 +84,7 @@ def constraint_reports(
         price = float(multiplier) / (compiled.scaling.beta * constraint.scale) if active else 0.0
         name, kind, bounds = constraint.name, constraint.kind, (constraint.lower, constraint.upper)
         reports.append(ConstraintReport(name, float(value), *bounds, price, active, kind, constraint.fingers))
-    for limit in on_body.per_contact:  # their multipliers are computed with the shadow prices
+    for limit in on_body.lengths:  # their multipliers are computed with the shadow prices
         label, bounds = limit.label, (limit.lower, np.inf)
         active = bool(limit.value - limit.lower <= ACTIVE * compiled.problem.body.size)
         reports.append(ConstraintReport(label.name, limit.value, *bounds, 0.0, active, label.kind, label.fingers))
@@ -147,6 +151,23 @@ def contact_constraints(
                 yield LimitedLength(
                     Label(FINGERTIP_CLEARANCE, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius
                 )
+
+
+def _link_clearances(compiled: CompiledProblem, candidate: GraspCandidate) -> Iterator[LimitedLength]:
+    """Yield the distance of each link from what it has to keep a clearance from, by its shapes, up to 50 mm.
+
+    From the body, for links that are not rigidly connected to a fingertip, and from tables and obstacles.
+    """
+    model = compiled.collision_model
+    if model is None:
+        return
+    hand, kinds = model.hand, [CLEARANCE, *(field.solid for field in model.fields[1:])]
+    required = [hand.clearance, *(field.clearance for field in model.fields[1:])]
+    for number, (kind, least) in enumerate(zip(kinds, required, strict=True)):
+        if least > 0.0:
+            for link, distance in model.link_distances(number, candidate.hand).items():
+                if number or not hand.has_fingertip(link):
+                    yield LimitedLength(Label(kind, link=link), distance, least)
 
 
 def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.scalar_constraints import CLEARANCE
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult, Program
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
@@ -24,6 +25,7 @@ from nlpgrasp.optimize.cutting_planes import (
     nearest_to_binding,
     weakest_directions_of,
 )
+from nlpgrasp.optimize.link_rows import LinkRows
 from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance, evaluate_candidate, go_on
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
@@ -54,6 +56,10 @@ class LocalOptimum:
         Shadow prices ``d mu / d limit`` of the constraints, in their own units.
     bounds : dict
         ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
+    link_prices : (rows,) array
+        Likewise of the clearances of links that the program holds, a metre.
+    link_rows : LinkRows or None
+        These clearances; None for hands without links.
     kkt : KKT
         Residuals of the program along the cuts.
     effort : SolverEffort
@@ -66,6 +72,8 @@ class LocalOptimum:
     weights: FloatArray
     prices: FloatArray
     bounds: dict[str, FloatArray]
+    link_prices: FloatArray
+    link_rows: LinkRows | None
     kkt: KKT
     effort: SolverEffort
 
@@ -215,11 +223,12 @@ def _normalised_weights(multipliers: FloatArray) -> FloatArray:
 
 def _shadow_prices(
     compiled: CompiledProblem, program: Program, multipliers: FloatArray, bound_multipliers: FloatArray
-) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return the shadow prices of constraints and of the hand's bounds, in their own units."""
+) -> tuple[FloatArray, dict[str, FloatArray], FloatArray, LinkRows | None]:
+    """Return the shadow prices of constraints, of the hand's bounds and of clearances of links, in their own units."""
     scale, scales = compiled.scaling.beta, np.array([constraint.scale for constraint in compiled.rows.named])
     bounds = {name: bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks}
-    return multipliers[program.placement] / (scale * scales), bounds
+    links = multipliers[program.constraint_indices(CLEARANCE)] / (scale * compiled.problem.body.size)
+    return multipliers[program.placement] / (scale * scales), bounds, links, compiled.link_rows
 
 
 def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:

@@ -13,7 +13,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.spatial import cross_matrix
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.clearance import HandClearance
 
@@ -67,7 +67,7 @@ class LinkRows:
         """
         slopes, offsets = np.zeros((ROWS, 7 + self.clearance.hand.tree.joint_limits.shape[1])), np.ones(ROWS)
         value, by_twist = self.rows(values)
-        chosen = np.argsort(value, kind="stable")[:ROWS]
+        chosen = self.held(value)
         w, v = values["palm_quaternion"][0], values["palm_quaternion"][1:]
         # the turn of a change of the quaternion: twice the vector part of its product with the inverse
         turn = 2.0 * np.column_stack([-v, w * np.eye(3) + cross_matrix(v)])
@@ -77,6 +77,10 @@ class LinkRows:
         q = np.concatenate([values["palm_position"], values["palm_quaternion"], values["joints"]])
         offsets[: len(chosen)] = value[chosen] - slopes[: len(chosen)] @ q
         return np.concatenate([slopes.T.ravel(), offsets])
+
+    def held(self, clearances: FloatArray) -> IntArray:
+        """Return which of all clearances (r,) the program holds, in its order: the ``ROWS`` least ones."""
+        return np.argsort(clearances, kind="stable")[:ROWS]
 
     def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
         """Return the clearances (r,), metres, less those required, and their derivatives by the twist (r, 6 + m).
@@ -104,7 +108,8 @@ class LinkRows:
                 distance = model.body.clearance if is_mesh and isinstance(model.body, Mesh) else field.distance
                 step = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
                 ahead, behind = distance((x + step[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
-                result.append(distance(x) - [hand.least_clearance(name) for name in names])
+                beyond = 2e-4 if number else 0.0  # as points of the surface stand for it
+                result.append(distance(x) - [max(hand.least_clearance(name), beyond) for name in names])
                 slopes.append(by_twist(x, names, (ahead - behind).T / 2e-6))
         if self.pairs:
             pairs = model.pairs[list(self.pairs)]

@@ -93,7 +93,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         unsettled += not optimum.kkt.is_small
         if deadline.should_stop() or unsettled == MOST_UNSETTLED or result.solved:
             break
-        if not any(limit.value < limit.lower for limit in result.on_body.per_contact):
+        if not any(limit.value < limit.lower for limit in result.on_body.lengths):
             break
         if optimum.kkt.is_small:
             initial = replace(initial, points=optimum.candidate.points, hand=optimum.candidate.hand)

@@ -17,7 +17,6 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import BoolArray, FloatArray
-from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import exchange_fingers
@@ -269,7 +268,7 @@ class _PolishProgram:
             on_faces=on_faces,
             candidate=candidate,
             edge_points=(candidate.points,),
-            rows=_rows_near(self.compiled, candidate) if self.compiled.options.rounds else self.compiled.link_rows,
+            rows=self.compiled.link_rows_near(candidate) if self.compiled.options.rounds else self.compiled.link_rows,
         )
 
     def _with_own_faces(self, candidate: GraspCandidate) -> _PolishProgram:
@@ -367,12 +366,12 @@ class _PolishProgram:
         if self.prices_margins and optimum is not None:
             costly = self._costly_margins(optimum)
             changes = {"prices_margins": False, "keeps_margin": self.keeps_margin & ~costly} if np.any(costly) else {}
-        if any(limit.value < limit.lower for limit in on_body.per_contact) and self.on_faces is not compiled:
+        if any(limit.value < limit.lower for limit in on_body.lengths) and self.on_faces is not compiled:
             changes["edge_points"] = (*self.edge_points, self.candidate.points)
             changes["on_faces"], _ = fix_to_triangles(compiled, self.candidate, changes["edge_points"])
         if self.rows is not None and (penetrations or not on_body.is_feasible):
             inside = [point for p in penetrations if not p.other_link for point in self._points_inside(p)[:ADDED]]
-            near = _rows_near(compiled, on_body.candidate)
+            near = compiled.link_rows_near(on_body.candidate)
             rows = self.rows if near is None else self.rows.with_more((*inside, *near.points), near.pairs)
             if rows != self.rows:
                 changes["rows"] = rows
@@ -461,22 +460,3 @@ def _places_of_like_normals(
             angles = np.arccos(np.clip(cloud.normals[near] @ normals[i], -1.0, 1.0))
             result[i] = cloud.points[near[np.argmin(angles + weight * distances / radius)]]
     return result
-
-
-def _rows_near(compiled: CompiledProblem, candidate: GraspCandidate, reach: float = 4e-3) -> LinkRows | None:
-    """Return the clearances of a candidate's links that exceed what is required by less than a reach, metres."""
-    rows = compiled.link_rows
-    if rows is None:
-        return None
-    model, shapes, parts = rows.clearance, compiled.hand_shapes, rows.clearance.parts
-    frames = shapes.links.frames(HandState.of_values(candidate.hand, model.hand.tree))
-    _, index, x, *_ = shapes.lowest_samples(compiled.solids, frames, reach + float(np.max(shapes.least)))
-    required = shapes.least[shapes.samples.groups[index]]
-    points = [
-        LinkPoint(link, (at[0], at[1], at[2]), number)
-        for number, field in enumerate(model.fields)
-        for link, local in shapes.points_by_link(index[field.distance(x) < required + reach]).items()
-        for at in local.tolist()
-    ]
-    pairs = parts.near_pairs(parts.frames(candidate.hand)[None], model.pairs, reach)[1]
-    return replace(rows, points=tuple(points), pairs=tuple(pairs.tolist()))
