@@ -8,7 +8,6 @@ import nlpgrasp as ng
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
     ON_FINGERTIP,
-    TIPS_APART,
     Clearance,
     Label,
     LinkSphere,
@@ -115,13 +114,7 @@ def test_a_hand_with_links():
     k = hand.count
     p, n = ([ca.SX.sym(name, 3) for _ in range(k)] for name in "pn")
     rows = build_candidate_constraints(box, [], hand, p, n, hand.symbols(box.bounds)).named
-    kinds = {row.kind for row in rows}
-    assert kinds == {"palm quaternion of unit length", ON_FINGERTIP, "self-collision", CLEARANCE, TIPS_APART}
-    tips = [r.name for r in rows if r.kind == CLEARANCE and r.fingers]
-    assert tips == [f"clearance from the body, {link}, finger {i}" for i, (link, _) in enumerate(hand.tips)]
-    pair = next(pair for pair in hand.self_collision_pairs if pair.pairs)
-    first, second = (f"{link}/{i}" for link, i in zip(pair.links, pair.pairs[0], strict=True))
-    assert f"self-collision, {first} and {second}" in [r.name for r in rows]
+    assert {row.kind for row in rows} == {"palm quaternion of unit length", ON_FINGERTIP}
 
 
 def test_a_clearance_is_the_row_of_its_distance():

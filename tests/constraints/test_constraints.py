@@ -178,7 +178,7 @@ def test_jaws_leave_room_for_an_approach_across_their_closing_line(rise, allowed
 
 
 def test_table_sees_the_links_and_a_fingertip_once():
-    spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1), LinkSphere("tip", ca.SX([0, 0, 0.4]), 0.1, finger=0)]
+    spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1)]
     placement = SymbolicCandidate([ca.SX(POSITIONS[0])], [ca.SX(NORMALS[0])], [0.1], 1.0, spheres)
     rows = ng.Table(0.0).rows(placement)
     assert [r.name for r in rows] == ["table, finger 0", "table, finger/0"]

@@ -1,6 +1,7 @@
 """Grasps with robot hands: solution files checked by MuJoCo's kinematics."""
 
 import json
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -76,17 +77,18 @@ def test_links_stay_off_the_body_and_off_each_other():
     hand = four_finger_hand(clearance=0.001)
     body = BODIES["ellipsoid"]
     solution = solve_grasp(body, hand)
-    links = solution_links(FOUR, solution.hand)
-    spheres = {}
-    for link, fit in hand.fits.items():
-        centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
-        spheres[link] = centres, fit.radii
-        distance = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
-        assert np.min(distance - fit.radii) > 0.001 - 1e-6
-    for link_pair in hand.self_collision_pairs:
-        (a, r), (b, s) = (spheres[link] for link in link_pair.links)
-        for i, j in link_pair.pairs:
-            assert np.linalg.norm(a[i] - b[j]) > r[i] + s[j] - link_pair.overlap - 1e-6
+    links, shapes = solution_links(FOUR, solution.hand), hand.robot.shapes
+    surfaces = {
+        link: np.concatenate([shape.mesh.vertices for shape in of_link]) @ links[link][:3, :3].T + links[link][:3, 3]
+        for link, of_link in shapes.items()
+        if of_link
+    }
+    for link, surface in surfaces.items():
+        assert np.min(body.signed_distance(surface)) > (-2e-4 if hand.has_fingertip(link) else 0.001 - 1e-6)
+    for a, b in permutations(surfaces, 2):
+        if hand.robot.rigid_groups[a] != hand.robot.rigid_groups[b] and not hand.robot.adjacent(a, b):
+            local = (surfaces[a] - links[b][:3, 3]) @ links[b][:3, :3]
+            assert max(np.max(shape.depth(local)) for shape in shapes[b]) < 5e-4
 
 
 @pytest.mark.slow
@@ -100,10 +102,10 @@ def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
     gone = np.sum((open_points - grasp_points) * -solution.grasp.normals, axis=1)
     np.testing.assert_allclose(gone, 0.01, atol=1e-5)
     links = solution_links(FOUR, opened)
-    for link, fit in hand.fits.items():
-        centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
-        distance = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
-        assert np.min(distance - fit.radii) > -1e-6
+    for link, shapes in hand.robot.shapes.items():
+        for shape in shapes:
+            surface = shape.mesh.vertices @ links[link][:3, :3].T + links[link][:3, 3]
+            assert np.min(body.signed_distance(surface)) > -1e-6
     lower, upper = hand.tree.joint_limits
     joints = np.array([opened["joint_positions"][j.name] for j in hand.robot.free_joints])
     assert np.all(joints >= lower - 1e-9)

@@ -5,10 +5,10 @@ import re
 import casadi as ca
 import numpy as np
 import pytest
+from nlpgrasp.hands.link_spheres import fit_spheres
 
 import nlpgrasp as ng
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.link_spheres import fit_spheres
 from tests.hands.urdf import (
     FOUR,
     GRIPPER,

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from nlpgrasp.hands.self_collision import HULL_DEPTH, ShapeHull, find_colliding_pairs, hull_penetration
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.self_collision import HULL_DEPTH, ShapeHull, find_colliding_pairs, hull_penetration
 from tests.hands.urdf import four_finger_hand
 
 BOX = np.array([0.02, 0.03, 0.05])

@@ -175,7 +175,6 @@ def test_torque_limits_by_name_by_number_and_from_the_file():
     [
         ({"approach": [0, 0, 0]}, "URDFHand.approach"),
         ({"clearance": -1.0}, "URDFHand.clearance"),
-        ({"spheres_per_link": 0}, "URDFHand.spheres_per_link"),
     ],
 )
 def test_bad_options(options, match):
@@ -208,13 +207,6 @@ def test_scale_zero(tmp_path):
     trimesh.creation.icosphere().export(tmp_path / "a.stl")
     with pytest.raises(ng.InputError, match=r"scale .* expected a scale that is not zero"):
         load(tmp_path, text)
-
-
-def test_flat_mesh_has_spheres(tmp_path):
-    flat = trimesh.Trimesh([[0, 0, 0], [20, 0, 0], [0, 10, 0]], [[0, 1, 2]])
-    flat.export(tmp_path / "a.stl")
-    hand = load(tmp_path, FOUR.read_text().replace(SPHERE, MESH.format("a.stl"), 1))
-    assert np.max(hand.fits["index_knuckle"].radii) < 0.02
 
 
 def test_planar_body():

@@ -1,4 +1,4 @@
-"""Grasps whose links stay outside the body where their collision spheres do not cover them."""
+"""Grasps whose links stay outside the body: fingers of thick cubes."""
 
 from types import SimpleNamespace
 
@@ -9,9 +9,6 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.optimize import start
-from nlpgrasp.optimize.candidate import GraspCandidate
-from nlpgrasp.optimize.compiled_problem import CompiledProblem, LinkPoint, pack_variables
-from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
 from nlpgrasp.optimize.initial_nlp import ScoredCandidate
 from tests.hands.urdf import THREE, THREE_TIPS
 from tests.once import solve_once
@@ -23,41 +20,21 @@ pytestmark = pytest.mark.filterwarnings("ignore:link .* is thicker than its fing
 
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory):
-    """A hand whose fingers are cubes of 50 mm, each with a single small sphere."""
+    """A hand whose fingers are cubes of 50 mm."""
     path = tmp_path_factory.mktemp("cubes") / "cubes.urdf"
     path.write_text(
         THREE.read_text().replace('<cylinder radius="0.01" length="0.06"/>', '<box size="0.05 0.05 0.05"/>')
     )
-    hand = ng.URDFHand.load(path, THREE_TIPS, spheres_per_link=1)
+    hand = ng.URDFHand.load(path, THREE_TIPS)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[0.5 * BOX.size] * 3])
     return ng.GraspProblem(BOX, ng.FrictionContact(0.7), task, hand=hand, name="cubes")
 
 
 def test_links_are_kept_off_the_body(problem):
-    """Whose spheres do not cover them."""
     freed = ng.solve(problem, 1, options=QUICK, seed=1)
     assert freed.status is ng.Status.SOLVED
     assert freed.link_depth.depth <= 1e-4
     assert ng.verify(freed).passed
-
-
-def test_one_program_serves_all_points_of_links(problem):
-    compiled = CompiledProblem(problem, QUICK)
-    link, points = problem.hand.shaped_links[0], np.random.default_rng(0).uniform(-0.01, 0.01, (3, 3))
-    kept = compiled.with_link_points([LinkPoint(link, point, 0.002) for point in points])
-    functions = kept.cutting_planes.functions
-    assert functions._linearised is compiled.cutting_planes.functions._linearised
-    program = functions.program
-    candidate = next(postures(problem.hand, 1))
-    body_points = GraspCandidate(BOX.face_names[:1] * 3, np.tile([0.0, 0.0, 0.025], (3, 1)), candidate)
-    z, theta = pack_variables(kept, program, body_points), parameters_without_cuts(kept, body_points)
-    distances = functions.linearise(z, theta)[0][program.link_points][:3] * BOX.size
-    pose = problem.hand.tree.body_poses(candidate)[link]
-    expected = BOX.signed_distance(points @ pose[:3, :3].T + pose[:3, 3])
-    np.testing.assert_allclose(distances, expected, atol=1e-4)
-    lower = program.limits[0][program.link_points] * BOX.size
-    np.testing.assert_allclose(lower[:3], 0.002)
-    assert np.all(np.isinf(lower[3:]))
 
 
 @pytest.mark.slow
