@@ -166,7 +166,7 @@ class PenetrationModel:
         part, points = self.parts.parts[index], self.parts.points(index, frame)
         if part.radius > 0.0:  # towards the obstacle
             points = points + part.radius * directions_around(np.eye(3)[2], 400)
-        if obstacle.name == BODY and isinstance(self._body, Mesh):
+        if obstacle.name == BODY:
             grid = distance_grid(self._body)
             coarse = grid.nearest(points)
             points = points[coarse < min(float(np.min(coarse)) + 2.0 * grid.spacing, grid.spacing)]

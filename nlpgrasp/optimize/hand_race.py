@@ -128,11 +128,13 @@ def _best(steps: RaceSteps, racers: list[Racer], price: float, least: float = 4e
         is_held = not steps.is_one_sided or can_press(steps.grasp(racer))
         return racer.merit(price) - (0.0 if is_held else 0.5 * racer.mu)
 
-    chosen = list[Racer]()
-    for racer in sorted(racers, key=rank, reverse=True):
-        if all(np.max(np.linalg.norm(racer.points - other.points, axis=1)) > least for other in chosen):
-            chosen.append(racer)
-    return chosen
+    ordered, chosen = sorted(racers, key=rank, reverse=True), list[int]()
+    points = np.stack([racer.points for racer in ordered])
+    for i in range(len(ordered)):
+        squares = np.sum((points[chosen] - points[i]) ** 2, axis=2)
+        if np.all(np.max(squares, axis=1) > least**2):
+            chosen.append(i)
+    return [ordered[i] for i in chosen]
 
 
 def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
