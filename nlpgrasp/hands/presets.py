@@ -22,7 +22,7 @@ from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_links
 from nlpgrasp.hands.suggested_tips import fits_shapes, tip_from_shapes
 from nlpgrasp.hands.tips import CapsuleTip, FlatTip, SphereTip, Tip
-from nlpgrasp.hands.urdf_hand import SPHERES, URDFHand
+from nlpgrasp.hands.urdf_hand import URDFHand
 
 CLEARANCE = 2e-3  # metres between links and body, for the positioning error of an arm
 QUARTER = np.pi / 2.0  # radians, a quarter turn
@@ -238,7 +238,6 @@ class Options(TypedDict, total=False):
     palm: str
     torque_limits: Mapping[str, float] | float
     clearance: float
-    spheres_per_link: int
     self_collision: bool
     tip_overhang: float
     scale: float
@@ -616,7 +615,6 @@ class _PresetReader:
             options.get("torque_limits", effort_limits(robot, self.preset.limits)),
             approach=self.preset.approach,
             clearance=options.get("clearance", CLEARANCE),
-            spheres_per_link=options.get("spheres_per_link", SPHERES),
             self_collision=options.get("self_collision", True),
             tip_overhang=options.get("tip_overhang"),
         )
