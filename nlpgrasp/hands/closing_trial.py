@@ -6,7 +6,6 @@ left out. Constraints are solved by damped least squares from several postures s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.fitted_tips import supporting_points
 from nlpgrasp.hands.kinematics import LinkTree
-from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.opposition import mean_alignment
 from nlpgrasp.hands.tips import HullTip, SymbolicTouch, Tip, dome
 
@@ -35,6 +34,8 @@ LESS_DAMPING, MORE_DAMPING = 0.3, 5.0  # factors on the damping after a better a
 LENGTH = 0.01  # metres: unit of lengths in the residuals
 CORNERS, ROUNDING, SIDES = 12, 3e-4, 24  # of a hull in the trial: corners at most, metres, sides of the sampled patch
 TOLERANCE = 0.05  # largest residual of a body that is closed on: 0.5 mm, and 0.05 of numbers
+SPACING = 0.015  # metres, at least, of the inscribed balls of a shape
+OUTER_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if np.count_nonzero(d) in (1, 3)])
 SOFT = 0.02  # weight of the contacts' distances along the faces from their mean
 FRICTION, EDGES = 0.7, 8  # of the contacts, and edges of their friction cones
 BALANCED = 0.02  # largest remainder of balanced forces, as a share of their normal forces (torques about 50 mm)
@@ -67,15 +68,14 @@ class ClosingWidths:
         return " and ".join(f"{kind} of {_format_runs(widths)}" for kind, widths in parts.items() if widths)
 
 
-def closing_widths(tree: LinkTree, fits: Mapping[str, SphereFit]) -> ClosingWidths:
+def closing_widths(tree: LinkTree) -> ClosingWidths:
     """Return the widths of cylinders and boxes that all fingertips can touch without the links penetrating.
 
     Parameters
     ----------
     tree : LinkTree
-        With two to ``MOST_TIPS`` fingertips; no width is found for other numbers.
-    fits : mapping of str to SphereFit
-        Spheres of the links; those fixed to a fingertip's are left out.
+        With two to ``MOST_TIPS`` fingertips; no width is found for other numbers. Links fixed to a fingertip's are not
+        tested.
     """
     if not 2 <= len(tree.tips) <= MOST_TIPS:
         return ClosingWidths((), ())
@@ -83,7 +83,7 @@ def closing_widths(tree: LinkTree, fits: Mapping[str, SphereFit]) -> ClosingWidt
     tips, splits = tree.palm_tips(joints), _side_assignments(tree, joints)
     tree = LinkTree(tree.robot, [(link, _coarsened(tip)) for link, tip in tree.tips], tree.approach)
     postures = _Postures(joints, tips, splits)
-    cylinder, box = (_Trial(tree, fits, kind).closing_widths(postures) for kind in ("cylinder", "box"))
+    cylinder, box = (_Trial(tree, kind).closing_widths(postures) for kind in ("cylinder", "box"))
     return ClosingWidths(cylinder, box)
 
 
@@ -112,11 +112,10 @@ class _Trial:
     Parameters
     ----------
     tree : LinkTree
-    fits : mapping of str to SphereFit
     kind : {"cylinder", "box"}
     """
 
-    def __init__(self, tree: LinkTree, fits: Mapping[str, SphereFit], kind: str) -> None:
+    def __init__(self, tree: LinkTree, kind: str) -> None:
         self.tree, self.kind = tree, kind
         count = len(tree.tips)
         lower, upper = tree.joint_limits
@@ -128,7 +127,7 @@ class _Trial:
         self.upper = np.concatenate([free, upper, np.ones(len(slides)), np.full(2 * count, np.inf)])
         self.scale = np.concatenate([np.full(3, LENGTH), np.ones(4 + len(lower) + len(slides)), np.ones(2 * count)])
         x, width, sides = ca.SX.sym("x", sum(self.sizes)), ca.SX.sym("width"), ca.SX.sym("sides", count)
-        residuals = self._residuals(fits, x, width, sides)
+        residuals = self._residuals(x, width, sides)
         self.hard = residuals.shape[0] - 2 * count
         outputs = [residuals, ca.jacobian(residuals, x)]
         self.function = ca.Function("trial", [x, width, sides], outputs).map(STARTS)
@@ -238,10 +237,8 @@ class _Trial:
             places[:, 0] = np.where(side > 0.0, 0.0, np.pi)
         return np.concatenate([-body.T @ middle, quaternion, postures.joints[posture], self.slides, places.ravel()])
 
-    def _residuals(
-        self, fits: Mapping[str, SphereFit], x: Expression, width: Expression, sides: Expression
-    ) -> Expression:
-        """Return the residuals: contacts on the fingertips and within the faces, link spheres outside the body.
+    def _residuals(self, x: Expression, width: Expression, sides: Expression) -> Expression:
+        """Return the residuals: contacts on the fingertips and within the faces, links outside the body.
 
         The last two for each contact, of little weight, draw the contacts towards each other's heights.
         """
@@ -263,12 +260,13 @@ class _Trial:
             residuals += [row.expression / LENGTH for row in self.tree.linkages.rows(variables["joints"])]
         groups = self.tree.robot.rigid_groups
         touching = {groups[link] for link, _ in self.tree.tips}
-        for link, fit in fits.items():
-            if groups[link] not in touching:
-                for centre, radius in zip(fit.centres, fit.radii, strict=True):
-                    position = poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(centre))
-                    depth = float(radius) - self._distance(position, width)
-                    residuals.append(ca.fmax(depth, 0.0) / LENGTH)
+        for link, shapes in self.tree.robot.shapes.items():
+            for shape in shapes if groups[link] not in touching else ():
+                deepest = ca.SX(0)
+                for point, radius in zip(*_inscribed_balls(shape), strict=True):
+                    position = poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(point))
+                    deepest = ca.fmax(deepest, float(radius) - self._distance(position, width))
+                residuals.append(deepest / LENGTH)
         heights = places[1, :] if self.kind == "cylinder" else places
         offsets = ca.reshape(heights - ca.sum2(heights) / places.shape[1], -1, 1) * (SOFT / LENGTH)
         return ca.vertcat(*residuals, offsets, ca.SX(2 * places.shape[1] - offsets.shape[0], 1))
@@ -307,6 +305,24 @@ def _is_balanced(points: FloatArray, normals: FloatArray) -> bool:
     wrenches = np.concatenate([forces, torques], axis=2).reshape(-1, 6).T
     matrix = np.vstack([wrenches, np.ones(wrenches.shape[1])])  # the normal forces add up to one
     return bool(nnls(matrix, np.array([*np.zeros(6), 1.0]))[1] <= BALANCED)
+
+
+def _inscribed_balls(shape: CollisionShape) -> tuple[FloatArray, FloatArray]:
+    """Return points (m, 3) of a shape, metres, link frame, and their depths (m,): outermost ones, and a grid inside.
+
+    The cells of the grid are as long as the shape is thin, but at least ``SPACING``.
+    """
+    if shape.centre is not None:
+        return shape.centre[None], np.array([shape.radius])
+    vertices, pose = np.asarray(shape.mesh.vertices, dtype=float), np.eye(4) if shape.pose is None else shape.pose
+    outermost = supporting_points(vertices, OUTER_DIRECTIONS @ pose[:3, :3].T, len(OUTER_DIRECTIONS))
+    low, high = (end(vertices @ pose[:3, :3], axis=0) for end in (np.min, np.max))
+    counts = np.ceil((high - low) / max(float(np.min(high - low)), SPACING) - 1e-9).astype(int)
+    axes = [low[i] + (np.arange(count) + 0.5) * (high - low)[i] / count for i, count in enumerate(counts)]
+    inner = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) @ pose[:3, :3].T
+    depths = shape.depth(inner)
+    points = np.concatenate([outermost, inner[depths > 0.0]])
+    return points, np.concatenate([np.zeros(len(outermost)), depths[depths > 0.0]])
 
 
 def _coarsened(tip: Tip) -> Tip:

@@ -132,6 +132,10 @@ class CollisionShape:
         """Return the signed depth of points (m, 3) below the surface, (m,), metres, negative outside."""
         if self.centre is not None:
             return np.asarray(self.radius - np.linalg.norm(points - self.centre, axis=1))
+        if (ends := self.ends) is not None:
+            axis, offsets = ends[1] - ends[0], points - ends[0]
+            share = np.clip(offsets @ axis / max(float(axis @ axis), 1e-30), 0.0, 1.0)
+            return np.asarray(self.radius - np.linalg.norm(offsets - share[:, None] * axis, axis=1))
         if self.kind not in ("box", "cylinder"):
             return -self._tree.signed_distance(points)
         normals, offsets = self._planes

@@ -21,7 +21,6 @@ from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.file_units import check_units, unit_questions
 from nlpgrasp.hands.finger_chains import format_as_list, format_direction, suggested_approach
 from nlpgrasp.hands.kinematics import LinkTree
-from nlpgrasp.hands.link_spheres import SphereFit, fit_hand, links_thicker_than_tips
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.opposition import TOUCH, Opposition, TipMeeting, opposition
 from nlpgrasp.hands.presets import matching_preset
@@ -33,10 +32,10 @@ from nlpgrasp.hands.suggested_tips import (
     leaf_links,
     noticeable_overhang,
     overhang,
+    thick_link_warnings,
 )
 from nlpgrasp.hands.tip_proposal import TipProposal, propose_tips
 from nlpgrasp.hands.urdf_hand import (
-    SPHERES,
     missing_mesh_warning,
     modelling_warnings,
     resolve_torque_limits,
@@ -159,11 +158,10 @@ def inspection_data(hand: Hand) -> InspectedHand:
     InputError
         For a hand without links.
     """
-    fits = getattr(hand, "fits", None) if isinstance(hand, LinkedHand) else None
-    if not isinstance(hand, LinkedHand) or fits is None:
+    if not isinstance(hand, LinkedHand):
         kind = f"{type(hand).__name__}, which has no links to draw"
         raise InputError("hand.show", kind, "a hand with links: ng.URDFHand.load or one of ng.hands")
-    return InspectedHand(hand.tree, fits, hand.torque_limits)
+    return InspectedHand(hand.tree, hand.torque_limits)
 
 
 def inspect_without_tips(
@@ -183,19 +181,17 @@ def inspect_without_tips(
     robot = read_robot(path, palm, units) if match is None else match.robot
     preset, palm = (None, palm) if match is None else (match.name, match.palm)
     tree = LinkTree(robot, (), unit_approach(approach))
-    return InspectedHand(tree, fit_hand(robot, SPHERES), resolve_torque_limits(robot, None), str(path), palm, preset)
+    return InspectedHand(tree, resolve_torque_limits(robot, None), str(path), palm, preset)
 
 
 @dataclass(frozen=True)
 class InspectedHand:
-    """Data of a hand under inspection: kinematics, collision spheres and torque limits.
+    """Data of a hand under inspection: kinematics and torque limits.
 
     Parameters
     ----------
     tree : LinkTree
         Without fingertips if none are stated.
-    fits : mapping of str to SphereFit
-        Spheres around the links.
     torque_limits : mapping of str to float
         By joint, newton-metres (newtons for sliding joints).
     file : str
@@ -207,7 +203,6 @@ class InspectedHand:
     """
 
     tree: LinkTree
-    fits: Mapping[str, SphereFit]
     torque_limits: Mapping[str, float]
     file: str = ""
     palm: str | None = None
@@ -226,7 +221,7 @@ class InspectedHand:
     @cached_property
     def proposal(self) -> TipProposal:
         """Proposed fingertips, tested on cylinders and boxes."""
-        return propose_tips(self.tree, self.fits, self.rest_posture)
+        return propose_tips(self.tree, self.rest_posture)
 
     @property
     def leaf_links(self) -> tuple[str, ...]:
@@ -302,10 +297,7 @@ def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
         result.append(
             FileWarning("No link has a collision shape: all but the fingertips may pass through the body.", grave=True)
         )
-    for link, depth in links_thicker_than_tips(hand.fits, hand.tree).items():
-        reach = format_number(1e3 * depth, 2)
-        text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {reach} mm into the body."
-        result.append(FileWarning(text))
+    result += [FileWarning(f"{_capitalised(text)}.") for text in thick_link_warnings(robot, hand.tree.tips)]
     return result
 
 

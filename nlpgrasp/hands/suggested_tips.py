@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.formatting import format_number
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.tips import CapsuleTip, FlatTip, HullTip, SphereTip, Tip
@@ -16,6 +17,7 @@ GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
 DIGITS = 4  # significant digits of a radius
 OVERHANG, MOST_OVERHANG = 1e-3, 5e-3  # metres that a fingertip reaches beyond its link: warned of, and refused
 FLAT_SHARE, ROUND_SHARE = 0.9, 0.3  # share of a flat (round) patch that has to lie on the shapes
+MOST_INSET = 6e-4  # metres: depth of such a share inside the shapes that is warned of
 BRIDGED_HOLLOW = 2e-3  # metres: depth of a hollow that a convex hull bridges which is warned of
 
 
@@ -41,24 +43,53 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     of these links has a shape. Links of a rigid group do not move against each other, so the result holds in every
     posture.
     """
-    surface = tip.surface().vertices
-    distances = [-shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
-    return max(0.0, float(np.max(np.min(distances, axis=0)))) if distances else None
+    depths = _patch_depths(tip, link, robot)
+    return max(0.0, -float(np.min(depths))) if len(depths) else None
 
 
 def fits_shapes(tip: Tip, link: str, robot: Robot) -> bool:
     """Return whether a fingertip lies on the shapes of its link, so that the finger touches where the fingertip does.
 
-    It reaches at most a millimetre beyond them, and a share of its patch is at most as far inside: the outer half of a
-    ball at the end of a finger, all of a flat pad. True for a link without shapes, also among those fixed to it.
+    It reaches at most a millimetre beyond them, and a share of its patch is at most as far inside. True for a link
+    without shapes, also among those fixed to it.
+    """
+    depths = _patch_depths(tip, link, robot)
+    return not len(depths) or bool(np.min(depths) >= -OVERHANG and _inset(tip, depths) <= OVERHANG)
+
+
+def thick_link_warnings(robot: Robot, tips: Sequence[tuple[str, Tip]]) -> list[str]:
+    """Return a warning for each link that encloses its fingertip, which then does not touch a body before the link.
+
+    Fingertips fitted to their links as hulls are as thick as these.
+    """
+    stated = [(link, tip) for link, tip in tips if not isinstance(tip, HullTip)]
+    depths = [(link, _inset(tip, _patch_depths(tip, link, robot))) for link, tip in stated]
+    largest = dict(sorted(depths, key=lambda entry: entry[1]))
+    return [
+        f"link {link} is thicker than its fingertip: beside a contact it may reach {format_number(1e3 * depth, 2)} mm "
+        "into the body"
+        for link in dict(stated)
+        if (depth := largest[link]) > MOST_INSET
+    ]
+
+
+def _patch_depths(tip: Tip, link: str, robot: Robot) -> FloatArray:
+    """Return the depths of a patch's points in the shapes of a link and those fixed to it, metres, negative outside.
+
+    Empty if none of these links has a shape.
     """
     surface = tip.surface().vertices
     depths = [shape.depth((surface - T[:3, 3]) @ T[:3, :3]) for shape, T in robot.group_shapes(link)]
-    if not depths:
-        return True
-    depth = np.max(depths, axis=0)
-    least = FLAT_SHARE if isinstance(tip, FlatTip) else ROUND_SHARE
-    return bool(np.min(depth) >= -OVERHANG and np.mean(depth <= OVERHANG) >= least)
+    return np.max(depths, axis=0) if depths else np.zeros(0)
+
+
+def _inset(tip: Tip, depths: FloatArray) -> float:
+    """Return the depth that a share of a patch's points does not exceed, metres, 0 where there are none.
+
+    The share is that of a ball's outer side, or nearly all of a flat pad.
+    """
+    share = FLAT_SHARE if isinstance(tip, FlatTip) else ROUND_SHARE
+    return float(np.quantile(depths, share, method="inverted_cdf")) if len(depths) else 0.0
 
 
 def noticeable_overhang(tip: Tip) -> float:

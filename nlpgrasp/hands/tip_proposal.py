@@ -15,7 +15,6 @@ from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.finger_chains import arm_above, common_ancestor, driving_joints
 from nlpgrasp.hands.fitted_tips import link_poses_at
 from nlpgrasp.hands.kinematics import LinkTree
-from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.opposition import mean_alignment, opposed_tips
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, suggest_tip
@@ -55,7 +54,7 @@ class TipProposal:
         """Sentences about the bodies that the fingertips close on, and about the leaf links that are left out."""
         result = []
         if self.closing is not None:
-            result.append(f"They close on {self.closing} (links as spheres, friction {FRICTION:g}).")
+            result.append(f"They close on {self.closing} (links checked at points, friction {FRICTION:g}).")
         elif len(self.tips) > MOST_TIPS:
             result.append(f"They were not tried on bodies: that is done for {MOST_TIPS} fingertips at most.")
         if self.left_out:
@@ -63,7 +62,7 @@ class TipProposal:
         return tuple(result)
 
 
-def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: FloatArray) -> TipProposal:
+def propose_tips(tree: LinkTree, rest_posture: FloatArray) -> TipProposal:
     """Return the proposed fingertips: leaf links with a shape that face other leaf links.
 
     Links that follow a fingertip in a linkage, that do not move against the palm or have tiny shapes are left out. A
@@ -73,8 +72,6 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
     ----------
     tree : LinkTree
         Without fingertips.
-    fits : mapping of str to SphereFit
-        Spheres of the links.
     rest_posture : (m,) array
         Positions of the free joints.
     """
@@ -109,17 +106,17 @@ def propose_tips(tree: LinkTree, fits: Mapping[str, SphereFit], rest_posture: Fl
         left_out |= {link: FACES_NONE for i, link in enumerate(links) if i not in opposed}
         links = [links[i] for i in opposed]
         with_tips = LinkTree(robot, [with_tips.tips[i] for i in opposed], tree.approach)
-    closing = closing_widths(with_tips, fits)
+    closing = closing_widths(with_tips)
     followers = _followers(with_tips)
     if followers:
         leaders = [tip for i, tip in enumerate(with_tips.tips) if i not in followers]
-        closing_without = closing_widths(LinkTree(robot, leaders, tree.approach), fits)
+        closing_without = closing_widths(LinkTree(robot, leaders, tree.approach))
         if len(closing_without) > len(closing):
             left_out |= {links[i]: FOLLOWS for i in followers}
             links, closing = [link for link, _ in leaders], closing_without
     if not closing and len(links) > 2:
         pair = _most_opposed_pair(with_tips)
-        closing = closing_widths(LinkTree(robot, [with_tips.tips[i] for i in pair], tree.approach), fits)
+        closing = closing_widths(LinkTree(robot, [with_tips.tips[i] for i in pair], tree.approach))
         if closing:
             left_out |= {link: CLOSES_WITH_NONE for i, link in enumerate(links) if i not in pair}
             links = [links[i] for i in pair]

@@ -162,21 +162,15 @@ def _effort_cell(joint: Joint, effort: float | None) -> str:
 
 
 def link_table(hand: InspectedHand) -> str:
-    """Return the table of links as HTML: collision shapes, and fitting errors of their spheres."""
+    """Return the table of links and their collision shapes as HTML."""
     robot = hand.tree.robot
     rows = []
     for link in robot.links:
         kinds = [shape.kind for shape in robot.shapes.get(link, ())]
         counts = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
-        fit = hand.fits.get(link)
         shapes = ", ".join(counts) or ("none, although the link is visible" if link in robot.shapeless else "none")
-        sphere_cells = ["", "", ""]
-        if fit is not None:
-            lengths = [typeset(millimetres(distance)) for distance in (fit.error, fit.uncovered)]
-            sphere_cells = [str(len(fit.radii)), *lengths]
-        rows.append([link, shapes, *sphere_cells])
-    heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it", "It sticks out of them"]
-    table = html_table("", heads, rows)
+        rows.append([link, shapes])
+    table = html_table("", ["Link", "Collision shapes"], rows)
     return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{table}</div></details>'
 
 

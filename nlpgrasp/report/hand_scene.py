@@ -34,7 +34,6 @@ GENERAL_POSTURES = ("relaxed", "zero", "lower limits", "upper limits")
 # visibility switches of the scene: group, label, initially shown
 SWITCHES = (
     ("links", "Links", True),
-    ("spheres", "Spheres", False),
     ("tips", "Fingertips", True),
     ("approach", "Palm direction", True),
     ("triad", "Palm axes", True),
@@ -104,11 +103,11 @@ def hand_scene(hand: InspectedHand, triangle_limit: int = HAND_TRIANGLES) -> Jso
     Returns
     -------
     dict
-        ``surfaces``: distinct surfaces. ``parts``: link number and surface. ``spheres``: link number, centre and radius
-        of each sphere. ``tips``: link number, name, surface, centre. ``leaves``: numbers of the links that may have a
-        fingertip, if none are stated. ``corners``: link number and corners of its shapes' bounding box, for framing.
-        ``approach``: origin and unit direction, palm frame. ``axes``: of the palm's frame. ``size``, ``dot``: of the
-        hand and of a leaf's mark. ``view``: azimuth and elevation of the camera, degrees.
+        ``surfaces``: distinct surfaces. ``parts``: link number and surface. ``tips``: link number, name, surface,
+        centre. ``leaves``: numbers of the links that may have a fingertip, if none are stated. ``corners``: link number
+        and corners of its shapes' bounding box, for framing. ``approach``: origin and unit direction, palm frame.
+        ``axes``: of the palm's frame. ``size``, ``dot``: of the hand and of a leaf's mark. ``view``: azimuth and
+        elevation of the camera, degrees.
     """
     links = hand.tree.robot.links
     index = {name: i for i, name in enumerate(links)}
@@ -124,7 +123,6 @@ def hand_scene(hand: InspectedHand, triangle_limit: int = HAND_TRIANGLES) -> Jso
     return {
         "surfaces": surfaces.data,
         "parts": parts,
-        "spheres": [{"link": index[k], "balls": _sphere_data(fit.centres, fit.radii)} for k, fit in hand.fits.items()],
         "tips": tips,
         "leaves": leaves,
         "corners": corners,
@@ -191,11 +189,6 @@ def _box_corners(vertices: FloatArray) -> list[list[float]]:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
     return [rounded_list(corner, DISPLAY_DECIMALS) for corner in corners]
-
-
-def _sphere_data(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
-    """Return centres and radii of spheres as JSON data."""
-    return [rounded_list(ball, DISPLAY_DECIMALS) for ball in np.column_stack([centres, radii])]
 
 
 def _palm_origin(hand: InspectedHand) -> list[float]:

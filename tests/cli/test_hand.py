@@ -32,7 +32,7 @@ def test_a_page_is_written_under_the_urdfs_name(tmp_path):
     assert result.stdout.splitlines() == [
         "three_finger_hand: 13 links, 9 joints, 0 fingertips",
         "  - No fingertips are stated. Links at the ends: finger_1_tip, finger_2_tip, finger_3_tip. They close on "
-        "cylinders and boxes of 10 to 100 mm (links as spheres, friction 0.7). To use them:",
+        "cylinders and boxes of 10 to 100 mm (links checked at points, friction 0.7). To use them:",
         f"      nlpgrasp hand {THREE} --fingertip finger_1_tip=0.01 --fingertip finger_2_tip=0.01 "
         "--fingertip finger_3_tip=0.01",
         f'      ng.URDFHand.load("{THREE}", {{"finger_1_tip": 0.01, "finger_2_tip": 0.01, "finger_3_tip": 0.01}})',

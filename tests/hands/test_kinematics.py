@@ -1,14 +1,14 @@
-"""Forward kinematics against MuJoCo; link spheres against the shapes they enclose."""
+"""Forward kinematics against MuJoCo; collision shapes; links thicker than their fingertips."""
 
 import re
 
 import casadi as ca
 import numpy as np
 import pytest
-from nlpgrasp.hands.link_spheres import fit_spheres
 
 import nlpgrasp as ng
 from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.inspection import inspect
 from tests.hands.urdf import (
     FOUR,
     GRIPPER,
@@ -64,62 +64,6 @@ def test_palm_is_any_link_and_what_is_above_is_left_out():
     hand = ng.URDFHand.load(FOUR, {"index_tip": 0.01}, palm="index_knuckle")
     assert hand.robot.root == "index_knuckle"
     assert [j.name for j in hand.robot.free_joints] == [f"index_{n}_flexion" for n in ("proximal", "middle", "distal")]
-
-
-SHAPES = {
-    "sphere": [CollisionShape.sphere(0.01, np.eye(4))],
-    "capsule": [
-        CollisionShape.cylinder(0.009, 0.04, np.eye(4)),
-        CollisionShape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1.0]])),
-        CollisionShape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.02], [0, 0, 0, 1.0]])),
-    ],
-    "box": [CollisionShape.box(np.array([0.02, 0.09, 0.1]), np.eye(4))],
-    "finger of a gripper": [CollisionShape.box(np.array([0.02, 0.012, 0.06]), np.eye(4))],
-}
-
-
-# metres: largest distances that spheres reach beyond the shape, and the shape out of the spheres
-MOST = {"sphere": (1e-9, 0.0), "capsule": (0.003, 0.0), "box": (0.003, 0.01), "finger of a gripper": (0.003, 0.002)}
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_spheres_enclose_the_shape_with_the_stated_errors(name, rng):
-    shapes = SHAPES[name]
-    fit = fit_spheres(shapes, 12)
-    assert len(fit.radii) <= 12
-    surface = np.concatenate([s.mesh.sample(4000, seed=1) for s in shapes])
-    outside = np.min(np.linalg.norm(surface[:, None] - fit.centres, axis=2) - fit.radii, axis=1)
-    assert np.max(outside) <= fit.uncovered + 1e-4
-    directions = rng.standard_normal((300, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    reach = (fit.centres[:, None] + fit.radii[:, None, None] * directions).reshape(-1, 3)
-    beyond = -np.max([s.depth(reach) for s in shapes], axis=0)
-    assert np.max(beyond) <= fit.error + 1e-4
-    assert fit.error <= MOST[name][0]
-    assert fit.uncovered <= MOST[name][1]
-
-
-def test_more_spheres_leave_less_of_a_thick_link_uncovered():
-    box = [CollisionShape.box(np.array([0.02, 0.04, 0.1]), np.eye(4))]
-    fits = [fit_spheres(box, most) for most in (4, 12, 40)]
-    assert [fit.error for fit in fits] == [0.003] * 3
-    assert 0.02 > fits[0].uncovered > 1.5 * fits[1].uncovered > 2.0 * fits[2].uncovered
-
-
-def test_more_spheres_are_closer_to_a_thin_link():
-    rod = [CollisionShape.box(np.array([0.004, 0.004, 0.03]), np.eye(4))]
-    fits = [fit_spheres(rod, most) for most in (4, 6, 20)]
-    assert 0.003 > fits[0].error > fits[1].error > fits[2].error
-    assert [fit.uncovered for fit in fits] == [0.0] * 3
-
-
-def test_spheres_of_a_fingertips_own_links_leave_it_free():
-    """No sphere fixed to a round fingertip reaches farther than a cone of 20 degrees around it."""
-    hand = four_finger_hand()
-    fit = hand.fits["index_distal"]
-    away = np.linalg.norm(fit.centres - [0.0, 0.0, 0.026], axis=1)
-    assert np.all(fit.radii <= 0.011 + np.sin(np.radians(20.0)) * away + 1e-12)
-    assert "index_tip" not in hand.fits  # the tip's own sphere is the fingertip itself
 
 
 def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
@@ -203,14 +147,33 @@ def test_every_kind_of_joint_with_every_origin_and_axis(tmp_path, kind, other, r
 SPHERE_AT_A = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
 
 
-def test_a_link_thicker_than_its_fingertip_is_said_to_be(tmp_path):
+@pytest.mark.filterwarnings("ignore:link tip is thicker than its fingertip")
+@pytest.mark.parametrize(
+    ("tip", "depth"),
+    [
+        (0.004, "16"),  # least depth of the ball: the difference of the radii
+        (ng.SphereTip(0.02, (0.0, 0.0, 0.01)), None),  # a cap of it is above the flat end
+        (ng.FlatTip([0.01, 0.01], [0.0, 0.0, 0.0245]), None),
+        (ng.FlatTip([0.01, 0.01], [0.0, 0.0, 0.024]), "1"),
+    ],
+)
+def test_a_link_thicker_than_its_fingertip_is_said_to_be(tmp_path, tip, depth):
     text = CHAIN.format("revolute", "0 0 0", "1 0 0", "revolute").replace(
         '<sphere radius="0.01"/>', '<cylinder radius="0.02" length="0.05"/>'
     )
     (tmp_path / "fat.urdf").write_text(text)
-    with pytest.warns(UserWarning, match=r"thicker than its fingertip: beside a contact it may reach \d+\.\d mm into"):
-        fit = ng.URDFHand.load(tmp_path / "fat.urdf", {"tip": 0.004}).fits["tip"]
-    assert 0.01 < fit.uncovered < 0.03
+    hand = ng.URDFHand.load(tmp_path / "fat.urdf", {"tip": tip}, tip_overhang=0.01)
+    found = [finding.text for finding in inspect(hand).findings if "thicker" in finding.text]
+    text = f"Link tip is thicker than its fingertip: beside a contact it may reach {depth} mm into the body."
+    assert found == ([] if depth is None else [text])
+
+
+def test_depth_in_a_capsule_is_that_of_its_axis(rng):
+    shape = CollisionShape.capsule(0.01, 0.04, np.eye(4))
+    points = rng.uniform(-0.04, 0.04, (200, 3))
+    axis = np.linspace([0.0, 0.0, -0.02], [0.0, 0.0, 0.02], 4001)
+    expected = 0.01 - np.min(np.linalg.norm(points[:, None] - axis, axis=2), axis=1)
+    np.testing.assert_allclose(shape.depth(points), expected, atol=5e-6)
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1.0])
@@ -224,4 +187,3 @@ def test_shapes_of_any_size(scale):
         assert np.max(shape.mesh.extents) == pytest.approx(
             {"cylinder": 4, "capsule": 6, "sphere": 2}[shape.kind] * scale
         )
-        assert fit_spheres([shape], 6).error < 1.5 * scale

@@ -101,5 +101,5 @@ def test_the_panda_gripper_holds_an_ellipsoid(tmp_path):
 @pytest.mark.filterwarnings(*QUIET)
 def test_five_capsules_hold_an_ellipsoid(tmp_path):
     path = model(SHADOW)
-    hand = ng.hands.shadow(path, spheres_per_link=10)
+    hand = ng.hands.shadow(path)
     assert held(hand, ng.Ellipsoid([0.05, 0.035, 0.035]), ng.FrictionContact(0.7), path, tmp_path).mu.lower > 0.8

@@ -48,7 +48,7 @@ def proposal(path, palm=None):
 )
 def test_jaws_close_on_the_widths_between_their_limits(tmp_path, lower, upper, expected):
     hand = ng.URDFHand.load(write_jaws(tmp_path, lower, upper), ["left", "right"])
-    closing = closing_widths(hand.tree, hand.unshrunk_spheres)
+    closing = closing_widths(hand.tree)
     openings = [width for width in WIDTHS if 0.1 - 2.0 * upper <= width <= 0.1 - 2.0 * lower]
     assert closing.box == closing.cylinder == expected == tuple(openings)
 
@@ -61,14 +61,13 @@ def test_with_the_palm_between_the_jaws_they_close_on_nothing(tmp_path):
     assert thin in text
     path.write_text(text.replace(thin, '<origin xyz="0 0 0.05"/><geometry><box size="0.04 0.2 0.14"/>'))
     hand = ng.URDFHand.load(path, ["left", "right"])
-    assert closing_widths(hand.tree, {}) == ClosingWidths(WIDTHS, WIDTHS)
-    assert closing_widths(hand.tree, hand.unshrunk_spheres) == ClosingWidths((), ())
+    assert closing_widths(hand.tree) == ClosingWidths((), ())
 
 
 @pytest.mark.slow
 def test_panda_closes_up_to_its_opening():
     hand = ng.hands.panda(robot("panda_description/urdf/panda.urdf"))
-    closing = closing_widths(hand.tree, hand.unshrunk_spheres)
+    closing = closing_widths(hand.tree)
     assert closing == ClosingWidths(WIDTHS[:-1], WIDTHS[:-1])  # it opens by 80 mm
     assert str(closing) == "cylinders and boxes of 10 to 80 mm"
 
@@ -97,7 +96,8 @@ def test_links_that_are_only_seen_and_those_that_face_no_other_are_left_out(tmp_
     (text, *_) = [notice.text for notice in inspect(inspect_without_tips(path, None, [0.0, 0.0, 1.0])).notices]
     assert text == (
         "No fingertips are stated. Links at the ends: left, right. They close on cylinders and boxes of 10 to 100 mm "
-        "(links as spheres, friction 0.7). Left out: camera (no collision shape), pusher (faces no other). To use them:"
+        "(links checked at points, friction 0.7). Left out: camera (no collision shape), pusher (faces no other). To "
+        "use them:"
     )
 
 

@@ -270,7 +270,7 @@ def test_proposed_fingertips_lie_on_their_links_and_others_are_refused(tmp_path)
     proposal = inspect(inspect_without_tips(path, None, (0, 0, 1)))
     assert proposal.lines[1] == (
         "  - No fingertips are stated. Links at the ends: f1, f2. They close on cylinders and boxes of 20 to 100 mm "
-        "(links as spheres, friction 0.7). To use them:"
+        "(links checked at points, friction 0.7). To use them:"
     )
     hand = eval(proposal.usage_lines[1], {"ng": ng})  # noqa: S307
     assert [overhang(tip, link, hand.robot) < 4e-4 for link, tip in hand.tips] == [True, True]

@@ -17,7 +17,7 @@ THREE_TIPS = {f"finger_{i}_tip": 0.01 for i in (1, 2, 3)}
 PADS = {"left_pad": ng.FlatTip([0.02, 0.02]), "right_pad": ng.FlatTip([0.02, 0.02])}
 
 
-@cache  # the spheres take a second to fit
+@cache
 def four_finger_hand(**options):
     return ng.URDFHand.load(FOUR, FOUR_TIPS, approach=[1.0, 0.0, 0.0], **options)
 

@@ -98,6 +98,8 @@ def test_what_the_page_says(tmp_path):
         assert word in text, word
     assert "No effort limit at joint spin: the force budget &quot;hand_torques&quot; needs torque_limits." in text
     assert "http" not in re.sub(r"//.*", "", text)
+    assert re.findall(r'data-show="(\w+)"', text) == ["links", "tips", "approach", "triad", "axes"]
+    assert "<td>palm</td><td>1 box</td></tr>" in text
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@
 const LABELS = 12; // links at the ends that are named in the scene, where no fingertips are stated
 const RAISED = 0.002; // of the hand's size, that fingertips are drawn above their links
 
-/** A hand as a scene: links, spheres and fingertips, each in its link's frame, where the joints put it. */
+/** A hand as a scene: links and fingertips, each in its link's frame, where the joints put it. */
 class HandScene {
   constructor(tree, drawn, positions) {
     [this.tree, this.drawn, this.made, this.axis] = [tree, drawn, new Map(), null];
@@ -44,13 +44,10 @@ class HandScene {
     const add = (name, role, alpha, link, make, more = {}) =>
       found.push({ shape: this.shape(name, make), colour: colours[role], alpha, pose: link === null ? undefined : byColumns(this.poses[link]), ...more });
     const surface = (i) => () => surfaceOf(drawn.surfaces[i]);
-    if (shown.links) for (const part of drawn.parts) add(`surface${part.surface}`, "link", shown.spheres ? 0.55 : 1, part.link, surface(part.surface));
+    if (shown.links) for (const part of drawn.parts) add(`surface${part.surface}`, "link", 1, part.link, surface(part.surface));
     if (shown.tips) {
       for (const tip of drawn.tips) add(`tip${tip.surface}`, "finger", 1, tip.link, () => swollen(surfaceOf(drawn.surfaces[tip.surface]), RAISED * size));
       for (const link of drawn.leaves) add("leaf", "finger", 1, link, () => together([ball([0, 0, 0], dot)]), { mark: true });
-    }
-    if (shown.spheres) {
-      for (const { link, balls } of drawn.spheres) add(`spheres${link}`, "cone", 0.3, link, () => together(balls.map(([x, y, z, r]) => ball([x, y, z], r))));
     }
     const rod = (at, along, from, to, width) => together([arrow(at.map((v, i) => v + from * along[i]), at.map((v, i) => v + to * along[i]), width)]);
     if (shown.approach) {
