@@ -1,4 +1,4 @@
-"""Distances of round fingertips: constraints against MuJoCo's kinematics, a small body, verification."""
+"""Distances of round fingertips: constraints against MuJoCo's kinematics, a small body."""
 
 from itertools import combinations
 
@@ -9,9 +9,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.common.scalar_constraints import TIPS_APART
 from nlpgrasp.hands.self_collision import colliding_tips, tip_clearance_constraints
-from tests.hands.urdf import FOLDER, FOUR, FOUR_TIPS, Mujoco, four_finger_hand, gripper
-from tests.verify import honest
-from tests.verify.stated import edited, recomputed_file
+from tests.hands.urdf import FOUR, FOUR_TIPS, Mujoco, four_finger_hand, gripper
 
 
 def test_rows_are_squared_distances_of_the_tips_balls(rng):
@@ -50,16 +48,3 @@ def test_a_small_ball_is_held_by_tips_beside_each_other():
         assert min(np.linalg.norm(a - b) for a, b in combinations(centres, 2)) > 0.022 - 1e-5
     assert sum(c.kind == TIPS_APART for c in solution.constraints) == 6
     assert ng.verify(solution)
-
-
-@pytest.mark.usefixtures("without_link_checks")
-def test_verify_looks_at_the_pairs_that_a_file_states():
-    def stated(pairs):
-        def state(data):
-            data["problem"]["hand"]["tips_apart"] = pairs
-
-        return recomputed_file(edited(honest.fingers(), state), FOLDER)["hand"]
-
-    assert stated([]).detail.startswith("10 rows recomputed")
-    assert stated([[0, 1], [0, 2], [1, 2]]).detail.startswith("13 rows recomputed")
-    assert not stated([[0, 7]]).passed
