@@ -23,7 +23,6 @@ from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
     CLOSED_LINKAGE,
     ON_FINGERTIP,
-    SELF_COLLISION,
     UNIT_QUATERNION,
     ScalarConstraint,
 )
@@ -128,7 +127,7 @@ def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyN
         f"The nearest miss breaks: {names}." if conflicts else "The contacts do not stay on their faces.",
         *(str(c) for c in conflicts),
     ]
-    fixed = {FINGERTIPS, SELF_COLLISION, CLEARANCE}
+    fixed = {FINGERTIPS, CLEARANCE}
     advice = [f"Relax {c.name} by at least {c.amount}." for c in conflicts if c.name not in fixed]
     if any(c.name in fixed for c in conflicts):
         advice.append("Try a hand of another size, fewer contacts, or less in its way.")

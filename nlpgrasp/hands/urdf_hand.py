@@ -39,7 +39,6 @@ from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.self_collision import (
     LinkPair,
-    colliding_tips,
     find_colliding_pairs,
     self_collision_constraints,
     tip_clearance_constraints,
@@ -327,7 +326,7 @@ class URDFHand(LinkedHand):
         return fit_hand(self.robot, self.spheres_per_link)
 
     def to_dict(self) -> Json:
-        """Return source, fingerprints, fingertips, limits, and the spheres' errors as JSON data."""
+        """Return source, fingerprints, fingertips and limits as JSON data."""
         return {
             "type": self.kind,
             "source": self.robot.source,
@@ -337,17 +336,12 @@ class URDFHand(LinkedHand):
             "palm": self.robot.root,
             "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
             "clearance": self.clearance,
-            "spheres": {link: fit.to_dict() for link, fit in self.fits.items()},
             "missing": list(self.robot.missing),
             "torque_limits": dict(self.torque_limits),
             "approach": self.tree.approach.tolist(),
-            "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
             "self_collision": self.self_collision,
-            "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
-            "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
             **({"stops": self.robot.stop_positions} if self.robot.stops else {}),
             **({"passive": list(self.robot.passive)} if self.robot.passive else {}),
-            "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
     @classmethod
