@@ -34,7 +34,7 @@ from nlpgrasp.verify.numeric_hands import fingertips, parallel_jaw
 from nlpgrasp.verify.numeric_urdf_hand import urdf
 from nlpgrasp.verify.registry import register_body, register_constraint, register_hand
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, Fit, NumericBody, NumericHand, Palm, StatedPlacement
+from nlpgrasp.verify.stated_placement import ConstraintValue, Fit, NumericBody, NumericHand, Palm, StatedPlacement
 from nlpgrasp.verify.verify import verify
 
 
@@ -52,7 +52,6 @@ def register_all() -> None:
 register_all()
 
 __all__ = [
-    "Ball",
     "Check",
     "ConstraintValue",
     "Fit",

@@ -19,13 +19,10 @@ UNIT = 1e-9  # tolerance of the length of unit vectors
 
 
 def table(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the table constraints: height of the lowest point of every fingertip and link."""
+    """Yield the table constraints: height of the lowest point of every fingertip."""
     lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
         yield ConstraintValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
-    for sphere in placement.links:
-        height = float(sphere.centre[-1]) - sphere.radius
-        yield ConstraintValue(f"table, {sphere.name}", height, lower, scale=placement.size, error=placement.error)
 
 
 def spread(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
@@ -113,25 +110,19 @@ def approach(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue
 
 
 def obstacle(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the constraints on the distance of every fingertip and link sphere from an obstacle.
+    """Yield the constraints on the distance of every fingertip from an obstacle.
 
     For a mesh, the solver uses a spline through distances on a grid, and a lower bound far away: the stated value may
     be smaller there, and may exceed the distance to the mesh itself by half a cell.
     """
     surface = placement.surface_of(data["body"])
     clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
-
-    def distance_constraint(part: str, centre: FloatArray, radius: float, error: float) -> ConstraintValue:
-        value = float(surface.distance(to_obstacle_frame(data, centre)[None])[0])
-        lower, error_bound = radius + clearance, error + surface.rough
-        return ConstraintValue(
-            f"{name}, {part}", value, lower, scale=placement.size, error=error_bound, stated_below=surface.rough > 0.0
-        )
-
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
-        yield distance_constraint(f"finger {i}", tip, radius, 0.0)
-    for ball in placement.links:
-        yield distance_constraint(ball.name, ball.centre, ball.radius, placement.error)
+        value, label = float(surface.distance(to_obstacle_frame(data, tip)[None])[0]), f"{name}, finger {i}"
+        error, is_rough = surface.rough, surface.rough > 0.0
+        yield ConstraintValue(
+            label, value, radius + clearance, scale=placement.size, error=error, stated_below=is_rough
+        )
 
 
 def to_obstacle_frame(data: Json, points: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, NumericBody, Palm, StatedPlacement, require_body
+from nlpgrasp.verify.stated_placement import ConstraintValue, NumericBody, Palm, StatedPlacement, require_body
 
 TIP_CLEARANCE = 0.99  # least distance of a fingertip's centre from the body, in its radii
 REENTRANT_ANGLE = 1e-9  # radians: least right turn of a reentrant corner
@@ -39,7 +39,6 @@ class FreeHand:
     data: Json
     posture: Json
     radii: Sequence[float]
-    error: float = 0.0
     has_links: bool = False
 
     @property
@@ -50,14 +49,6 @@ class FreeHand:
     def palm(self) -> Palm | None:
         """Return None, as the hand has no palm pose."""
         return None
-
-    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return an empty list, as the hand has no links."""
-        return []
-
-    def apart(self) -> Sequence[ConstraintValue]:
-        """Return an empty list, as there are no links that could collide."""
-        return []
 
     def limits(self) -> Sequence[ConstraintValue]:
         """Return an empty list, as the hand's variables have no limits."""
@@ -137,24 +128,11 @@ class UnknownHand:
         """Raise ``NotCheckedError``."""
         self._refuse()
 
-    @property
-    def error(self) -> float:
-        """Raise ``NotCheckedError``."""
-        self._refuse()
-
     def palm(self) -> Palm | None:
         """Raise ``NotCheckedError``."""
         self._refuse()
 
-    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Raise ``NotCheckedError``."""
-        self._refuse()
-
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Raise ``NotCheckedError``."""
-        self._refuse()
-
-    def apart(self) -> Iterator[ConstraintValue]:
         """Raise ``NotCheckedError``."""
         self._refuse()
 

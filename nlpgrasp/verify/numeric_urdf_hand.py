@@ -14,13 +14,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.robot_files import UrdfUnits
-from nlpgrasp.common.scalar_constraints import CLOSED_LINKAGE, TIPS_APART
+from nlpgrasp.common.scalar_constraints import CLOSED_LINKAGE
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
@@ -43,12 +42,11 @@ from nlpgrasp.verify.link_shapes import LinkShape, link_shapes
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_hands import UnknownHand
 from nlpgrasp.verify.sources import SourceFolders, sha256_of
-from nlpgrasp.verify.stated_placement import PROMISE, Ball, ConstraintValue, NumericHand, Palm, StatedPlacement
+from nlpgrasp.verify.stated_placement import PROMISE, ConstraintValue, NumericHand, Palm, StatedPlacement
 
 CAPSULE_TOLERANCE = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
 QUATERNION = "palm quaternion of unit length"  # name of the constraint
-TIP_DEPTH = 0.2  # allowed penetration of a round fingertip away from its contact, as a share of its radius
-SPHERE_REACH = 3.0  # largest reach of spheres, in reaches of the URDF's frames
+TIP_REACH = 3.0  # largest reach of a fingertip from its link's frame, in reaches of the URDF's frames
 OPEN, LEVER = 1e-4, 0.05  # metres: largest gap of a closed linkage; arm at which an angle counts
 SLOPE_STEP, LEAST_SLOPE = 1e-5, 1e-6  # radians or metres, step of differences; smallest share of the largest slope
 CLOSING_STEPS, CLOSING_SHARE = 40, 1e-2  # Gauss-Newton steps of a random posture; smallest share of a slope in them
@@ -103,18 +101,17 @@ class NumericLinkedHand:
 
     @cached_property
     def span(self) -> float:
-        """Reach of the hand's links from its palm, metres.
+        """Upper bound on the distance of a fingertip's points from the palm's origin, metres.
 
-        The reach of the frames follows from the URDF; that of the spheres counts up to a multiple of it.
+        The reach of the frames follows from the URDF; that of a fingertip from its link's frame, as the file states it,
+        counts up to a multiple of it.
         """
-        spheres = self.data.get("link_spheres") or {}
-        sphere_distances = [np.linalg.norm(np.asarray(s)[:, :3], axis=1).max(initial=0.0) for s in spheres.values()]
         frame_reach = reach_bound(self.links)
-        return frame_reach + min(float(max(sphere_distances, default=0.0)), SPHERE_REACH * frame_reach)
+        return frame_reach + min(max(map(reach_of, self.tips), default=0.0), TIP_REACH * frame_reach)
 
     @property
     def error(self) -> float:
-        """Error bound of a point of the hand, metres."""
+        """Error bound of a fingertip's point, metres."""
         return self.direction_error * self.span
 
     @cached_property
@@ -259,41 +256,16 @@ class NumericLinkedHand:
         direction = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
         return Palm(self.base[:3, 3], direction, self.direction_error)
 
-    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the collision spheres of the links, then the contact balls of round fingertips."""
-        return [*self.link_balls, *self._tip_balls(placement).values()]
-
-    def _tip_balls(self, placement: StatedPlacement) -> dict[int, Ball]:
-        """Return the contact balls of round fingertips, by finger index."""
-        balls = {}
+    def round_tips(self, placement: StatedPlacement) -> dict[int, FloatArray]:
+        """Return the centre of each round fingertip's contact ball, body frame, by finger index."""
+        centres = {}
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
-            radius = radius_of(tip)
-            if radius > 0.0:
-                centre = centre_of(tip, self._touching("", tip, p, n, placement.size))
-                name = f"{tip['link']}, finger {i}"
-                balls[i] = Ball(name, centre, radius, (1.0 - TIP_DEPTH) * radius, is_tip=True)
-        return balls
-
-    @cached_property
-    def link_balls(self) -> Sequence[Ball]:
-        """Collision spheres of the links, body frame.
-
-        Raises ``NotCheckedError`` for older files, which have none.
-        """
-        spheres = self.data.get("link_spheres")
-        if spheres is None:
-            raise NotCheckedError("the file does not record the spheres that stand for the hand's links")
-        clearance = number("clearance", self.data["clearance"])
-        balls = []
-        for link, spheres_of_link in spheres.items():
-            frame = self.poses[link]
-            for i, (x, y, z, radius) in enumerate(spheres_of_link):
-                centre = frame[:3, :3] @ np.array([x, y, z]) + frame[:3, 3]
-                balls.append(Ball(f"{link}/{i}", centre, radius, radius + clearance))
-        return balls
+            if radius_of(tip) > 0.0:
+                centres[i] = centre_of(tip, self._touching("", tip, p, n, placement.size))
+        return centres
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-        """Yield the constraints of the quaternion's length, contacts on fingertips and fingertips apart."""
+        """Yield the constraints of the quaternion's length, contacts on fingertips and closed linkages."""
         yield ConstraintValue(
             QUATERNION, self._squared_quaternion_length, 1.0, 1.0
         )  # the program's own; the file's is of unit length
@@ -305,34 +277,10 @@ class NumericLinkedHand:
             yield ConstraintValue(name, None, 0.0, 0.0, scale=OPEN)
         if self.linkages and len(closed) < (due := self._linkage_equations()):
             yield ConstraintValue(f"{CLOSED_LINKAGE}: {due} equations, {len(closed)} in the file", np.nan)
-        balls = self._tip_balls(placement)
-        for i, j in self.data.get("tips_apart", ()):
-            a, b = balls[i], balls[j]
-            squared, least = float(np.sum((a.centre - b.centre) ** 2)), (a.radius + b.radius) ** 2
-            error = 4.0 * np.sqrt(squared) * self.error
-            yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
 
     def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> StatedTouch:
         """Return a fingertip with its contact, for the constraints that put the contact onto it."""
         return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.direction_error)
-
-    def apart(self) -> Iterator[ConstraintValue]:
-        """Yield the self-collision constraints: squared distances of sphere pairs."""
-        count = 0
-        allowed = {
-            (a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())
-        }
-        for a, b in combinations(self.link_balls, 2):
-            name = f"self-collision, {a.name} and {b.name}"
-            if name in self.stated:
-                count += 1
-                overlap = allowed.get((a.name.rpartition("/")[0], b.name.rpartition("/")[0]), 0.0)
-                squared, least = float(np.sum((a.centre - b.centre) ** 2)), max(a.radius + b.radius - overlap, 0.0) ** 2
-                error = 4.0 * np.sqrt(squared) * self.error
-                yield ConstraintValue(name, squared, least, scale=self.span**2, error=error)
-        watched = int(self.data["watched_pairs"])
-        if count < watched:
-            yield ConstraintValue(f"self-collision: {watched} pairs of spheres, {count} in the file", np.nan)
 
     def contact_jacobians(self, points: FloatArray) -> dict[str, FloatArray]:
         """Return velocities and angular velocities of the contacts, (k, 6), per unit rate of a joint, by joint.
@@ -473,6 +421,13 @@ class StatedTouch:
 def radius_of(tip: Json) -> float:
     """Return the radius of a round fingertip, metres; 0 for other shapes."""
     return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder", "capsule") else 0.0
+
+
+def reach_of(tip: Json) -> float:
+    """Return an upper bound on the distance of a fingertip's points from its link's frame, metres."""
+    places = [np.atleast_2d(np.asarray(tip[key], float)) for key in ("offset", "start", "end", "points") if key in tip]
+    sizes = [np.linalg.norm(np.asarray(tip[key], float)) for key in ("radius", "extents", "semi_axes") if key in tip]
+    return float(max(np.max(np.linalg.norm(points, axis=1)) for points in places) + max(sizes, default=0.0))
 
 
 def centre_of(tip: Json, touch: StatedTouch) -> FloatArray:

@@ -21,12 +21,11 @@ from nlpgrasp.common.scalar_constraints import (
     EDGE_MARGIN,
     FINGERTIP_CLEARANCE,
     ON_FINGERTIP,
-    SELF_COLLISION,
     TIPS_APART,
     UNIT_QUATERNION,
 )
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import array, number
+from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
@@ -37,6 +36,7 @@ from nlpgrasp.verify.force_checks import squeeze_checks
 from nlpgrasp.verify.gripper_checks import gripper_checks
 from nlpgrasp.verify.joint_checks import joint_margin_checks, torque_checks
 from nlpgrasp.verify.link_checks import link_checks
+from nlpgrasp.verify.link_clearances import clearance_constraints
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_hands import UnknownHand, fingertip_clearances
 from nlpgrasp.verify.optimality_checks import displacement_checks, optimality_checks
@@ -54,12 +54,11 @@ from nlpgrasp.verify.stated_placement import (
     check_unstated_constraints,
     require_body,
 )
-from nlpgrasp.verify.surface_checks import LARGEST_SIZE, face_check, size_of, surface_checks
+from nlpgrasp.verify.surface_checks import face_check, size_of, surface_checks
 
 CLEARANCE_CHECK = "room for fingertips"  # name of the check
 ON_MESH = 10.0  # tolerance of constraints on meshes, in units of the promise
 MISSING_BODY_FACTOR = 5.0  # largest size of a missing body, in units of its contacts' bounding box
-LARGEST_REACH = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
 LEAST_SLACK = 1e-6  # least tolerance of constraints that are not recomputed, in the constraint's unit
 
 # prefixes of the names of scalar constraints, by the part that they belong to
@@ -72,11 +71,10 @@ CONSTRAINT_PREFIXES = {
     "approach": "approach, ",
 }
 HAND_PREFIXES = {
-    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{TIPS_APART}, ", f"{CLOSED_LINKAGE}, "),
+    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{CLOSED_LINKAGE}, "),
     "fingertips": ("reach, ", f"{TIPS_APART}, "),
     "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
 }
-LINK_PREFIXES = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
 FINGERS = re.compile(r", fingers? (\d+(?: and \d+)*)(?=,|\[|$)")  # contacts after the kind in a name
 FINGER_INDEX = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indices of contacts in a name
 
@@ -84,7 +82,6 @@ FINGER_INDEX = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indic
 CONSTRAINT_LENGTHS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
 LENGTHS = (*CONSTRAINT_LENGTHS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{FINGERTIP_CLEARANCE}, ")
 ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # suffixes of lengths on a fingertip
-SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # for hands with links; free fingertips are recomputed
 
 Owner = Callable[[str], bool]
 """Whether a part of the problem may own a scalar constraint of this name."""
@@ -116,7 +113,8 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
     checks += _hand_checks(solution, grasp, surface, placement)
     checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
     checks += guard("worst displacement", lambda: displacement_checks(solution, grasp, surface, size))
-    scales = _scales(solution, grasp, size)
+    obstacles = (str(data["name"]) for data in solution.problem["constraints"] if data["type"] == "obstacle")
+    scales = ConstraintScales(size, tuple(obstacles))
     slack = partial(_slack, stated=stated, scales=scales, tolerance=promise)
     owners = _owners(solution, len(grasp))
     return [*checks, face_check(solution), *constraint_checks, *_stated_check(solution, stated, owners, slack)]
@@ -139,7 +137,7 @@ def _constraints_of_parts(
     if hand is not None and not hand.has_links and has_margin:
         parts[CLEARANCE_CHECK] = partial(fingertip_clearances, solution.body, surface, placement)
     if hand is not None and hand.has_links:
-        parts["links"] = partial(link_constraints, hand, surface, placement)
+        parts["links"] = partial(clearance_constraints, hand, surface, placement)
     return parts
 
 
@@ -216,19 +214,6 @@ def edge_margin_constraints(
             yield ConstraintValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size, stated_below=is_mesh)
 
 
-def link_constraints(
-    hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
-) -> Iterator[ConstraintValue]:
-    """Yield the constraints on the distance of each sphere from the held body, then those of self-collision."""
-    spheres = hand.balls(placement)
-    if spheres:
-        distances = require_body(surface).distance(np.array([sphere.centre for sphere in spheres]))
-        for sphere, value in zip(spheres, distances.tolist(), strict=True):
-            name = f"{CLEARANCE}, {sphere.name}"
-            yield ConstraintValue(name, value, sphere.least, scale=placement.size, error=placement.error)
-    yield from hand.apart()
-
-
 def _stated_check(
     solution: GraspSolution,
     stated: StatedConstraints,
@@ -292,34 +277,19 @@ class ConstraintScales:
     ----------
     size : float
         The body's characteristic length, metres.
-    span : float
-        Reach of the hand from its palm, metres.
     obstacles : tuple of str
         Names of the problem's obstacles.
     """
 
     size: float
-    span: float
     obstacles: tuple[str, ...] = ()
 
     def of(self, name: str) -> float:
-        """Return the typical size of a constraint, in its unit: metres, square metres, or 1 for a cosine."""
-        if name.startswith(SQUARED_SPANS):
-            return self.span**2
+        """Return the typical size of a constraint, in its unit: metres, or 1 for a cosine."""
         if name.startswith(f"{ON_FINGERTIP} "):
             return self.size if name.endswith(ON_TIP_LENGTHS) else 1.0
         lengths = (*LENGTHS, *(f"{obstacle}, " for obstacle in self.obstacles))
         return self.size if name.startswith(lengths) else 1.0
-
-
-def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> ConstraintScales:
-    """Return the typical sizes of constraints, as far as the file determines them."""
-    pose, span = (solution.hand or {}).get("palm_pose"), size
-    if pose is not None and grasp.space == 3:
-        palm = array("hand.palm_pose.position", pose["position"], (3,))
-        span = min(LARGEST_REACH * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), LARGEST_SIZE * size)
-    constraints = solution.problem["constraints"]
-    return ConstraintScales(size, span, tuple(str(data["name"]) for data in constraints if data["type"] == "obstacle"))
 
 
 def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
@@ -355,7 +325,7 @@ def hand_owner(data: Json, contacts: int) -> Owner:
 
 def links_owner(contacts: int) -> Owner:
     """Return a test of names that is true for the scalar constraints of a hand's links."""
-    return _named_with_prefix(LINK_PREFIXES, contacts)
+    return _named_with_prefix((f"{CLEARANCE}, ",), contacts)
 
 
 def margin_owner(contacts: int) -> Owner:

@@ -60,16 +60,6 @@ class StatedPlacement:
         return np.asarray(self.points - np.asarray(self.radii, dtype=float)[:, None] * self.normals)
 
     @property
-    def links(self) -> Sequence[Ball]:
-        """Collision spheres of the hand's links, without fingertips."""
-        return [] if self.hand is None else [ball for ball in self.hand.balls(self) if not ball.is_tip]
-
-    @property
-    def error(self) -> float:
-        """Error bound of points of the links, metres, due to the digits in the file."""
-        return 0.0 if self.hand is None else self.hand.error
-
-    @property
     def palm(self) -> Palm:
         """The hand's palm pose."""
         palm = None if self.hand is None else self.hand.palm()
@@ -103,21 +93,11 @@ class NumericHand(Protocol):
     def fixed_tip_kinds(self) -> Sequence[str | None]:
         """Kind of each fingertip that is fixed to a link; None for a free fingertip."""
 
-    @property
-    def error(self) -> float:
-        """Error bound of points of the hand, metres, due to the digits in the file."""
-
     def palm(self) -> Palm | None:
         """Return the palm pose, or None if the hand has none."""
 
-    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the spheres of links and fingertips; an empty sequence for a hand without links."""
-
     def rows(self, placement: StatedPlacement) -> Iterable[ConstraintValue]:
-        """Return the hand's scalar constraints on a placement, except self-collision and limits."""
-
-    def apart(self) -> Iterable[ConstraintValue]:
-        """Return the self-collision constraints."""
+        """Return the hand's scalar constraints on a placement, except limits."""
 
     def limits(self) -> Iterable[ConstraintValue]:
         """Return the limits of the hand's variables, which are not among a file's constraints."""
@@ -140,31 +120,6 @@ class Palm:
     position: FloatArray
     approach: FloatArray | None = None
     error: float = 0.0
-
-
-@dataclass(frozen=True)
-class Ball:
-    """Collision sphere of a link, or contact ball of a fingertip.
-
-    Parameters
-    ----------
-    name : str
-        ``"link/number"``, or ``"link, finger i"`` of a fingertip.
-    centre : (3,) array
-        Metres, body frame.
-    radius : float
-        Metres.
-    least : float
-        Least distance of the centre from the held body, metres.
-    is_tip : bool
-        Whether it is a fingertip.
-    """
-
-    name: str
-    centre: FloatArray
-    radius: float
-    least: float
-    is_tip: bool = False
 
 
 class NumericBody(Protocol):
@@ -237,6 +192,9 @@ class ConstraintValue:
         Error bound of the value by the digits in the file, in the constraint's own unit.
     stated_below : bool
         Whether the stated value may be smaller, as the solver uses a lower bound of some distances.
+    measurement : float
+        Largest difference of two measurements of the value, in the constraint's own unit: the stated value may be as
+        much larger, but has to keep the limits itself.
     """
 
     name: str
@@ -246,10 +204,11 @@ class ConstraintValue:
     scale: float = 1.0
     error: float = 0.0
     stated_below: bool = False
+    measurement: float = 0.0
 
     def limit_error(self, value: float, promise: float) -> str:
         """Return a message if a value violates the limits by more than the solver's tolerance, else an empty text."""
-        slack = promise * self.scale + self.error
+        slack = promise * self.scale + self.error + self.measurement
         is_within = self.lower - slack <= value <= self.upper + slack
         return "" if is_within else f"{self.name}: {value:.9g} is outside {self._limits}"
 
@@ -265,7 +224,8 @@ class ConstraintValue:
         ):
             return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
         excess = self.excess(stated)
-        if (self.stated_below and excess < 0.0) or abs(excess) <= ROUNDING * self.scale + self.error:
+        slack = ROUNDING * self.scale + self.error + self.measurement
+        if (self.stated_below and excess < 0.0) or abs(excess) <= slack:
             return "" if self.value is None else self._activity_error(stated)
         return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
 

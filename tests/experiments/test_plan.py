@@ -19,7 +19,7 @@ def plan(height=0.0):
 
 def test_every_entry_of_a_hand_counts():
     new = plan()
-    for name in ("meshes", "self_collision", "link_spheres", "approach", "clearance"):
+    for name in ("meshes", "self_collision", "approach", "clearance"):
         old = copy.deepcopy(new)
         old["variations"]["a"]["problem"]["hand"][name] = None
         with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, hand\)"):

@@ -14,6 +14,7 @@ FOUR, THREE, GRIPPER = (
 )
 FOUR_TIPS = {f"{finger}_tip": 0.011 for finger in ("index", "middle", "ring", "thumb")}
 THREE_TIPS = {f"finger_{i}_tip": 0.01 for i in (1, 2, 3)}
+SETTINGS = '<mujoco><compiler fusestatic="false" balanceinertia="true" discardvisual="true"/></mujoco>'
 PADS = {"left_pad": ng.FlatTip([0.02, 0.02]), "right_pad": ng.FlatTip([0.02, 0.02])}
 
 
@@ -36,8 +37,7 @@ class Mujoco:
     """The kinematics of a URDF by MuJoCo, which shares no code with the package."""
 
     def __init__(self, path):
-        settings = '<mujoco><compiler fusestatic="false" balanceinertia="true" discardvisual="true"/></mujoco>'
-        self.model = mujoco.MjModel.from_xml_string(path.read_text().replace("</robot>", settings + "</robot>"))
+        self.model = mujoco.MjModel.from_xml_string(path.read_text().replace("</robot>", f"{SETTINGS}</robot>"))
         self.data = mujoco.MjData(self.model)
 
     def link_poses(self, joint_positions):
@@ -68,3 +68,31 @@ def solution_links(path, hand_data):
     """Return the links' poses in the body's frame, from a solution's JSON data of the hand alone."""
     base = body_frame(hand_data["palm_pose"])
     return {name: base @ pose for name, pose in Mujoco(path).link_poses(hand_data["joint_positions"]).items()}
+
+
+def link_distances(path, hand_data, geom):
+    """Return the distance of each link with shapes from a geom at the body's origin by MuJoCo, at most 50 mm.
+
+    Parameters
+    ----------
+    hand_data : dict
+        ``palm_pose`` and ``joint_positions``, as in a solution's JSON data.
+    geom : dict
+        ``type`` and ``size`` of the geom.
+    """
+    frame = np.linalg.inv(body_frame(hand_data["palm_pose"]))
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, frame[:3, :3].ravel())
+    spec = mujoco.MjSpec.from_string(path.read_text().replace("</robot>", f"{SETTINGS}</robot>"))
+    spec.worldbody.add_geom(name="the body", pos=frame[:3, 3], quat=quaternion, **geom)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for name, value in hand_data["joint_positions"].items():
+        data.joint(name).qpos[0] = value
+    mujoco.mj_kinematics(model, data)
+    body, result = model.geom("the body").id, {}
+    for i in range(model.ngeom):
+        if i != body:
+            link = model.body(model.geom_bodyid[i]).name
+            result[link] = min(result.get(link, 0.05), mujoco.mj_geomDistance(model, data, i, body, 0.05, None))
+    return result

@@ -44,6 +44,15 @@ def drop(name):
     return change
 
 
+def repeat(name, other):
+    """Return an edit that states a constraint once more, under another name."""
+
+    def change(data):
+        data["constraints"].append({**next(r for r in data["constraints"] if r["name"] == name), "name": other})
+
+    return change
+
+
 def turned(i, normal):
     """Return an edit of a normal, with tangents perpendicular to it."""
 

@@ -3,11 +3,12 @@
 from dataclasses import replace
 from functools import cache
 
+import mujoco
 import numpy as np
 import trimesh
 
 import nlpgrasp as ng
-from tests.hands.urdf import three_finger_hand
+from tests.hands.urdf import THREE, link_distances, three_finger_hand
 from tests.once import solve_once
 from tests.verify.stated import problem_of, stated_file
 
@@ -53,9 +54,9 @@ def block(folder):
 
 
 @cache
-def fingers():
+def fingers(**options):
     """A sphere that three fingertips of a URDF hand in a random posture touch."""
-    hand, rng = three_finger_hand(), np.random.default_rng(0)
+    hand, rng = three_finger_hand(**options), np.random.default_rng(0)
     drawn, tips = [hand.draw(1, np.zeros((1, 3)), rng) for _ in range(4)][-1]
     values, c = {name: v[0] for name, v in drawn.items()}, tips[0]
     a, b = c[1] - c[0], c[2] - c[0]
@@ -69,6 +70,20 @@ def fingers():
     constraints = [ng.Table(-0.5), ng.Approach([0.0, 0.0, 1.0], np.pi)]
     problem = problem_of(ng.Sphere(radius), 3, hand=hand, constraints=constraints)
     return stated_file(problem, ["surface"] * 3, radius * outward, -outward, values)
+
+
+@cache
+def clear_fingers():
+    """The same with links that keep 2 mm off the sphere; their distances are MuJoCo's."""
+    data = fingers(clearance=2e-3)
+    sphere = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [data["problem"]["body"]["radius"], 0.0, 0.0]}
+    row = {"bound": [2e-3, None], "multiplier": 0.0, "active": False, "kind": "clearance from the body", "fingers": []}
+    distances = link_distances(THREE, data["hand"], sphere)
+    links = ["palm", *(f"finger_{i}_{part}" for i in (1, 2, 3) for part in ("base", "proximal"))]
+    rows = [{"name": f"{row['kind']}, {link}", "value": distances[link], **row} for link in links]
+    names = {r["name"] for r in rows}
+    others = [r for r in data["constraints"] if r["name"] not in names]
+    return {**data, "constraints": [*others, *rows]}
 
 
 QUICK = ng.SolveOptions(workers=1, rounds=0, rtol=0.05, final_rtol=0.02)

@@ -9,8 +9,21 @@ from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import SourceFolders
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
-from tests.verify.edits import a_little, asked, contact, drop, failures, put, row, turned
+from tests.verify.edits import a_little, asked, contact, drop, failures, put, repeat, row, turned
 from tests.verify.stated import contacts_on, edited, problem_of, recomputed_file, stated_file
+
+
+def farther(clearance):
+    """Return an edit that states a greater clearance of the hand, and every link beyond it."""
+
+    def change(data):
+        data["problem"]["hand"]["clearance"] = clearance
+        for stated in data["constraints"]:
+            if stated["name"].startswith("clearance from the body, ") and not stated["fingers"]:
+                stated.update(value=max(stated["value"], clearance + 1e-3), bound=[clearance, None])
+
+    return change
+
 
 BOX = {
     "the body is larger": (put(("problem", "body", "extents", 0), 0.5), "surface"),
@@ -127,11 +140,9 @@ FINGERS = {
     "a fingertip's place": (put(("problem", "hand", "fingertips", 0, "offset", 0), 0.001), "hand"),
     "a fingertip on another link": (put(("problem", "hand", "fingertips", 0, "link"), "finger_2_tip"), "hand"),
     "a body that is larger": (put(("problem", "body", "radius"), a_little), "surface"),
-    "a link's sphere": (put(("problem", "hand", "link_spheres", "palm", 0, 3), a_little), "links"),
-    "a clearance": (put(("problem", "hand", "clearance"), 0.001), "links"),
-    "a stated clearance": (row("clearance from the body, palm/0", "value", a_little), "links"),
-    "a clearance left out": (drop("clearance from the body, palm/0"), "links"),
-    "more pairs of spheres": (put(("problem", "hand", "watched_pairs"), lambda n: n + 1), "links"),
+    "a clearance of which nothing is stated": (put(("problem", "hand", "clearance"), 0.001), "links"),
+    "a stated clearance": (row("clearance from the body, finger_1_tip, finger 0", "value", a_little), "links"),
+    "a clearance left out": (drop("clearance from the body, finger_1_tip, finger 0"), "links"),
     "the table's height": (put(asked(0, "height"), 0.0), "constraint 0, table"),
     "the palm's direction": (put(("problem", "hand", "approach"), [1.0, 0.0, 0.0]), "constraint 1, approach"),
     "a longer direction of approach": (put(asked(1, "direction"), [0.0, 0.0, 2.0]), "constraint 1, approach"),
@@ -152,7 +163,20 @@ FINGERS = {
     ),
     "the length of the program's quaternion": (row("palm quaternion of unit length", "value", 1.0001), "hand"),
     "the cone of approach": (put(asked(1, "angle"), 1.0), "constraint 1, approach"),
-    "a height of a link": (row("table, palm/0", "value", a_little), "constraint 0, table"),
+}
+PALM, PROXIMAL = "clearance from the body, palm", "clearance from the body, finger_1_proximal"
+CLEAR_LINKS = {
+    "a link farther from the body": (row(PROXIMAL, "value", lambda v: v + 1e-3), "links"),
+    "a link beyond the farthest distance": (row(PALM, "value", 0.06), "links"),
+    "a link left out": (drop(PROXIMAL), "links"),
+    "a link's lower limit": (row(PROXIMAL, "bound", [1e-3, None]), "links"),
+    "a hand with a greater clearance": (put(("problem", "hand", "clearance"), 3e-3), "links"),
+    "a greater clearance everywhere": (farther(0.032), "links"),
+    "a hand without clearance": (put(("problem", "hand", "clearance"), 0.0), "constraints"),
+    "a link below its limit": (row(PROXIMAL, "value", 1.9e-3), "constraints"),
+    "a link with a fingertip": (repeat(PROXIMAL, "clearance from the body, finger_1_distal"), "constraints"),
+    "a link twice": (repeat(PROXIMAL, PROXIMAL), "constraints"),
+    "a part of a link": (repeat(PROXIMAL, f"{PROXIMAL}/0"), "constraints"),
 }
 
 
@@ -188,6 +212,19 @@ def test_lies_about_a_posed_hand(name):
     assert where in failures(edited(honest.fingers(), change), FOLDER)
 
 
+@pytest.mark.usefixtures("without_link_checks")
+@pytest.mark.parametrize("name", CLEAR_LINKS)
+def test_lies_about_links_that_keep_a_clearance(name):
+    change, where = CLEAR_LINKS[name]
+    assert where in failures(edited(honest.clear_fingers(), change), FOLDER)
+
+
+@pytest.mark.usefixtures("without_link_checks")
+def test_a_link_may_be_stated_nearer_or_farther_within_a_measurement():
+    for value in (2.1e-3, 0.0311):  # 0.03096 by MuJoCo
+        assert failures(edited(honest.clear_fingers(), row(PROXIMAL, "value", value)), FOLDER) == []
+
+
 @pytest.mark.parametrize(
     "body",
     [
@@ -211,7 +248,7 @@ def test_the_honest_files_pass_and_everything_is_made_but_the_expression(block):
     checks = recomputed_file(honest.box())
     assert [n for n, c in checks.items() if not c.passed] == ["constraint 7, expression"]
     assert not checks["constraint 7, expression"].made
-    for data, *folders in ((honest.jaws(),), block, (honest.fingers(), FOLDER)):
+    for data, *folders in ((honest.jaws(),), block, (honest.fingers(), FOLDER), (honest.clear_fingers(), FOLDER)):
         assert {n: str(c) for n, c in recomputed_file(data, *folders).items() if not c.passed} == {}
 
 

@@ -75,10 +75,14 @@ def test_without_the_urdf_a_body_that_is_there_lends_its_size():
 
 
 def test_scales_of_stated_constraints():
-    scales = ConstraintScales(0.1, 0.3, ("post",))
-    lengths = ("table, finger 0", "post, palm/0", PLANE, "on fingertip tip, finger 2, z", "edge margin, finger 1")
+    scales = ConstraintScales(0.1, ("post",))
+    lengths = (
+        "table, finger 0",
+        "post, finger 0",
+        "clearance from the body, palm",
+        PLANE,
+        "on fingertip tip, finger 2, z",
+        "edge margin, finger 1",
+    )
     assert [scales.of(name) for name in lengths] == [0.1] * len(lengths)
     assert [scales.of(n) for n in (NORMAL, "approach, palm", "palm quaternion of unit length")] == [1.0] * 3
-    assert (
-        scales.of("self-collision, palm/0 and finger_1/2") == scales.of("fingertip distance, fingers 0 and 1") == 0.09
-    )

@@ -21,7 +21,7 @@ FOREIGN = ["table, finger 3", "reach, finger 0", "on fingertip finger_9_tip, fin
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_rows_that_no_unknown_part_may_own_fail(name):
-    """Without the URDF, hand, links and the links' heights are unknown."""
+    """Without the URDF, hand and links are unknown."""
     data = honest.fingers()
     assert failures(data) == []
     assert failures(edited(data, add(name))) == ["constraints"]
@@ -41,7 +41,7 @@ def test_a_body_of_a_script_hides_no_rows_of_others(rng):
 
 def test_who_owns_what():
     table, level = {"type": "table"}, {"type": "expression", "name": "level (a+b)"}
-    assert constraint_owner(table, 3)("table, palm/0")
+    assert constraint_owner(table, 3)("table, finger 2")
     assert not constraint_owner(table, 3)("table, finger 3")
     assert constraint_owner(level, 3)("level (a+b)[7]")
     assert not constraint_owner(level, 3)("level (a+b), finger 0")
@@ -49,4 +49,5 @@ def test_who_owns_what():
     assert hand_owner({"type": "urdf"}, 3)("on fingertip thumb, finger 2, normal x")
     assert not hand_owner({"type": "urdf"}, 3)("spread, fingers 0 and 1")
     assert hand_owner({"type": "claw"}, 3)("claws, finger 0")
-    assert links_owner(3)("self-collision, palm/0 and finger_1/2")
+    assert links_owner(3)("clearance from the body, palm")
+    assert not links_owner(3)("self-collision, palm and finger_1")

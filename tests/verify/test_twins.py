@@ -9,8 +9,8 @@ import nlpgrasp as ng
 from nlpgrasp.hands.tips import HullTip
 from nlpgrasp.verify.chain_kinematics import links_in_urdf, poses, read_root_element
 from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.link_clearances import clearance_constraints
 from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touch_constraints
-from nlpgrasp.verify.recomputation import link_constraints
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import StatedPlacement
@@ -198,7 +198,7 @@ def test_rows_of_a_posed_hand_are_those_of_the_program(path, tips, rng):
     twin = HANDS.of(problem_data["hand"])(problem_data["hand"], data["hand"], stated, SourceFolders((path.parent,)))
     placement = StatedPlacement(points, -points / 0.03, body.size, twin, surface, stated)
     recomputed = [row for c in problem_data["constraints"] for row in CONSTRAINTS.of(c)(c, placement)]
-    recomputed += [*twin.rows(placement), *link_constraints(twin, surface(body), placement)]
+    recomputed += [*twin.rows(placement), *clearance_constraints(twin, surface(body), placement)]
     assert {row.name for row in recomputed} == set(stated)
     limits = {row["name"]: row["bound"] for row in data["constraints"]}
     for row in recomputed:

@@ -1,0 +1,104 @@
+"""Distances of a hand's fingertips and links from the body, as constraints that a file states.
+
+The distance of a link is found by alternating projections between its shapes and the body's surface (Cheney and
+Goldstein 1959, Proc. Amer. Math. Soc. 10, 448-450), from the samples of the link that are nearest to the body. Each
+pair of points bounds it from above, so that a distance that is stated truly is not refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.scalar_constraints import CLEARANCE
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.verify.convex_solids import Distance, vectorised_distance
+from nlpgrasp.verify.link_checks import SLACK, link_samples
+from nlpgrasp.verify.link_shapes import LinkShape
+from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, radius_of, require_links
+from nlpgrasp.verify.stated_placement import ConstraintValue, NumericBody, NumericHand, StatedPlacement, require_body
+from nlpgrasp.verify.surface_geometry import SMALLEST
+
+TIP_DEPTH = 0.2  # allowed penetration of a round fingertip away from its contact, as a share of its radius
+FARTHEST = 0.05  # metres: larger distances of links are stated as this one
+STARTS = 20  # samples of a link from which its distance is searched
+PROJECTIONS, LEAST_GAIN = 100, 1e-7  # most projections onto the link; metres that one has to gain
+FOOT_STEPS, DIFFERENCE = 4, 1e-6  # Newton steps onto the body's surface; metres of finite differences
+
+
+def clearance_constraints(
+    hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
+) -> Iterator[ConstraintValue]:
+    """Yield the constraints on the distance of round fingertips from the body, then those of links.
+
+    A clearance above 0 is kept by every link with shapes that is not rigidly connected to a fingertip's link.
+    """
+    linked_hand, body = require_links(hand, "links"), require_body(surface)
+    for i, centre in linked_hand.round_tips(placement).items():
+        tip = linked_hand.tips[i]
+        name, least = f"{CLEARANCE}, {tip['link']}, finger {i}", (1.0 - TIP_DEPTH) * radius_of(tip)
+        value = float(body.distance(centre[None])[0])
+        yield ConstraintValue(name, value, least, scale=placement.size, error=linked_hand.error)
+    clearance = number("problem.hand.clearance", linked_hand.data["clearance"], at_least=0.0)
+    if clearance > 0.0:
+        for link, value in link_distances(linked_hand, vectorised_distance(body)).items():
+            name, scale = f"{CLEARANCE}, {link}", placement.size
+            yield ConstraintValue(name, value, clearance, scale=scale, stated_below=True, measurement=SLACK)
+
+
+def link_distances(hand: NumericLinkedHand, distance: Distance) -> dict[str, float]:
+    """Return the distance from a body of each link that is not rigidly connected to a fingertip's, metres."""
+    tip_roots = {hand.rigid_root(str(tip["link"])) for tip in hand.tips}
+    return {
+        link: link_distance(shapes, hand.poses[link], distance)
+        for link, shapes in hand.shapes.items()
+        if hand.rigid_root(link) not in tip_roots
+    }
+
+
+def link_distance(shapes: Sequence[LinkShape], pose: FloatArray, distance: Distance) -> float:
+    """Return the distance of a link's shapes from a body, metres, at most ``FARTHEST``; negative if they overlap.
+
+    Parameters
+    ----------
+    shapes : sequence of LinkShape
+    pose : (4, 4) array
+        The link's frame in the body's.
+    distance : callable
+        Points (m, 3), body frame, to signed distances (m,) from the body, metres: exactly zero on its surface.
+    """
+    points = link_samples(shapes, np.random.default_rng(2)) @ pose[:3, :3].T + pose[:3, 3]
+    distances = distance(points)
+    least = float(np.min(distances))
+    if least <= 0.0 or least > 2.0 * FARTHEST:
+        return min(least, FARTHEST)
+    trees = [SearchTree(shape.vertices, shape.faces) for shape in shapes]
+    points, least = points[np.argsort(distances, kind="stable")[:STARTS]], np.inf
+    for _ in range(PROJECTIONS):
+        feet = _feet(points, distance)
+        squared, nearest = _nearest_points(trees, (feet - pose[:3, 3]) @ pose[:3, :3])
+        gap = float(np.min(np.sqrt(squared) + np.abs(distance(feet))))
+        if gap > least - LEAST_GAIN:
+            break
+        points, least = nearest @ pose[:3, :3].T + pose[:3, 3], gap
+    return min(least, gap, FARTHEST)
+
+
+def _feet(points: FloatArray, distance: Distance) -> FloatArray:
+    """Return points (m, 3) of a body's surface below points (m, 3) outside, by Newton's method along the gradient."""
+    steps = DIFFERENCE * np.concatenate([np.eye(3), -np.eye(3)])
+    for _ in range(FOOT_STEPS):
+        ahead, behind = distance((points + steps[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
+        gradients = (ahead - behind).T / (2.0 * DIFFERENCE)
+        squared = np.maximum(np.sum(gradients**2, axis=1), SMALLEST)
+        points = points - (distance(points) / squared)[:, None] * gradients
+    return points
+
+
+def _nearest_points(trees: Sequence[SearchTree], points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return squared distances (m,) and nearest points (m, 3) of the shapes' surfaces to points (m, 3)."""
+    squared, _, nearest = (np.stack(values) for values in zip(*(tree.nearest(points) for tree in trees), strict=True))
+    first = np.argmin(squared, axis=0)
+    return squared[first, range(len(points))], nearest[first, range(len(points))]
