@@ -41,6 +41,7 @@ from nlpgrasp.hands.suggested_tips import (
     noticeable_overhang,
     overhang,
     suggest_tip,
+    thick_link_warnings,
     tip_from_shapes,
 )
 from nlpgrasp.hands.tips import HullTip, SphereTip, SymbolicTouch, Tip
@@ -154,14 +155,14 @@ class URDFHand(LinkedHand):
         Warns
         -----
         UserWarning
-            On fingertips more than a millimetre beyond the shapes of their links. On missing mesh files and on visible
-            links without a collision shape: the other shapes are used. On mimic joints with a negative multiplier whose
-            limits lack the sign: they are taken with it. On tendons of an MJCF that couple joints without an
-            equality: they are not modelled. On joints of its linkages that no actuator moves: they are taken to be
-            driven, or kept at a limit where springs hold them. On linkages that a URDF closes and its mimic joints have
-            to keep. On an MJCF whose joints hardly turn: its limits may be radians without stating so. On meshes far
-            longer than the joints are apart, or far shorter, and on limits beyond a full turn: their units may be
-            others.
+            On fingertips more than a millimetre beyond the shapes of their links, or within these. On missing mesh
+            files and on visible links without a collision shape: the other shapes are used. On mimic joints with a
+            negative multiplier whose limits lack the sign: they are taken with it. On tendons of an MJCF that couple
+            joints without an equality: they are not modelled. On joints of its linkages that no actuator moves: they
+            are taken to be driven, or kept at a limit where springs hold them. On linkages that a URDF closes and its
+            mimic joints have to keep. On an MJCF whose joints hardly turn: its limits may be radians without stating
+            so. On meshes far longer than the joints are apart, or far shorter, and on limits beyond a full turn: their
+            units may be others.
         """
         return cls.from_robot(
             read_robot(path, palm, check_units(scale, degrees)),
@@ -195,6 +196,8 @@ class URDFHand(LinkedHand):
         check_overhangs(robot, tips, tip_overhang)
         if text := visible_warning(robot, dict(tips)):
             warn(f"{robot.source}: {text}")
+        for text in thick_link_warnings(robot, tips):
+            warn(text)
         return cls(
             LinkTree(robot, tips, unit_approach(approach)),
             resolve_torque_limits(robot, torque_limits),

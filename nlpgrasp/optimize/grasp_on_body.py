@@ -10,11 +10,13 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.scalar_constraints import CLEARANCE, EDGE_MARGIN, FINGERTIP_CLEARANCE, Label
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Table
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.problem.candidate_constraints import FITS
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.obstructions import TABLE
 from nlpgrasp.solution.placed_grasp import OWN_NORMAL, SurfaceMatch
 from nlpgrasp.solution.records import ConstraintReport
 
@@ -161,9 +163,9 @@ def _link_clearances(compiled: CompiledProblem, candidate: GraspCandidate) -> It
     model = compiled.collision_model
     if model is None:
         return
-    hand, kinds = model.hand, [CLEARANCE, *(field.solid for field in model.fields[1:])]
+    hand, around = model.hand, [Table.kind if field.solid == TABLE else field.solid for field in model.fields[1:]]
     required = [hand.clearance, *(field.clearance for field in model.fields[1:])]
-    for number, (kind, least) in enumerate(zip(kinds, required, strict=True)):
+    for number, (kind, least) in enumerate(zip([CLEARANCE, *around], required, strict=True)):
         if least > 0.0:
             for link, distance in model.link_distances(number, candidate.hand).items():
                 if number or not hand.has_fingertip(link):

@@ -1,4 +1,4 @@
-"""Distances of a hand's fingertips and links from the body, as constraints that a file states.
+"""Distances of a hand's links from the body, tables and obstacles, as constraints that a file states.
 
 The distance of a link is found by alternating projections between its shapes and the body's surface (Cheney and
 Goldstein 1959, Proc. Amer. Math. Soc. 10, 448-450), from the samples of the link that are nearest to the body. Each
@@ -13,15 +13,17 @@ import numpy as np
 
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.scalar_constraints import CLEARANCE
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.verify.convex_solids import Distance, vectorised_distance
+from nlpgrasp.solution.obstructions import TABLE
+from nlpgrasp.verify.convex_solids import Distance, solids_around, vectorised_distance
 from nlpgrasp.verify.link_checks import SLACK, link_samples
 from nlpgrasp.verify.link_shapes import LinkShape
-from nlpgrasp.verify.numeric_urdf_hand import NumericLinkedHand, radius_of, require_links
+from nlpgrasp.verify.numeric_urdf_hand import require_links
 from nlpgrasp.verify.stated_placement import ConstraintValue, NumericBody, NumericHand, StatedPlacement, require_body
 from nlpgrasp.verify.surface_geometry import SMALLEST
 
-TIP_DEPTH = 0.2  # allowed penetration of a round fingertip away from its contact, as a share of its radius
+TABLE_ROWS = "table"  # name of a table's constraints
 FARTHEST = 0.05  # metres: larger distances of links are stated as this one
 STARTS = 20  # samples of a link from which its distance is searched
 PROJECTIONS, LEAST_GAIN = 100, 1e-7  # most projections onto the link; metres that one has to gain
@@ -29,33 +31,24 @@ FOOT_STEPS, DIFFERENCE = 4, 1e-6  # Newton steps onto the body's surface; metres
 
 
 def clearance_constraints(
-    hand: NumericHand, surface: NumericBody | None, placement: StatedPlacement
+    hand: NumericHand, surface: NumericBody | None, constraints: Sequence[Json], placement: StatedPlacement
 ) -> Iterator[ConstraintValue]:
-    """Yield the constraints on the distance of round fingertips from the body, then those of links.
+    """Yield the constraints on the distance of links with shapes from all that a clearance above 0 is required from.
 
-    A clearance above 0 is kept by every link with shapes that is not rigidly connected to a fingertip's link.
+    From the body they are those of links that are not rigidly connected to a fingertip's link.
     """
     linked_hand, body = require_links(hand, "links"), require_body(surface)
-    for i, centre in linked_hand.round_tips(placement).items():
-        tip = linked_hand.tips[i]
-        name, least = f"{CLEARANCE}, {tip['link']}, finger {i}", (1.0 - TIP_DEPTH) * radius_of(tip)
-        value = float(body.distance(centre[None])[0])
-        yield ConstraintValue(name, value, least, scale=placement.size, error=linked_hand.error)
+    tip_roots = {linked_hand.rigid_root(str(tip["link"])) for tip in linked_hand.tips}
     clearance = number("problem.hand.clearance", linked_hand.data["clearance"], at_least=0.0)
-    if clearance > 0.0:
-        for link, value in link_distances(linked_hand, vectorised_distance(body)).items():
-            name, scale = f"{CLEARANCE}, {link}", placement.size
-            yield ConstraintValue(name, value, clearance, scale=scale, stated_below=True, measurement=SLACK)
-
-
-def link_distances(hand: NumericLinkedHand, distance: Distance) -> dict[str, float]:
-    """Return the distance from a body of each link that is not rigidly connected to a fingertip's, metres."""
-    tip_roots = {hand.rigid_root(str(tip["link"])) for tip in hand.tips}
-    return {
-        link: link_distance(shapes, hand.poses[link], distance)
-        for link, shapes in hand.shapes.items()
-        if hand.rigid_root(link) not in tip_roots
-    }
+    solids = [
+        (TABLE_ROWS if solid.name == TABLE else solid.name, solid.clearance, solid.distance)
+        for solid in solids_around(constraints, placement)
+    ]
+    for kind, least, distance in [(CLEARANCE, clearance, vectorised_distance(body)), *solids]:
+        for link, shapes in linked_hand.shapes.items() if least > 0.0 else ():
+            if kind != CLEARANCE or linked_hand.rigid_root(link) not in tip_roots:
+                value, name = link_distance(shapes, linked_hand.poses[link], distance), f"{kind}, {link}"
+                yield ConstraintValue(name, value, least, scale=placement.size, stated_below=True, measurement=SLACK)
 
 
 def link_distance(shapes: Sequence[LinkShape], pose: FloatArray, distance: Distance) -> float:

@@ -256,14 +256,6 @@ class NumericLinkedHand:
         direction = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
         return Palm(self.base[:3, 3], direction, self.direction_error)
 
-    def round_tips(self, placement: StatedPlacement) -> dict[int, FloatArray]:
-        """Return the centre of each round fingertip's contact ball, body frame, by finger index."""
-        centres = {}
-        for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
-            if radius_of(tip) > 0.0:
-                centres[i] = centre_of(tip, self._touching("", tip, p, n, placement.size))
-        return centres
-
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield the constraints of the quaternion's length, contacts on fingertips and closed linkages."""
         yield ConstraintValue(

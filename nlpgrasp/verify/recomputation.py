@@ -9,7 +9,7 @@ recomputed, by their names; they must keep their stated limits, to a tolerance t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -36,7 +36,7 @@ from nlpgrasp.verify.force_checks import squeeze_checks
 from nlpgrasp.verify.gripper_checks import gripper_checks
 from nlpgrasp.verify.joint_checks import joint_margin_checks, torque_checks
 from nlpgrasp.verify.link_checks import link_checks
-from nlpgrasp.verify.link_clearances import clearance_constraints
+from nlpgrasp.verify.link_clearances import TABLE_ROWS, clearance_constraints
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_hands import UnknownHand, fingertip_clearances
 from nlpgrasp.verify.optimality_checks import displacement_checks, optimality_checks
@@ -137,7 +137,7 @@ def _constraints_of_parts(
     if hand is not None and not hand.has_links and has_margin:
         parts[CLEARANCE_CHECK] = partial(fingertip_clearances, solution.body, surface, placement)
     if hand is not None and hand.has_links:
-        parts["links"] = partial(clearance_constraints, hand, surface, placement)
+        parts["links"] = partial(clearance_constraints, hand, surface, solution.problem["constraints"], placement)
     return parts
 
 
@@ -297,7 +297,9 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     owners = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
     owners[EDGE_MARGIN], owners[CLEARANCE_CHECK] = margin_owner(contacts), clearance_owner(contacts)
-    return owners if hand is None else {**owners, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
+    if hand is not None:
+        owners["hand"], owners["links"] = hand_owner(hand, contacts), links_owner(constraints, contacts)
+    return owners
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
@@ -323,9 +325,10 @@ def hand_owner(data: Json, contacts: int) -> Owner:
     return _named_with_prefix(HAND_PREFIXES[kind], contacts) if kind in HAND_PREFIXES else owns_any
 
 
-def links_owner(contacts: int) -> Owner:
+def links_owner(constraints: Sequence[Json], contacts: int) -> Owner:
     """Return a test of names that is true for the scalar constraints of a hand's links."""
-    return _named_with_prefix((f"{CLEARANCE}, ",), contacts)
+    avoided = [str(data.get("name", TABLE_ROWS)) for data in constraints if data["type"] in ("table", "obstacle")]
+    return _named_with_prefix(tuple(f"{kind}, " for kind in (CLEARANCE, *avoided)), contacts)
 
 
 def margin_owner(contacts: int) -> Owner:

@@ -8,10 +8,11 @@ import pytest
 import trimesh
 
 from nlpgrasp.common.meshes.search_tree import SearchTree
-from nlpgrasp.verify.link_clearances import FARTHEST, link_distance, link_distances
+from nlpgrasp.verify.link_clearances import FARTHEST, clearance_constraints, link_distance
 from nlpgrasp.verify.numeric_urdf_hand import urdf
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import StatedPlacement
 from tests.hands import urdf as hands
 
 BOX = (mujoco.mjtGeom.mjGEOM_BOX, [0.04, 0.02, 0.03])
@@ -30,8 +31,12 @@ BODIES_AND_GEOMS = {
 FOLDERS = SourceFolders((hands.FOLDER,))
 
 
+def body_of(data):
+    return BODIES.of(data)(data, SourceFolders(()))
+
+
 def distance_of(data):
-    return BODIES.of(data)(data, SourceFolders(())).distance
+    return body_of(data).distance
 
 
 def random_postures(count, rng):
@@ -92,7 +97,13 @@ def test_distances_from_a_body_that_is_known_to_first_order_are_never_too_small(
 
 def test_links_rigidly_connected_to_a_fingertip_keep_no_clearance(rng):
     hand = hand_and_shapes()[0].with_posture(next(random_postures(1, rng)))
-    distances = link_distances(hand, distance_of(BODIES_AND_GEOMS["sphere"][0]))
-    parts = ("knuckle", "proximal", "middle")
-    fingers = ("index", "middle", "ring", "thumb")
-    assert set(distances) == {"palm", *(f"{finger}_{part}" for finger in fingers for part in parts)}
+    table = {"type": "table", "height": -0.1, "clearance": 1e-3}
+    data, none = BODIES_AND_GEOMS["sphere"][0], np.zeros((0, 3))
+    placement = StatedPlacement(none, none, 0.05, hand, body_of, {})
+    stated = [row.name for row in clearance_constraints(hand, body_of(data), [table], placement)]
+    fingers, parts = ("index", "middle", "ring", "thumb"), ("knuckle", "proximal", "middle")
+    inner = [f"{finger}_{part}" for finger in fingers for part in parts]
+    assert set(stated) == {
+        *(f"clearance from the body, {link}" for link in ("palm", *inner)),
+        *(f"table, {link}" for link in hand.shapes),
+    }
