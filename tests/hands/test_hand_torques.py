@@ -87,6 +87,7 @@ def test_the_file_carries_the_limits_in_the_posture_found(solved, tmp_path):
     assert ng.verify(tmp_path / "torques.json").passed
 
 
+@pytest.mark.filterwarnings("ignore:link palm is thicker")
 def test_the_palm_is_held_by_the_force_limit_alone():
     palm = ng.SphereTip(0.01, [-0.02, 0.0, -0.045])
     hand = ng.URDFHand.load(FOUR, {"palm": palm, "index_tip": 0.011, "thumb_tip": 0.011}, 0.7)

@@ -61,7 +61,7 @@ def test_mimic_joint_follows_and_narrows_the_limits(tmp_path):
 
 
 def test_palm_is_any_link_and_what_is_above_is_left_out():
-    hand = ng.URDFHand.load(FOUR, {"index_tip": 0.01}, palm="index_knuckle")
+    hand = ng.URDFHand.load(FOUR, {"index_tip": 0.011}, palm="index_knuckle")
     assert hand.robot.root == "index_knuckle"
     assert [j.name for j in hand.robot.free_joints] == [f"index_{n}_flexion" for n in ("proximal", "middle", "distal")]
 

@@ -121,7 +121,7 @@ def test_a_tendon_of_fixed_length_makes_the_later_joint_follow(tmp_path):
     assert positions["bend"] == pytest.approx(0.5 * 0.4 + follow.offset)
 
 
-@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning", "ignore:link .* is thicker")
 def test_what_couples_joints_and_is_not_modelled_is_said(tmp_path):
     pulled = TENDON + '<actuator><motor tendon="cord" ctrlrange="-1 1" ctrllimited="true"/></actuator>'
     path = write_hand(tmp_path, pulled)
@@ -176,7 +176,7 @@ def test_palm_that_is_no_body(tmp_path):
         read_robot(write_hand(tmp_path), "thumb")
 
 
-@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*not the visible hand:UserWarning", "ignore:link .* is thicker")
 def test_limits_that_may_be_radians_are_named(tmp_path):
     path = write_hand(tmp_path, change=(' angle="radian"', ""))
     message = r'pincer.xml: no joint turns by more than 1.2 degrees: the file may lack <compiler angle="radian"/>'

@@ -170,7 +170,7 @@ def test_a_links_own_shape_is_its_fingertip():
     assert tip_from_shapes([CollisionShape.sphere(0.01, pose), CollisionShape.sphere(0.02, pose)]) is None
     hand = ng.URDFHand.load(FOUR, ["index_tip", "thumb_tip"])
     assert hand.tips == (("index_tip", ng.SphereTip(0.011)), ("thumb_tip", ng.SphereTip(0.011)))
-    assert ng.URDFHand.load(FOUR, {"index_tip": None, "thumb_tip": 0.01}).tips[1][1].radius == 0.01
+    assert ng.URDFHand.load(FOUR, {"index_tip": None, "thumb_tip": 0.0105}).tips[1][1].radius == 0.0105
     assert isinstance(ng.URDFHand.load(FOUR, ["palm"]).tips[0][1], ng.HullTip)  # a box: fitted
 
 

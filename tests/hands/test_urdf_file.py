@@ -134,8 +134,8 @@ def test_missing_mesh_is_named_and_the_rest_goes_on(tmp_path):
     text = FOUR.read_text().replace(SPHERE, MESH.format("package://some_hand/meshes/knuckle.stl"), 1)
     with pytest.warns(UserWarning, match=r"left out package://some_hand/meshes/knuckle.stl \(link index_knuckle\)"):
         hand = load(tmp_path, text)
-    assert "index_knuckle" not in hand.fits
-    assert "middle_knuckle" in hand.fits
+    assert not hand.robot.shapes.get("index_knuckle")
+    assert hand.robot.shapes["middle_knuckle"]
     assert hand.to_dict()["missing"] == ["package://some_hand/meshes/knuckle.stl (link index_knuckle)"]
 
 
@@ -159,7 +159,8 @@ def test_mesh_beside_the_file_and_below_a_package(tmp_path):
         text = FOUR.read_text().replace(SPHERE, MESH.format(name), 1)
         hand = load(tmp_path / "some_hand" / "urdf", text)
         assert not hand.robot.missing
-        assert np.max(hand.fits["index_knuckle"].radii) == pytest.approx(0.009, abs=0.003)
+        (shape,) = hand.robot.shapes["index_knuckle"]
+        assert shape.mesh.extents == pytest.approx([0.018] * 3, abs=1e-5)
 
 
 def test_torque_limits_by_name_by_number_and_from_the_file():
