@@ -196,6 +196,7 @@ def test_more_links_than_are_tried_are_said_to_be_untried(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:link panda_hand is thicker")
+@pytest.mark.filterwarnings("ignore:link panda_hand is thicker")
 def test_fingertips_that_face_one_another_are_opposed():
     hand = ng.URDFHand.load(
         robot("panda_description/urdf/panda.urdf"),
