@@ -24,7 +24,6 @@ from nlpgrasp.hands.suggested_tips import fits_shapes, tip_from_shapes
 from nlpgrasp.hands.tips import CapsuleTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
 
-CLEARANCE = 2e-3  # metres between links and body, for the positioning error of an arm
 QUARTER = np.pi / 2.0  # radians, a quarter turn
 
 Direction = tuple[float, float, float]
@@ -614,7 +613,7 @@ class _PresetReader:
             self._tips(robot),
             options.get("torque_limits", effort_limits(robot, self.preset.limits)),
             approach=self.preset.approach,
-            clearance=options.get("clearance", CLEARANCE),
+            clearance=options.get("clearance", 0.0),
             self_collision=options.get("self_collision", True),
             tip_overhang=options.get("tip_overhang"),
         )

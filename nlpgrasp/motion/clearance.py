@@ -128,6 +128,23 @@ class HandClearance:
                 result[part.link] = min(result.get(part.link, most), distance)
         return result
 
+    def nearest_point(self, number: int, link: str, values: Values) -> FloatArray:
+        """Return the point (3,) of a link's shapes that is nearest to a field's solid, metres, link frame."""
+        parts = [i for i, part in enumerate(self.parts.parts) if part.link == link]
+        frame, distance = self.parts.frames(values)[parts[0]], self.fields[number].distance
+        _, samples = self.parts.nearest_samples(np.array(parts), np.repeat(frame[None], len(parts), axis=0), distance)
+        points = [(samples - frame[:3, 3]) @ frame[:3, :3]]
+        if number == 0:
+            body = (self._body_points - frame[:3, 3]) @ frame[:3, :3]
+            for i in parts:
+                part = self.parts.parts[i]
+                first = body[np.argmin(part.distance(body))]
+                nearest = part.points[0] if part.radius > 0.0 else part.tree.nearest(first[None])[2][0]
+                along = (first - nearest) / max(float(np.linalg.norm(first - nearest)), 1e-9)
+                points.append((nearest + part.radius * along)[None])
+        candidates = np.concatenate(points)
+        return np.asarray(candidates[np.argmin(distance(candidates @ frame[:3, :3].T + frame[:3, 3]))])
+
     def rows(self, values: Values, reach: float = 0.01) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the clearances below a reach, metres: indices (r,), values (r,), derivatives by the twist (r, 6 + m).
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -185,6 +186,20 @@ class CompiledProblem:
         result = self._share_with(CompiledProblem(self.problem, self.options))
         result.cutting_planes, result._link_rows = self.cutting_planes, rows
         return result
+
+    def required_clearances(self, candidate: GraspCandidate) -> Iterator[tuple[int, str, float, float]]:
+        """Yield field, link, its distance and the least one, metres, of all links that have to keep a clearance.
+
+        From the body these are links that are not rigidly connected to a fingertip; fields are those of
+        ``collision_model``. Distances are those of the shapes, up to 50 mm.
+        """
+        model = self.collision_model
+        required = [] if model is None else [model.hand.clearance, *(field.clearance for field in model.fields[1:])]
+        for number, least in enumerate(required):
+            if model is not None and least > 0.0:
+                for link, distance in model.link_distances(number, candidate.hand).items():
+                    if number or not model.hand.has_fingertip(link):
+                        yield number, link, distance, least
 
     def link_rows_near(self, candidate: GraspCandidate, reach: float = 4e-3) -> LinkRows | None:
         """Return the clearances of a candidate's links that exceed those required by less than a reach, metres."""

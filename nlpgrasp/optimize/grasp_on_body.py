@@ -156,20 +156,12 @@ def contact_constraints(
 
 
 def _link_clearances(compiled: CompiledProblem, candidate: GraspCandidate) -> Iterator[LimitedLength]:
-    """Yield the distance of each link from what it has to keep a clearance from, by its shapes, up to 50 mm.
-
-    From the body, for links that are not rigidly connected to a fingertip, and from tables and obstacles.
-    """
-    model = compiled.collision_model
-    if model is None:
-        return
-    hand, around = model.hand, [Table.kind if field.solid == TABLE else field.solid for field in model.fields[1:]]
-    required = [hand.clearance, *(field.clearance for field in model.fields[1:])]
-    for number, (kind, least) in enumerate(zip([CLEARANCE, *around], required, strict=True)):
-        if least > 0.0:
-            for link, distance in model.link_distances(number, candidate.hand).items():
-                if number or not hand.has_fingertip(link):
-                    yield LimitedLength(Label(kind, link=link), distance, least)
+    """Yield the distance of each link from what it has to keep a clearance from, by its shapes, up to 50 mm."""
+    for number, link, distance, least in compiled.required_clearances(candidate):
+        solid = CLEARANCE
+        if number and compiled.collision_model is not None:
+            solid = compiled.collision_model.fields[number].solid
+        yield LimitedLength(Label(Table.kind if solid == TABLE else solid, link=link), distance, least)
 
 
 def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:

@@ -16,7 +16,8 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 from nlpgrasp.optimize.hand_postures import Postures
 from nlpgrasp.optimize.hand_shapes import HandShapes
-from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
+from nlpgrasp.optimize.race_limits import PosedContacts
+from nlpgrasp.optimize.race_steps import RaceSteps
 from nlpgrasp.optimize.solids import HasDistance
 
 
@@ -51,16 +52,15 @@ class BodyPlaces:
 
 
 def placements(
-    compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces, solids: HasDistance,
-    limits: RaceLimits, count: int, keep: int, rng: np.random.Generator,
+    compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces, steps: RaceSteps, count: int,
+    keep: int, rng: np.random.Generator,
 ) -> list[HandState]:  # fmt: skip
     """Return ``keep`` postures of each kind nearly in contact with the body, of ``count`` drawn ones in all."""
     kinds = [_around(library["ball"], places, count // 2, rng), _across(library["slab"], places, count // 2, rng)]
     # where limits or two contacts leave few placements, or no posture fits the body
-    if limits or compiled.hand_functions.linked_hand.count == 2 or not any(map(len, kinds)):
+    if steps.limits or compiled.hand_functions.linked_hand.count == 2 or not any(map(len, kinds)):
         kinds.append(_onto_free_grasps(compiled, rng))
-    shapes, grid = compiled.hand_shapes, compiled.distance_grid
-    return [_screened(shapes, grid, solids, limits, state, keep) for state in kinds]
+    return [_screened(steps, state, keep) for state in kinds]
 
 
 def _onto_free_grasps(compiled: CompiledProblem, rng: np.random.Generator, most: int = 40) -> HandState:
@@ -124,13 +124,12 @@ def _onto(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(axes * np.arctan2(sines, cosines)[:, None]).as_matrix())
 
 
-def _screened(
-    shapes: HandShapes, grid: DistanceGrid, solids: HasDistance, limits: RaceLimits, state: HandState, keep: int
-) -> HandState:
+def _screened(steps: RaceSteps, state: HandState, keep: int) -> HandState:
     """Return the postures with the least gaps of fingertips, depths of links and violations of limits.
 
     By few samples of the links, then by more.
     """
+    shapes, grid, solids, limits = steps.shapes, steps.grid, steps.solids, steps.limits
     for stride, kept in ((200, 4 * keep), (24, keep)):
         few = LinkPoints(shapes.samples.at[::stride], shapes.samples.groups[::stride])
         scores = list[FloatArray]()

@@ -66,7 +66,7 @@ def raced_candidates(
     steps = RaceSteps(compiled.problem, shapes, grid, compiled.solids, budget, limits, rng)
     library = posture_library(shapes)
     _warn_of_openings(compiled, library, places)
-    kinds = placements(compiled, library, places, steps.solids, limits, drawn, kept, rng)
+    kinds = placements(compiled, library, places, steps, drawn, kept, rng)
     state = HandState.joined(kinds)
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
     wider = 1.6 if limits else 1.0  # for placements that keep limits are few
@@ -103,7 +103,7 @@ def _entrants(steps: RaceSteps, state: HandState, kinds: IntArray, count: int) -
     """
     shapes, frames = steps.shapes, steps.shapes.links.frames(state)
     touch = steps.touch(frames)
-    mu = steps.screen(touch)
+    mu = steps.screen(touch.points, -touch.normals)
     gaps = np.max(np.abs(touch.gaps), axis=1)
     depths = -np.min(steps.solids.nearest(frames.cloud(shapes.middles)), axis=1, initial=np.inf)
     balls = frames.points(shapes.tips.at, shapes.tips.groups)

@@ -371,6 +371,10 @@ class _PolishProgram:
             changes["on_faces"], _ = fix_to_triangles(compiled, self.candidate, changes["edge_points"])
         if self.rows is not None and (penetrations or not on_body.is_feasible):
             inside = [point for p in penetrations if not p.other_link for point in self._points_inside(p)[:ADDED]]
+            for number, link, distance, least in compiled.required_clearances(on_body.candidate):
+                if distance < least:
+                    x, y, z = self.rows.clearance.nearest_point(number, link, on_body.candidate.hand).tolist()
+                    inside.append(LinkPoint(link, (x, y, z), number))
             near = compiled.link_rows_near(on_body.candidate)
             rows = self.rows if near is None else self.rows.with_more((*inside, *near.points), near.pairs)
             if rows != self.rows:

@@ -159,9 +159,9 @@ class RaceSteps:
         self.limits, self.solids = limits, solids
         self.unit = 1.0
 
-    def screen(self, touch: Touch) -> FloatArray:
-        """Return bounds on mu at the contacts of b postures, (b,), and set unit and metric of the task by them."""
-        stack = self._stack(touch.points, -touch.normals)
+    def screen(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return bounds on mu at contacts (b, k, 3) with inward normals, (b,), and set unit and metric of the task."""
+        stack = self._stack(points, normals)
         self._forces, task = fixed_force_set(stack, self._budget), self.problem.task
         self._metric = np.linalg.cholesky(second_moment(stack, task))
         y = spread_directions(stack, task)

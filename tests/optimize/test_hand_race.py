@@ -37,10 +37,11 @@ def racers(compiled, count=6):
     cloud = compiled.surface.cloud(0)
     places = BodyPlaces.of(compiled.problem.body, grid, cloud.points[:500], -cloud.normals[:500])
     limits = RaceLimits(compiled)
-    steps = RaceSteps(compiled.problem, shapes, grid, compiled.screening_budget, limits, rng)
-    kinds = placements(compiled, posture_library(shapes), places, steps.solids, limits, 600, (count + 1) // 2, rng)
+    steps = RaceSteps(compiled.problem, shapes, grid, compiled.solids, compiled.screening_budget, limits, rng)
+    kinds = placements(compiled, posture_library(shapes), places, steps, 600, (count + 1) // 2, rng)
     state = in_contact(shapes, grid, steps.solids, HandState.joined(kinds))
-    steps.screen(steps.touch(shapes.links.frames(state)))
+    touch = steps.touch(shapes.links.frames(state))
+    steps.screen(touch.points, -touch.normals)
     return steps, steps.first(state)
 
 
