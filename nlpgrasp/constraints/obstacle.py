@@ -91,7 +91,10 @@ class Obstacle(PlacementConstraint):
             raise InputError("Obstacle.body", f"a body of {self.body.space} dimensions", f"one of {space}")
 
     def rows(self, placement: SymbolicCandidate) -> Sequence[ScalarConstraint | Clearance]:
-        """Return one clearance constraint per fingertip and per ball of a link."""
+        """Return one clearance constraint per fingertip and per probe of a link.
+
+        A program has no probes: its links keep the clearance by their collision shapes.
+        """
         tips = zip(placement.tips, placement.radii, strict=True)
         tip_clearances = [
             self._sphere_clearance(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)

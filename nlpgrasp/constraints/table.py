@@ -69,7 +69,10 @@ class Table(PlacementConstraint):
         return cls(float(np.asarray(body.bounds)[0, -1]), clearance)
 
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
-        """Return a constraint ``tip_z - radius >= height + clearance`` for each fingertip and each ball of a link."""
+        """Return a constraint ``tip_z - radius >= height + clearance`` for each fingertip and each probe of a link.
+
+        A program has no probes: its links keep the clearance by their collision shapes.
+        """
         lower = self.height + self.clearance
         return [
             ScalarConstraint("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))

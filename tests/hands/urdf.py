@@ -70,8 +70,8 @@ def solution_links(path, hand_data):
     return {name: base @ pose for name, pose in Mujoco(path).link_poses(hand_data["joint_positions"]).items()}
 
 
-def link_distances(path, hand_data, geom):
-    """Return the distance of each link with shapes from a geom at the body's origin by MuJoCo, at most 50 mm.
+def link_distances(path, hand_data, geom, position=(0.0, 0.0, 0.0)):
+    """Return the distance of each link with shapes from a geom by MuJoCo, metres, at most 50 mm.
 
     Parameters
     ----------
@@ -79,12 +79,14 @@ def link_distances(path, hand_data, geom):
         ``palm_pose`` and ``joint_positions``, as in a solution's JSON data.
     geom : dict
         ``type`` and ``size`` of the geom.
+    position : (3,) array
+        Of the geom in the body's frame, metres.
     """
     frame = np.linalg.inv(body_frame(hand_data["palm_pose"]))
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, frame[:3, :3].ravel())
     spec = mujoco.MjSpec.from_string(path.read_text().replace("</robot>", f"{SETTINGS}</robot>"))
-    spec.worldbody.add_geom(name="the body", pos=frame[:3, 3], quat=quaternion, **geom)
+    spec.worldbody.add_geom(name="the body", pos=frame[:3] @ [*position, 1.0], quat=quaternion, **geom)
     model = spec.compile()
     data = mujoco.MjData(model)
     for name, value in hand_data["joint_positions"].items():

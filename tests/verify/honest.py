@@ -3,14 +3,13 @@
 from dataclasses import replace
 from functools import cache
 
-import mujoco
 import numpy as np
 import trimesh
 
 import nlpgrasp as ng
-from tests.hands.urdf import THREE, link_distances, three_finger_hand
+from tests.hands.urdf import THREE, three_finger_hand
 from tests.once import solve_once
-from tests.verify.stated import problem_of, stated_file
+from tests.verify.stated import problem_of, stated_file, with_link_clearances
 
 
 @cache
@@ -53,9 +52,12 @@ def block(folder):
     return stated_file(problem_of(body, 3, constraints=[ng.Table(-0.1)]), ["surface"] * 3, points, normals)
 
 
+FAR_TABLE = ng.Table(-0.5)
+
+
 @cache
-def fingers(**options):
-    """A sphere that three fingertips of a URDF hand in a random posture touch."""
+def fingers(around=(FAR_TABLE,), **options):
+    """A sphere that three fingertips of a URDF hand in a random posture touch, by default far above a table."""
     hand, rng = three_finger_hand(**options), np.random.default_rng(0)
     drawn, tips = [hand.draw(1, np.zeros((1, 3)), rng) for _ in range(4)][-1]
     values, c = {name: v[0] for name, v in drawn.items()}, tips[0]
@@ -67,23 +69,18 @@ def fingers(**options):
     radius = float(np.linalg.norm(c[0] - centre)) - 0.01
     outward = (c - centre) / np.linalg.norm(c - centre, axis=1, keepdims=True)
     values["palm_position"] = values["palm_position"] - centre
-    constraints = [ng.Table(-0.5), ng.Approach([0.0, 0.0, 1.0], np.pi)]
+    constraints = [*around, ng.Approach([0.0, 0.0, 1.0], np.pi)]
     problem = problem_of(ng.Sphere(radius), 3, hand=hand, constraints=constraints)
-    return stated_file(problem, ["surface"] * 3, radius * outward, -outward, values)
+    data = stated_file(problem, ["surface"] * 3, radius * outward, -outward, values)
+    inner = ["palm", *(f"finger_{i}_{part}" for i in (1, 2, 3) for part in ("base", "proximal"))]
+    return with_link_clearances(data, THREE, inner)
 
 
 @cache
 def clear_fingers():
-    """The same with links that keep 2 mm off the sphere; their distances are MuJoCo's."""
-    data = fingers(clearance=2e-3)
-    sphere = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [data["problem"]["body"]["radius"], 0.0, 0.0]}
-    row = {"bound": [2e-3, None], "multiplier": 0.0, "active": False, "kind": "clearance from the body", "fingers": []}
-    distances = link_distances(THREE, data["hand"], sphere)
-    links = ["palm", *(f"finger_{i}_{part}" for i in (1, 2, 3) for part in ("base", "proximal"))]
-    rows = [{"name": f"{row['kind']}, {link}", "value": distances[link], **row} for link in links]
-    names = {r["name"] for r in rows}
-    others = [r for r in data["constraints"] if r["name"] not in names]
-    return {**data, "constraints": [*others, *rows]}
+    """The same with links that keep 2 mm off the sphere, and 3 mm off a table and a post near the fingers."""
+    around = ng.Table(-0.05, 3e-3), ng.Obstacle(ng.Sphere(0.02), 3e-3, [-0.07, -0.06, 0.07], name="post")
+    return fingers(around, clearance=2e-3)
 
 
 QUICK = ng.SolveOptions(workers=1, rounds=0, rtol=0.05, final_rtol=0.02)

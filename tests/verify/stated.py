@@ -3,6 +3,7 @@
 import copy
 import json
 
+import mujoco
 import numpy as np
 import trimesh
 
@@ -13,6 +14,7 @@ from nlpgrasp.optimize.grasp_on_body import contact_constraints
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.verify.recomputation import recompute
 from nlpgrasp.verify.sources import SourceFolders
+from tests.hands.urdf import link_distances
 
 
 def problem_of(body, count, **fields):
@@ -81,6 +83,47 @@ def stated_file(problem, faces, points, normals, hand=None):
         solver={"versions": {"trimesh": trimesh.__version__}},
     )
     return json.loads(json.dumps(solution.to_dict()))
+
+
+def with_link_clearances(data, path, inner_links=()):
+    """Return the data of a file with the clearances of a URDF hand's links from spheres and tables, by MuJoCo.
+
+    Parameters
+    ----------
+    data : dict
+        Without them.
+    path : Path
+        Of the URDF.
+    inner_links : sequence of str
+        Links that keep the hand's clearance from the body: those that are not rigidly connected to a fingertip's.
+    """
+
+    def ball(body):
+        return {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [body["radius"], 0.0, 0.0]}
+
+    problem, origin = data["problem"], [0.0, 0.0, 0.0]
+    plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [1.0, 1.0, 1.0]}
+    solids = [("clearance from the body", problem["hand"]["clearance"], ball(problem["body"]), origin)]
+    for c in problem["constraints"]:
+        if c["type"] == "table":
+            solids.append(("table", c["clearance"], plane, [0.0, 0.0, c["height"]]))
+        elif c["type"] == "obstacle":
+            solids.append((c["name"], c["clearance"], ball(c["body"]), c["position"]))
+    rows = [
+        {
+            "name": f"{kind}, {link}",
+            "value": value,
+            "bound": [least, None],
+            "multiplier": 0.0,
+            "active": False,
+            "kind": kind,
+            "fingers": [],
+        }
+        for number, (kind, least, geom, position) in enumerate(solids)
+        for link, value in link_distances(path, data["hand"], geom, position).items()
+        if least > 0.0 and (number or link in inner_links)
+    ]
+    return {**data, "constraints": [*data["constraints"], *rows]}
 
 
 def edited(data, change):
