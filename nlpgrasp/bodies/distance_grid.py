@@ -24,7 +24,8 @@ class DistanceGrid:
     """Signed distance of a body on a regular grid about it, metres, negative inside.
 
     It is known from the body's own fields on tensor grids (``Body.distance_on_grid`` and the like), so that no kind of
-    body is named here. Beyond the grid it is that of the grid's nearest point and the distance from there.
+    body is named here. Beyond the grid it is at most the true one: as the grid's box is convex, that of a point x is at
+    least the root of ``d(c)^2 + |x - c|^2`` with the box's nearest point c.
 
     Parameters
     ----------
@@ -66,6 +67,11 @@ class DistanceGrid:
             index += cell.astype(np.int32) * np.int32(self._strides[axis])
         return np.asarray(self._values[index])
 
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (..., 3) from the grid's box, metres, (...,); 0 inside."""
+        outer = self._corner + self.spacing * (self._shape - 1.001)
+        return np.asarray(np.linalg.norm(np.maximum(np.maximum(self._corner - points, points - outer), 0.0), axis=-1))
+
     def distance(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distance (n,), metres, at points (n, 3), and its gradient, (n, 3)."""
         return self._trilinear(self._values, points, True)
@@ -87,7 +93,7 @@ class DistanceGrid:
     def _trilinear(self, field: Field, points: FloatArray, goes_on: bool) -> tuple[FloatArray, FloatArray]:
         """Return the interpolation (n,) of a field at points (n, 3), and its gradient, (n, 3).
 
-        Beyond the grid's box it grows by the distance from there if it ``goes_on``.
+        Beyond the grid's box it grows with the distance from there if it ``goes_on``.
         """
         base, w, beyond = self._cells(points)
         x, y, z = w.T
@@ -100,7 +106,9 @@ class DistanceGrid:
         along_z = over_y[1] - over_y[0]
         slopes = along_x[0] + z * (along_x[1] - along_x[0]), along_y[0] + z * (along_y[1] - along_y[0]), along_z
         value = over_y[0] + z * along_z
-        return value + beyond if goes_on else value, np.stack(slopes, axis=1) / self.spacing
+        return np.where(beyond > 0.0, np.hypot(value, beyond), value) if goes_on else value, np.stack(
+            slopes, axis=1
+        ) / self.spacing
 
     def _cells(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the first corner (n,) of each point's cell, the point's place in it, and its distance from the box.

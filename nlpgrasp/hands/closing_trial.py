@@ -246,7 +246,7 @@ class _Trial:
         variables = dict(zip(names, ca.vertsplit(x, np.cumsum([0, *self.sizes]).tolist()), strict=True))
         norm = ca.norm_2(variables["palm_quaternion"])
         variables["palm_quaternion"] = variables["palm_quaternion"] / norm
-        poses, places = self.tree.poses(variables), ca.reshape(variables.pop("places"), 2, -1)
+        poses, places = self.tree.poses(variables, self.tree.used_links), ca.reshape(variables.pop("places"), 2, -1)
         residuals = [norm - 1.0]
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n, beyond = self._contact(places[:, i], width, sides[i])

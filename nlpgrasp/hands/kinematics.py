@@ -13,18 +13,18 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.scalar_constraints import PalmPose
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.hands.closed_linkages import ClosedLinkages, random_joints
+from nlpgrasp.hands.moving_links import Frames, HandState, MovingLinks
 from nlpgrasp.hands.robot import Joint, Robot
 from nlpgrasp.hands.tips import Tip
 
 ROUNDING = 1e-15  # smaller constants of a rotation are zero
 # attributes that hold CasADi functions
-COMPILED = ("link_function", "contact_function", "_tip_function", "_links_evaluator", "_tips_evaluator", "linkages")
+COMPILED = ("_link_functions", "contact_function", "linkages")
 DRAWN_SHARES = (0.1, 0.7)  # part of the joint ranges, as shares, from which random postures are drawn
 
 
@@ -93,12 +93,12 @@ class LinkTree:
         rotation = rotation_matrix(variables["palm_quaternion"])
         return PalmPose(variables["palm_position"], rotation, ca.mtimes(rotation, ca.DM(self.approach)))
 
-    def poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
-        """Return the links' poses in the body frame (symbolic)."""
-        palm = self.palm(variables)
+    def poses(self, variables: dict[str, Expression], links: tuple[str, ...] | None = None) -> dict[str, Expression]:
+        """Return the poses of links, of those of the fingertips if none are named, in the body frame (symbolic)."""
+        palm, links = self.palm(variables), self.tip_links if links is None else links
         base = ca.vertcat(ca.horzcat(palm.rotation, palm.position), ca.SX([[0.0, 0.0, 0.0, 1.0]]))
-        poses = ca.horzsplit(self.link_function(variables["joints"]), 4)
-        return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, poses, strict=True)}
+        poses = ca.horzsplit(self._link_function(links)(variables["joints"]), 4)
+        return {name: ca.mtimes(base, pose) for name, pose in zip(links, poses, strict=True)}
 
     def palm_frame(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """Return the palm's pose in the body frame, (4, 4), given values of the hand's variables."""
@@ -109,8 +109,23 @@ class LinkTree:
 
     def palm_poses(self, joints: FloatArray) -> FloatArray:
         """Return the used links' poses in the palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
-        stacked = self._links_evaluator(joints)[0]
-        return stacked.reshape(len(joints), 4, len(self.used_links), 4).transpose(0, 2, 1, 3)
+        frames, links = self._palm_frames(joints), self._moving_links
+        groups = [links.group[name] for name in self.used_links]
+        result = np.zeros((len(joints), len(groups), 4, 4))
+        local = np.array([links.pose[name] for name in self.used_links]).reshape(-1, 4, 4)
+        result[..., :3, :] = frames.R[:, groups] @ local[:, :3]
+        result[..., :3, 3] += frames.t[:, groups]
+        result[..., 3, 3] = 1.0
+        return result
+
+    def _palm_frames(self, joints: FloatArray) -> Frames:
+        """Return the frames of all groups of links in the palm frame at positions (b, m) of the free joints."""
+        palms = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
+        return self._moving_links.frames(HandState(palms, np.zeros((len(joints), 3)), np.asarray(joints, dtype=float)))
+
+    @cached_property
+    def _moving_links(self) -> MovingLinks:
+        return MovingLinks(self.robot)
 
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return the used links' poses in the body frame, (4, 4) each, given values of the hand's variables."""
@@ -167,11 +182,11 @@ class LinkTree:
         for j, joint in enumerate(self.robot.free_joints):
             if joint.name in self.loaded_joints:
                 joint_rates[j] = rates[self.loaded_joints.index(joint.name)]
-        stacked = self.link_function(q)
+        stacked = self._link_function(self.tip_links)(q)
         poses, pose_rates = (ca.horzsplit(m, 4) for m in (stacked, ca.jtimes(stacked, q, joint_rates)))
         result = []
         for (link, _), point in zip(self.tips, points, strict=True):
-            index = self.used_links.index(link)
+            index = self.tip_links.index(link)
             pose, pose_rate = poses[index], pose_rates[index]
             local = ca.mtimes(pose[:3, :3].T, ca.mtimes(palm.rotation.T, point - palm.position) - pose[:3, 3])
             spin = ca.mtimes(pose_rate[:3, :3], pose[:3, :3].T)
@@ -207,9 +222,16 @@ class LinkTree:
         """Return the outward normals of flat fingertips (b, k, 3) in the palm frame, zero for curved fingertips."""
         return self._tip_centres_and_normals(joints)[1]
 
-    def _tip_centres_and_normals(self, joints: FloatArray) -> list[FloatArray]:
+    def _tip_centres_and_normals(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
-        return [output.reshape(len(joints), len(self.tips), 3) for output in self._tips_evaluator(joints)]
+        frames, links = self._palm_frames(joints), self._moving_links
+        groups = np.array([links.group[link] for link, _ in self.tips], int)
+        poses = np.array([links.pose[link] for link, _ in self.tips]).reshape(-1, 4, 4)
+        centres = np.array([tip.centre for _, tip in self.tips]).reshape(-1, 3, 1)
+        normals = np.array([np.zeros(3) if tip.normal is None else tip.normal for _, tip in self.tips])
+        at = (poses[:, :3, :3] @ centres)[..., 0] + poses[:, :3, 3]
+        directions = (poses[:, :3, :3] @ normals.reshape(-1, 3, 1))[..., 0]
+        return frames.points(at, groups), frames.directions(directions, groups)
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
@@ -238,32 +260,22 @@ class LinkTree:
         return tuple(link for link in self.robot.links if link in used)
 
     @cached_property
-    def link_function(self) -> ca.Function:
-        """CasADi function from joint positions to the used links' poses in the palm frame, side by side."""
-        q = ca.SX.sym("q", len(self.robot.free_joints))
-        poses = link_poses(self.robot, self.used_links, q)
-        return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
+    def tip_links(self) -> tuple[str, ...]:
+        """Links with a fingertip, parents first."""
+        return tuple(link for link in self.robot.links if link in dict(self.tips))
 
     @cached_property
-    def _links_evaluator(self) -> BatchEvaluator:
-        """Evaluator of ``link_function``."""
-        return BatchEvaluator(self.link_function)
+    def _link_functions(self) -> dict[tuple[str, ...], ca.Function]:
+        return {}
 
-    @cached_property
-    def _tips_evaluator(self) -> BatchEvaluator:
-        """Evaluator of centres and normals of the fingertips."""
-        return BatchEvaluator(self._tip_function)
-
-    @cached_property
-    def _tip_function(self) -> ca.Function:
-        q = ca.SX.sym("q", len(self.robot.free_joints))
-        poses = link_poses(self.robot, {link for link, _ in self.tips}, q)
-        tips = [ca.mtimes(poses[link], ca.vertcat(ca.DM(tip.centre), 1.0))[:3] for link, tip in self.tips]
-        zero = np.zeros(3)
-        normals = [
-            ca.mtimes(poses[link][:3, :3], zero if tip.normal is None else tip.normal) for link, tip in self.tips
-        ]
-        return ca.Function("tips", [q], [ca.vertcat(*tips), ca.vertcat(*normals)], {"cse": True})
+    def _link_function(self, links: tuple[str, ...]) -> ca.Function:
+        """Return the CasADi function from joint positions to poses of links in the palm frame, side by side."""
+        if links not in self._link_functions:
+            q = ca.SX.sym("q", len(self.robot.free_joints))
+            poses = link_poses(self.robot, links, q)
+            stacked = ca.horzcat(*[poses[name] for name in links])
+            self._link_functions[links] = ca.Function("links", [q], [stacked], {"cse": True})
+        return self._link_functions[links]
 
     def __getstate__(self) -> dict[str, object]:
         """Keep the defining fields; compiled functions are rebuilt after unpickling."""

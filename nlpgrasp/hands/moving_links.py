@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,8 +17,10 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.spatial import cross, cross_matrix
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.robot import Robot
+
+if TYPE_CHECKING:
+    from nlpgrasp.hands.kinematics import LinkTree
 
 
 @dataclass(frozen=True)

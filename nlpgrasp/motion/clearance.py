@@ -123,7 +123,11 @@ class HandClearance:
         """Return the distance of each link from a field's solid, metres, up to the most that is told apart."""
         frames, all_parts, result = self.parts.frames(values), np.arange(len(self.parts.parts)), dict[str, float]()
         if len(all_parts):
-            measured = self._measured(number, all_parts, frames, most) + self.fields[number].clearance
+            is_mesh = number == 0 and isinstance(self.body, Mesh)
+            exact = self.body.clearance if is_mesh and isinstance(self.body, Mesh) else self.fields[number].distance
+            measured = self.parts.nearest_samples(all_parts, frames, exact)[0] + self.fields[number].clearance
+            near = np.flatnonzero(measured < 3e-3) if number == 0 else all_parts[:0]
+            measured[near] = np.minimum(measured[near], self._measured(0, near, frames[near], np.inf))
             for part, distance in zip(self.parts.parts, measured.tolist(), strict=True):
                 result[part.link] = min(result.get(part.link, most), distance)
         return result

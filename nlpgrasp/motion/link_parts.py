@@ -254,7 +254,9 @@ class LinkParts:
         is_near = result < close
         if not np.any(is_near):
             return result, nearest
-        keep = is_near[owner] & (lowest <= _least(owner, value + table.reaches[cells] + error)[owner])
+        outside = np.zeros(len(middles)) if grid is None else grid.beyond(middles)  # where it tells less
+        highest = value + table.reaches[cells] + error + outside
+        keep = is_near[owner] & (lowest <= _least(owner, highest)[owner])
         owner = (np.cumsum(is_near) - 1)[owner]
         chosen, frames = chosen[is_near], frames[is_near]
         index, of_cell = _ranges(table.first[cells[keep]], table.sizes[cells[keep]])
@@ -262,13 +264,17 @@ class LinkParts:
         points = _moved(table.points[index], frames[owner])
         value = coarse(points)
         if grid is not None:
-            near = np.flatnonzero(value <= _least(owner, value)[owner] + 2.0 * error)
-            owner, points = owner[near], points[near]
+            outside = grid.beyond(points)
+            near = np.flatnonzero(value <= _least(owner, value + outside)[owner] + 2.0 * error)
+            owner, points, outside = owner[near], points[near], outside[near]
             value = grid.distance(points)[0]
             order = np.lexsort((value, owner))
-            near = order[np.arange(len(order)) - np.searchsorted(owner[order], owner[order]) < count]
+            ranks = np.arange(len(order)) - np.searchsorted(owner[order], owner[order])
+            is_first = ranks < count
+            near = order[is_first | (outside[order] > 0.0)]
+            is_first = is_first[is_first | (outside[order] > 0.0)]
             owner, points, value = owner[near], points[near], value[near]
-            measured = (_least(owner, value) - self.radii[chosen] < close)[owner]
+            measured = is_first & (_least(owner, value) - self.radii[chosen] < close)[owner]
             value[measured] = distance(points[measured])
             value[~measured] -= error
         first = _first_of_each(owner, value)

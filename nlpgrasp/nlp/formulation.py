@@ -94,9 +94,9 @@ def optimal_grasp_program(
     surfaces = SurfaceConstraints(problem)
     if not surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
-    _add_reachability_and_hand(program, problem, contacts)
     if link_rows and isinstance(problem.hand, URDFHand):
         _add_link_rows(program, problem.body, link_rows)
+    _add_reachability_and_hand(program, problem, contacts)
     if surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     return program

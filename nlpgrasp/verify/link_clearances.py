@@ -41,14 +41,14 @@ def clearance_constraints(
     tip_roots = {linked_hand.rigid_root(str(tip["link"])) for tip in linked_hand.tips}
     clearance = number("problem.hand.clearance", linked_hand.data["clearance"], at_least=0.0)
     solids = [
-        (TABLE_ROWS if solid.name == TABLE else solid.name, solid.clearance, solid.distance)
+        (TABLE_ROWS if solid.name == TABLE else solid.name, solid.clearance, solid.distance, SLACK + solid.rough)
         for solid in solids_around(constraints, placement)
     ]
-    for kind, least, distance in [(CLEARANCE, clearance, vectorised_distance(body)), *solids]:
+    for kind, least, distance, slack in [(CLEARANCE, clearance, vectorised_distance(body), SLACK), *solids]:
         for link, shapes in linked_hand.shapes.items() if least > 0.0 else ():
             if kind != CLEARANCE or linked_hand.rigid_root(link) not in tip_roots:
                 value, name = link_distance(shapes, linked_hand.poses[link], distance), f"{kind}, {link}"
-                yield ConstraintValue(name, value, least, scale=placement.size, stated_below=True, measurement=SLACK)
+                yield ConstraintValue(name, value, least, scale=placement.size, stated_below=True, measurement=slack)
 
 
 def link_distance(shapes: Sequence[LinkShape], pose: FloatArray, distance: Distance) -> float:

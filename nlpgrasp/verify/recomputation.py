@@ -298,7 +298,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     owners = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
     owners[EDGE_MARGIN], owners[CLEARANCE_CHECK] = margin_owner(contacts), clearance_owner(contacts)
     if hand is not None:
-        owners["hand"], owners["links"] = hand_owner(hand, contacts), links_owner(constraints, contacts)
+        owners["hand"], owners["links"] = hand_owner(hand, contacts), links_owner(constraints)
     return owners
 
 
@@ -325,10 +325,10 @@ def hand_owner(data: Json, contacts: int) -> Owner:
     return _named_with_prefix(HAND_PREFIXES[kind], contacts) if kind in HAND_PREFIXES else owns_any
 
 
-def links_owner(constraints: Sequence[Json], contacts: int) -> Owner:
-    """Return a test of names that is true for the scalar constraints of a hand's links."""
+def links_owner(constraints: Sequence[Json]) -> Owner:
+    """Return a test of names that is true for the scalar constraints of a hand's links, which name no contact."""
     avoided = [str(data.get("name", TABLE_ROWS)) for data in constraints if data["type"] in ("table", "obstacle")]
-    return _named_with_prefix(tuple(f"{kind}, " for kind in (CLEARANCE, *avoided)), contacts)
+    return _named_with_prefix(tuple(f"{kind}, " for kind in (CLEARANCE, *avoided)), 0)
 
 
 def margin_owner(contacts: int) -> Owner:

@@ -33,10 +33,13 @@ def test_links_are_where_mujoco_says(name, rng):
     for _ in range(10):
         q = rng.uniform(lower, upper)
         expected = simulator.link_poses(hand.tree.joint_positions(q))
-        stacked = np.asarray(hand.tree.link_function(q).full())
+        stacked = np.hstack(hand.tree.palm_poses(q[None])[0])
+        at_palm = {"palm_position": ca.DM.zeros(3), "palm_quaternion": ca.DM([1, 0, 0, 0]), "joints": ca.DM(q)}
+        symbolic = hand.tree.poses(at_palm, hand.tree.used_links)
         for i, link in enumerate(hand.tree.used_links):
             if link != hand.robot.root:
                 np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], expected[link], atol=1e-9)
+            np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], ca.DM(symbolic[link]), atol=1e-12)
 
 
 def test_axes_that_are_not_unit_and_joints_without_one(tmp_path, rng):
@@ -47,9 +50,7 @@ def test_axes_that_are_not_unit_and_joints_without_one(tmp_path, rng):
     (tmp_path / "hand.urdf").write_text(text)
     hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"thumb_tip": 0.011})
     q = rng.uniform(*hand.tree.joint_limits)
-    np.testing.assert_allclose(
-        hand.tree.link_function(q).full(), four_finger_hand().tree.link_function(q).full(), atol=1e-12
-    )
+    np.testing.assert_allclose(hand.tree.palm_poses(q[None]), four_finger_hand().tree.palm_poses(q[None]), atol=1e-12)
 
 
 def test_mimic_joint_follows_and_narrows_the_limits(tmp_path):
@@ -139,7 +140,7 @@ def test_every_kind_of_joint_with_every_origin_and_axis(tmp_path, kind, other, r
     hand = ng.URDFHand.load(path, {"tip": 0.01})
     q = rng.uniform(-1.0, 1.0, 2)
     expected = Mujoco(path).link_poses(hand.tree.joint_positions(q))
-    stacked = np.asarray(hand.tree.link_function(q).full())
+    stacked = np.hstack(hand.tree.palm_poses(q[None])[0])
     for i, link in enumerate(hand.tree.used_links):
         np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
 

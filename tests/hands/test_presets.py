@@ -167,7 +167,7 @@ def test_allegro_closes_to_where_its_palm_faces():
 def test_panda_touches_with_its_rubber_tips():
     hand = ng.hands.panda(robot(PANDA))
     assert hand.torque_limits == {"panda_finger_joint1": 140.0}
-    links = dict(zip(hand.tree.used_links, np.hsplit(hand.tree.link_function([0.02]).full(), 3), strict=True))
+    links = dict(zip(hand.tree.used_links, hand.tree.palm_poses(np.array([[0.02]]))[0], strict=True))
     middles, normals = [], []
     for name, tip in hand.tips:
         rubber = hand.robot.shapes[name][-1].mesh
@@ -231,7 +231,7 @@ def test_inspire_has_the_forces_that_were_measured_and_closes_to_where_its_palm_
 def palm_frame(hand, link):
     """Return a link's frame in the palm's, (4, 4), at position zero of all joints."""
     index = hand.tree.used_links.index(link)
-    return hand.tree.link_function(np.zeros(len(hand.robot.free_joints))).full()[:, 4 * index : 4 * index + 4]
+    return hand.tree.palm_poses(np.zeros((1, len(hand.robot.free_joints))))[0, index]
 
 
 def check_fitted_fingers(hand):
@@ -273,8 +273,7 @@ def test_robotiq_pads_face_each_other_and_meet(tmp_path):
     assert hand.torque_limits == {"finger_joint": 25.0}
     gaps = []
     for position in (0.0, 0.8):
-        stacked = hand.tree.link_function([position]).full()
-        poses = {name: stacked[:, 4 * i : 4 * i + 4] for i, name in enumerate(hand.tree.used_links)}
+        poses = dict(zip(hand.tree.used_links, hand.tree.palm_poses(np.array([[position]]))[0], strict=True))
         left, right = (poses[name] @ tip.frame for name, tip in hand.tips)
         np.testing.assert_allclose(left[:3, 2], [0.0, 1.0, 0.0], atol=1e-9)
         np.testing.assert_allclose(right[:3, 2], [0.0, -1.0, 0.0], atol=1e-9)

@@ -49,9 +49,9 @@ def test_who_owns_what():
     assert hand_owner({"type": "urdf"}, 3)("on fingertip thumb, finger 2, normal x")
     assert not hand_owner({"type": "urdf"}, 3)("spread, fingers 0 and 1")
     assert hand_owner({"type": "claw"}, 3)("claws, finger 0")
-    of_links = links_owner([table, level, {"type": "obstacle", "name": "post"}], 3)
+    of_links = links_owner([table, level, {"type": "obstacle", "name": "post"}])
     for name in ("clearance from the body, palm", "table, palm", "post, palm"):
         assert of_links(name)
     for name in ("self-collision, palm and finger_1", "obstacle, palm", "level (a+b), palm", "table, finger 3"):
         assert not of_links(name)
-    assert not links_owner([level], 3)("table, palm")
+    assert not links_owner([level])("table, palm")
