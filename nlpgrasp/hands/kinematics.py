@@ -109,7 +109,7 @@ class LinkTree:
 
     def palm_poses(self, joints: FloatArray) -> FloatArray:
         """Return the used links' poses in the palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
-        frames, links = self._palm_frames(joints), self._moving_links
+        frames, links = self._palm_frames(joints), self.moving_links
         groups = [links.group[name] for name in self.used_links]
         result = np.zeros((len(joints), len(groups), 4, 4))
         local = np.array([links.pose[name] for name in self.used_links]).reshape(-1, 4, 4)
@@ -121,10 +121,11 @@ class LinkTree:
     def _palm_frames(self, joints: FloatArray) -> Frames:
         """Return the frames of all groups of links in the palm frame at positions (b, m) of the free joints."""
         palms = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
-        return self._moving_links.frames(HandState(palms, np.zeros((len(joints), 3)), np.asarray(joints, dtype=float)))
+        return self.moving_links.frames(HandState(palms, np.zeros((len(joints), 3)), np.asarray(joints, dtype=float)))
 
     @cached_property
-    def _moving_links(self) -> MovingLinks:
+    def moving_links(self) -> MovingLinks:
+        """Frames of the robot's groups of links in many postures."""
         return MovingLinks(self.robot)
 
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -224,7 +225,7 @@ class LinkTree:
 
     def _tip_centres_and_normals(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
-        frames, links = self._palm_frames(joints), self._moving_links
+        frames, links = self._palm_frames(joints), self.moving_links
         groups = np.array([links.group[link] for link, _ in self.tips], int)
         poses = np.array([links.pose[link] for link, _ in self.tips]).reshape(-1, 4, 4)
         centres = np.array([tip.centre for _, tip in self.tips]).reshape(-1, 3, 1)

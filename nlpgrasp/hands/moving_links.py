@@ -7,9 +7,9 @@ hand about a pivot, and joint rates: 6 + m numbers, of which ``rows`` gives the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,9 +18,6 @@ from nlpgrasp.common.spatial import cross, cross_matrix
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.robot import Robot
-
-if TYPE_CHECKING:
-    from nlpgrasp.hands.kinematics import LinkTree
 
 
 @dataclass(frozen=True)
@@ -49,10 +46,11 @@ class HandState:
         return HandState(self.rotation[chosen], self.position[chosen], self.joints[chosen])
 
     @classmethod
-    def of_values(cls, values: Values, tree: LinkTree) -> HandState:
+    def of_values(cls, values: Mapping[str, FloatArray]) -> HandState:
         """Return the one posture of values of the hand's variables."""
-        palm = tree.palm_frame(values)
-        return cls(palm[None, :3, :3], palm[None, :3, 3], np.asarray(values["joints"], dtype=float)[None])
+        rotation = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
+        position, joints = (np.asarray(values[name], dtype=float) for name in ("palm_position", "joints"))
+        return cls(rotation[None], position[None], joints[None])
 
     @property
     def values(self) -> Values:

@@ -29,7 +29,7 @@ from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.moving_links import Frames, HandState, MovingLinks
+from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.link_parts import LinkParts, sharp_edge_points
 from nlpgrasp.problem.problem import GraspProblem
@@ -156,12 +156,12 @@ class HandClearance:
         sample.
         """
         frames, count, moving = self.parts.frames(values), len(self._chosen), self.moving_frames(values)
-        groups = np.array([self._moving.group[part.link] for part in self.parts.parts], int)
+        groups = np.array([self.hand.tree.moving_links.group[part.link] for part in self.parts.parts], int)
 
         def rows(x: FloatArray, parts: IntArray, n: FloatArray) -> FloatArray:
             return moving.rows(x, groups[parts], n, moving.t[:, 0], np.zeros(len(x), int))
 
-        indices, result, slopes = [np.zeros(0, int)], [np.zeros(0)], [np.zeros((0, self._moving.size))]
+        indices, result, slopes = [np.zeros(0, int)], [np.zeros(0)], [np.zeros((0, self.hand.tree.moving_links.size))]
         grid = distance_grid(self.body) if isinstance(self.body, Mesh) else None
         centres = self.parts.ball_centres(frames)[self._chosen]
         for number, field in enumerate(self.fields):
@@ -188,11 +188,7 @@ class HandClearance:
 
     def moving_frames(self, values: Values) -> Frames:
         """Return the frames of the hand's groups of links in one posture, which tell how points on them move."""
-        return self._moving.frames(HandState.of_values(values, self.hand.tree))
-
-    @cached_property
-    def _moving(self) -> MovingLinks:
-        return MovingLinks(self.hand.robot)
+        return self.hand.tree.moving_links.frames(HandState.of_values(values))
 
     def _far_distance(self, points: FloatArray) -> FloatArray:
         """Return a distance (m,) of points (m, 3) from the body quickly, metres: nowhere more than its own."""

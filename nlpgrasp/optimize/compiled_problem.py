@@ -206,7 +206,7 @@ class CompiledProblem:
         if self.link_rows is None:
             return None
         model, shapes, parts = self.link_rows.clearance, self.hand_shapes, self.link_rows.clearance.parts
-        frames = shapes.links.frames(HandState.of_values(candidate.hand, model.hand.tree))
+        frames = shapes.links.frames(HandState.of_values(candidate.hand))
         _, index, x, *_ = shapes.lowest_samples(self.solids, frames, reach + float(np.max(shapes.least)))
         required = shapes.least[shapes.samples.groups[index]]
         points = [

@@ -108,7 +108,7 @@ class HandShapes:
     """
 
     def __init__(self, hand: URDFHand, parts: LinkParts, margin: float, spacing: float = 3e-3) -> None:
-        self.links, self.parts = MovingLinks(hand.robot), parts
+        self.links, self.parts = hand.tree.moving_links, parts
         self.part_groups = np.array([self.links.group[part.link] for part in parts.parts], int)
         self._part_poses = np.array([self.links.pose[part.link] for part in parts.parts]).reshape(-1, 4, 4)
         self.least = np.zeros(1 + len(self.links.parent))

@@ -28,7 +28,7 @@ def posture(hand, rng):
 
 
 def moved(values, twist, tree):
-    state = HandState.of_values(values, tree)
+    state = HandState.of_values(values)
     return {k: v[0] for k, v in state.moved(twist[None], state.position, tree.joint_limits).values.items()}
 
 
