@@ -30,7 +30,7 @@ from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.moving_links import Frames, HandState
-from nlpgrasp.motion.distance_fields import build_distance_fields
+from nlpgrasp.motion.distance_fields import Distance, build_distance_fields
 from nlpgrasp.motion.link_parts import LinkParts, sharp_edge_points
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -119,13 +119,16 @@ class HandClearance:
             is_due[np.arange(len(result)), np.argmin(result, axis=1)] = True
         return np.asarray(result)
 
+    def exact_distance(self, number: int) -> Distance:
+        """Return the distance of a field, of a mesh as its triangles state it."""
+        return self.body.clearance if number == 0 and isinstance(self.body, Mesh) else self.fields[number].distance
+
     def link_distances(self, number: int, values: Values, most: float = 0.05) -> dict[str, float]:
         """Return the distance of each link from a field's solid, metres, up to the most that is told apart."""
         frames, all_parts, result = self.parts.frames(values), np.arange(len(self.parts.parts)), dict[str, float]()
         if len(all_parts):
-            is_mesh = number == 0 and isinstance(self.body, Mesh)
-            exact = self.body.clearance if is_mesh and isinstance(self.body, Mesh) else self.fields[number].distance
-            measured = self.parts.nearest_samples(all_parts, frames, exact)[0] + self.fields[number].clearance
+            distance, required = self.exact_distance(number), self.fields[number].clearance
+            measured = self.parts.nearest_samples(all_parts, frames, distance)[0] + required
             near = np.flatnonzero(measured < 3e-3) if number == 0 else all_parts[:0]
             measured[near] = np.minimum(measured[near], self._measured(0, near, frames[near], np.inf))
             for part, distance in zip(self.parts.parts, measured.tolist(), strict=True):

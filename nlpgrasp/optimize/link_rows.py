@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.spatial import cross_matrix
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.base import Values
@@ -95,7 +94,7 @@ class LinkRows:
             groups = np.array([links.group[link] for link in links_of_x], int)
             return frames.rows(x, groups, n, frames.t[:, 0], np.zeros(len(x), int))
 
-        for number, field in enumerate(model.fields):
+        for number in range(len(model.fields)):
             points = [point for point in self.points if point.field == number]
             names = [point.link for point in points]
             if points:
@@ -104,8 +103,7 @@ class LinkRows:
                 groups = np.array([links.group[name] for name in names], int)
                 at = (poses[:, :3, :3] @ local[:, :, None])[..., 0] + poses[:, :3, 3]
                 x = frames.points(at, groups)[0]
-                is_mesh = number == 0 and isinstance(model.body, Mesh)
-                distance = model.body.clearance if is_mesh and isinstance(model.body, Mesh) else field.distance
+                distance = model.exact_distance(number)
                 step = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
                 ahead, behind = distance((x + step[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
                 beyond = 2e-4 if number else 0.0  # as points of the surface stand for it
