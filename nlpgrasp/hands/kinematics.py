@@ -217,22 +217,11 @@ class LinkTree:
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
         """Return the fingertip centres (b, k, 3) in the palm frame at joint positions (b, m)."""
-        return self._tip_centres_and_normals(joints)[0]
-
-    def palm_normals(self, joints: FloatArray) -> FloatArray:
-        """Return the outward normals of flat fingertips (b, k, 3) in the palm frame, zero for curved fingertips."""
-        return self._tip_centres_and_normals(joints)[1]
-
-    def _tip_centres_and_normals(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
-        frames, links = self._palm_frames(joints), self.moving_links
-        groups = np.array([links.group[link] for link, _ in self.tips], int)
-        poses = np.array([links.pose[link] for link, _ in self.tips]).reshape(-1, 4, 4)
+        links, names = self.moving_links, [link for link, _ in self.tips]
+        poses = np.array([links.pose[link] for link in names]).reshape(-1, 4, 4)
         centres = np.array([tip.centre for _, tip in self.tips]).reshape(-1, 3, 1)
-        normals = np.array([np.zeros(3) if tip.normal is None else tip.normal for _, tip in self.tips])
         at = (poses[:, :3, :3] @ centres)[..., 0] + poses[:, :3, 3]
-        directions = (poses[:, :3, :3] @ normals.reshape(-1, 3, 1))[..., 0]
-        return frames.points(at, groups), frames.directions(directions, groups)
+        return self._palm_frames(joints).points(at, np.array([links.group[link] for link in names], int))
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator

@@ -23,8 +23,6 @@ from nlpgrasp.errors import InputError
 
 FINE = 28  # sides of a round patch in pictures
 DOT_RADIUS = 2e-3  # metres: radius of the ball drawn for a patch of unknown shape
-SLACK = 2e-4  # metres that a touching link's spheres stay behind its patch
-TILT_SINE = np.sin(np.radians(20.0))  # sine of the largest tilt of a finger without collision of its link
 CAPSULE_DEPTH = 1e-4  # largest depth of a contact inside the capsule, as a share of the axis' length
 
 
@@ -89,13 +87,6 @@ class Tip(ABC):
     @abstractmethod
     def beyond(self, points: FloatArray) -> FloatArray:
         """Return signed distances of points (m, 3), link frame, from the patch's solid, metres, negative inside."""
-
-    @abstractmethod
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest link spheres about points (m, 3) that let the tip touch a body.
-
-        Larger spheres could reach the body before the patch does.
-        """
 
     @property
     def backbone(self) -> FloatArray:
@@ -198,14 +189,6 @@ class SphereTip(Tip):
         """Return the signed distance of points (m, 3) from the sphere, (m,), metres, negative inside."""
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres about points (m, 3) within a plane touching the tip.
-
-        The tip touches the plane. They stay off if the line from the tip's centre to the point is inclined to the plane
-        by at least 20 degrees.
-        """
-        return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
-
     def to_dict(self) -> Json:
         """Return radius and offset as JSON data."""
         return {"type": self.kind, "radius": self.radius, "offset": list(self.centre)}
@@ -278,23 +261,9 @@ class CylinderTip(Tip):
 
     def beyond(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) from the cylinder with round ends, (m,), metres."""
-        return self._axis_distances(points, 0.0) - self.radius
-
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) in the cylinder with round ends.
-
-        They stay ``SLACK`` behind its surface; 0 for centres nearer to it or outside.
-        """
-        return np.asarray(np.maximum(self.radius - self._axis_distances(centres, 0.0) - SLACK, 0.0))
-
-    def _axis_distances(self, points: FloatArray, first: float) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, 3) from the axis between its fraction ``first`` and its end.
-
-        The part begins at the fraction ``first``: 0 is the axis's start, minus infinity continues it behind its start.
-        """
         a, b = self.ends
-        t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), first, 1.0)
-        return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
+        t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
+        return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - self.radius)
 
     @property
     def backbone(self) -> FloatArray:
@@ -352,14 +321,6 @@ class CapsuleTip(CylinderTip):
         first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
         faces = [part.faces + number for part, number in zip(parts, first, strict=True)]
         return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
-
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) inside the capsule.
-
-        They stay ``SLACK`` behind its surface; 0 for centres nearer to it or outside. Behind its start the capsule
-        counts as continued, since the finger may be as thick there.
-        """
-        return np.asarray(np.maximum(self.radius - self._axis_distances(centres, -np.inf) - SLACK, 0.0))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraints that the capsule touches the contact point with its side or a round end.
@@ -445,15 +406,6 @@ class EllipsoidTip(Tip):
         axes = np.asarray(self.semi_axes, dtype=float)
         gauge = np.linalg.norm((points - frame[:3, 3]) @ frame[:3, :3] / axes, axis=1)
         return np.asarray((gauge - 1.0) * np.max(axes))
-
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres about points (m, 3), as for an inscribed ball.
-
-        The ball touches the plane. It has the ellipsoid's centre and its smallest semi-axis as radius; see
-        ``SphereTip.most_radius``.
-        """
-        smallest = float(np.min(self.semi_axes))
-        return np.asarray(smallest + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def surface(self, sides: int = FINE) -> Triangles:
         """Return the patch as triangles, sampled by outward normals."""
@@ -549,11 +501,6 @@ class HullTip(Tip):
         """Return signed distances of points (m, 3) from the patch's tangent planes, (m,), metres, negative inside."""
         normals, support = self._tangent_planes(np.pi, 2 * FINE)
         return np.asarray(np.max(points @ normals.T - support, axis=1))
-
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) behind the tangent planes."""
-        normals, support = self._tangent_planes(self.angle, FINE)
-        return np.asarray(np.min(support - centres @ normals.T, axis=1) - SLACK)
 
     def surface(self, sides: int = FINE) -> Triangles:
         """Return the patch as triangles, sampled by outward normals."""
@@ -651,14 +598,6 @@ class FlatTip(Tip):
         """Return the signed distance of points (m, 3) in front of the rectangle's plane, (m,), metres."""
         frame = self.frame
         return np.asarray((points - frame[:3, 3]) @ frame[:3, 2])
-
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii (m,), metres, of the largest spheres with centres (m, 3) behind the rectangle's plane.
-
-        They stay ``SLACK`` behind it; 0 for centres nearer to it or in front.
-        """
-        frame = self.frame
-        return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 
     def surface(self, sides: int = FINE) -> Triangles:
         """Return the rectangle as triangles."""

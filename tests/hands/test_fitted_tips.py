@@ -111,13 +111,11 @@ def test_constraints_hold_at_that_point_alone_and_verify_has_the_same(name, rng)
         np.testing.assert_allclose(list(twin.values()), list(values.values()), atol=1e-12)
 
 
-def test_beyond_and_radii_are_those_of_the_tangent_planes():
+def test_beyond_is_that_of_the_tangent_planes():
     tip = TIPS["box"]
     middle = CORNERS.mean(axis=0)
     probes = middle + np.outer([0.0, HALF[2] + 0.004, HALF[2] - 0.004], [0.0, 0.0, 1.0])
     np.testing.assert_allclose(tip.beyond(probes), [-HALF[0], 0.004, -0.004], atol=2e-4)
-    assert tip.most_radius(probes[[0]])[0] == pytest.approx(HALF[1], abs=5e-4)  # facing y and z: the face y is nearest
-    assert tip.most_radius(probes[[1]])[0] < -0.003
 
 
 def test_data_of_a_hull():
