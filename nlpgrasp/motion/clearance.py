@@ -159,12 +159,7 @@ class HandClearance:
         sample.
         """
         frames, count, moving = self.parts.frames(values), len(self._chosen), self.moving_frames(values)
-        groups = np.array([self.hand.tree.moving_links.group[part.link] for part in self.parts.parts], int)
-
-        def rows(x: FloatArray, parts: IntArray, n: FloatArray) -> FloatArray:
-            return moving.rows(x, groups[parts], n, moving.t[:, 0], np.zeros(len(x), int))
-
-        indices, result, slopes = [np.zeros(0, int)], [np.zeros(0)], [np.zeros((0, self.hand.tree.moving_links.size))]
+        indices, result, slopes = [np.zeros(0, int)], [np.zeros(0)], [np.zeros((0, moving.links.size))]
         grid = distance_grid(self.body) if isinstance(self.body, Mesh) else None
         centres = self.parts.ball_centres(frames)[self._chosen]
         for number, field in enumerate(self.fields):
@@ -175,19 +170,37 @@ class HandClearance:
                 value, x = self.parts.nearest_samples(
                     parts, frames[parts], field.distance, grid if number == 0 else None, close=reach
                 )
-                step = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
-                ahead, behind = field.distance((x + step[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
                 indices.append(number * count + near)
                 result.append(value)
-                slopes.append(rows(x, parts, (ahead - behind).T / 2e-6))
-        _, pairs, value, ends, n = self.parts.near_pairs(frames[None], self.pairs, reach)
-        first, second = self.pairs[pairs].T
+                slopes.append(self.point_slopes(field.distance, x, [self.parts.parts[i].link for i in parts], moving))
+        pairs, value, by_twist = self.pair_rows(values, self.pairs, reach)
         indices.append(len(self.fields) * count + pairs)
         result.append(value)
-        slopes.append(rows(ends[:, 1], second, n) - rows(ends[:, 0], first, n))
+        slopes.append(by_twist)
         values_of_all = np.concatenate(result)
         below = values_of_all < reach
         return np.concatenate(indices)[below], values_of_all[below], np.concatenate(slopes)[below]
+
+    def point_slopes(
+        self, distance: Distance, x: FloatArray, links: Sequence[str], moving: Frames, step: float = 1e-6
+    ) -> FloatArray:
+        """Return the derivatives by the twist, (n, 6 + m), of the distance at points (n, 3) fixed to links.
+
+        The twist is about the palm's origin; ``moving`` are the frames of one posture.
+        """
+        steps = step * np.concatenate([np.eye(3), -np.eye(3)])
+        ahead, behind = distance((x + steps[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
+        groups = np.array([moving.links.group[link] for link in links], int)
+        return moving.rows(x, groups, (ahead - behind).T / (2.0 * step), moving.t[:, 0], np.zeros(len(x), int))
+
+    def pair_rows(self, values: Values, pairs: IntArray, reach: float) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the distances of pairs (r, 2) of parts below a reach, metres, as ``rows`` does."""
+        moving = self.moving_frames(values)
+        groups = np.array([moving.links.group[part.link] for part in self.parts.parts], int)
+        _, index, value, ends, n = self.parts.near_pairs(self.parts.frames(values)[None], pairs, reach)
+        one = np.zeros(len(index), int)
+        first, second = (moving.rows(ends[:, i], groups[pairs[index, i]], n, moving.t[:, 0], one) for i in range(2))
+        return index, value, second - first
 
     def moving_frames(self, values: Values) -> Frames:
         """Return the frames of the hand's groups of links in one posture, which tell how points on them move."""

@@ -86,35 +86,22 @@ class LinkRows:
 
         The twist is about the palm's origin.
         """
-        model, frames = self.clearance, self.clearance.moving_frames(values)
-        links, hand = frames.links, self.clearance.hand
-        result, slopes = list[FloatArray](), list[FloatArray]()
-
-        def by_twist(x: FloatArray, links_of_x: Sequence[str], n: FloatArray) -> FloatArray:
-            groups = np.array([links.group[link] for link in links_of_x], int)
-            return frames.rows(x, groups, n, frames.t[:, 0], np.zeros(len(x), int))
-
+        model, moving = self.clearance, self.clearance.moving_frames(values)
+        links, hand = moving.links, model.hand
+        result, slopes = [np.zeros(0)], [np.zeros((0, links.size))]
         for number in range(len(model.fields)):
             points = [point for point in self.points if point.field == number]
-            names = [point.link for point in points]
             if points:
+                names, distance = [point.link for point in points], model.exact_distance(number)
                 poses = np.array([links.pose[name] for name in names])
                 local = np.array([point.position for point in points])
-                groups = np.array([links.group[name] for name in names], int)
                 at = (poses[:, :3, :3] @ local[:, :, None])[..., 0] + poses[:, :3, 3]
-                x = frames.points(at, groups)[0]
-                distance = model.exact_distance(number)
-                step = 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
-                ahead, behind = distance((x + step[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
+                x = moving.points(at, np.array([links.group[name] for name in names], int))[0]
                 beyond = 2e-4 if number else 0.0  # as points of the surface stand for it
                 result.append(distance(x) - [max(hand.least_clearance(name), beyond) for name in names])
-                slopes.append(by_twist(x, names, (ahead - behind).T / 2e-6))
+                slopes.append(model.point_slopes(distance, x, names, moving))
         if self.pairs:
-            pairs = model.pairs[list(self.pairs)]
-            _, index, value, ends, n = model.parts.near_pairs(model.parts.frames(values)[None], pairs, 0.05)
-            sides = [
-                by_twist(ends[:, i], [model.parts.parts[part].link for part in pairs[index, i]], n) for i in range(2)
-            ]
+            _, value, by_twist = model.pair_rows(values, model.pairs[list(self.pairs)], 0.05)
             result.append(value)
-            slopes.append(sides[1] - sides[0])
-        return np.concatenate([np.zeros(0), *result]), np.concatenate([np.zeros((0, links.size)), *slopes])
+            slopes.append(by_twist)
+        return np.concatenate(result), np.concatenate(slopes)
