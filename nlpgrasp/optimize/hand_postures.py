@@ -110,7 +110,7 @@ def largest_opening(library: dict[str, Postures]) -> float:
 
 
 def _evolved(
-    shapes: HandShapes, rng: np.random.Generator, drawn: int = 2000, count: int = 750, generations: int = 18,
+    shapes: HandShapes, rng: np.random.Generator, drawn: int = 4000, count: int = 750, generations: int = 18,
     kept: int = 120,
 ) -> dict[str, Postures]:  # fmt: skip
     """Return the best postures of each kind, ``kept`` of each size, after generations of ``count`` children.
