@@ -121,7 +121,7 @@ def _evolved(
     (lower, upper), links = shapes.limits, shapes.links
     fingers = np.array([links.moves[group] @ (links.coupling != 0.0) for group in shapes.tips.groups])  # joints of each
     first = shapes.closed(rng.uniform(lower, upper, (drawn, len(lower))))
-    groupings = max(1, 2 ** (len(fingers) - 1) - 1)
+    groupings = max(1, 2 ** int(shapes.fingers.max()) - 1)
     of_niche = {"ball": max(6, kept // groupings), "slab": max(6, kept // (3 * groupings))}  # a ball has one width
     vectors, numbers = np.zeros((0, 3)), np.zeros(0)
     none = Postures(first[:0], vectors, vectors, numbers, numbers, np.zeros(0, int))
@@ -150,7 +150,7 @@ def _improved(
     """
     frames = palm_frames(shapes, joints)
     tips = frames.points(shapes.tips.at, shapes.tips.groups)
-    which, contacts = _contacts(tips, shapes.tips.radii, kind)
+    which, contacts = _contacts(tips, shapes.tips.radii, kind, shapes.fingers)
     usable = np.flatnonzero(contacts[3] > SMALLEST)
     which, (inward, middles, axes, radii, uneven) = which[usable], (part[usable] for part in contacts)
     beyond = overhang(shapes, frames.of(which), tips[which], inward)
@@ -210,7 +210,9 @@ def palm_frames(shapes: HandShapes, joints: FloatArray) -> Frames:
     return shapes.links.frames(HandState(palms, np.zeros((len(joints), 3)), joints))
 
 
-def _contacts(tips: FloatArray, radii: FloatArray, kind: str) -> tuple[IntArray, tuple[FloatArray, ...]]:
+def _contacts(
+    tips: FloatArray, radii: FloatArray, kind: str, fingers: IntArray
+) -> tuple[IntArray, tuple[FloatArray, ...]]:
     """Return the contacts of fingertips (b, k, 3): the posture of each, and arrays as follows.
 
     Inward normals (n, k, 3), which point from the fingertip into the body, middles, axes, half sizes and unevenness.
@@ -222,7 +224,8 @@ def _contacts(tips: FloatArray, radii: FloatArray, kind: str) -> tuple[IntArray,
         inward = (middles[:, None] - tips) / np.maximum(distances, TINY)[..., None]
         half, uneven = (distances - radii).mean(axis=1), np.ptp(distances, axis=1) / 4.0
         return np.arange(count), (inward, middles, np.zeros_like(middles), half, uneven)
-    sides = np.array(list(product([1.0, -1.0], repeat=k)))[1 : 2 ** (k - 1)]  # two groups, the first fingertip in one
+    groups = int(fingers.max()) + 1  # those of a finger are on one side, the first one's on the first
+    sides = np.array(list(product([1.0, -1.0], repeat=groups)))[1 : 2 ** (groups - 1), fingers].reshape(-1, k)
     which, sides = np.repeat(np.arange(count), len(sides)), np.tile(sides, (count, 1))
     x = tips[which]
     shares = [is_in / is_in.sum(axis=1, keepdims=True) for is_in in (sides > 0.0, sides < 0.0)]

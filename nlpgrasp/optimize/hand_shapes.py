@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
@@ -105,6 +105,8 @@ class HandShapes:
     ----------
     least : (g,) array
         Least distance of each group of links from body and surroundings, metres.
+    fingers : (k,) int array
+        Number of each fingertip's finger, from 0 on: tips along one chain of joints are of one finger.
     """
 
     def __init__(self, hand: URDFHand, parts: LinkParts, margin: float, spacing: float = 3e-3) -> None:
@@ -115,6 +117,7 @@ class HandShapes:
         for link, group in self.links.group.items():
             self.least[group] = hand.least_clearance(link)
         self.tips = TipBalls.of(hand, self.links)
+        self.fingers = _finger_numbers(self.links.moves[self.tips.groups])
         margins = JointLimitMargins.of(hand, margin)
         self.linkages = hand.tree.linkages if hand.robot.has_linkages else None
         held = {*hand.robot.passive, *hand.robot.stop_positions}  # others move them, or springs hold them at a limit
@@ -219,6 +222,19 @@ class HandShapes:
         lowest = np.flatnonzero((value == least) & (value < reach))
         lowest = lowest[np.diff(keys[lowest], prepend=-1) > 0]
         return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
+
+
+def _finger_numbers(moves: BoolArray) -> IntArray:
+    """Return the number of each fingertip's finger, (k,), from 0 on, given which joints move it, (k, joints).
+
+    A fingertip is of the finger that goes on from it; where several do, as from a palm, it is by itself.
+    """
+    contained = np.all(moves[:, None] <= moves, axis=2)  # all joints that move the first one move the second
+    same = np.argmax(contained & contained.T, axis=1)
+    is_end = ~np.any(contained & ~contained.T, axis=1)
+    ends = [np.unique(same[of_one & is_end]) for of_one in contained]
+    owners = [int(end[0]) if len(end) == 1 else i for i, end in enumerate(ends)]
+    return np.unique(owners, return_inverse=True)[1]
 
 
 def _filled(patch: Triangles, spacing: float = 4e-3) -> FloatArray:

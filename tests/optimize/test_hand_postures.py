@@ -1,5 +1,7 @@
 """Library of a hand's postures: opposed fingertips by size, from the cache or without it."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -77,3 +79,12 @@ def test_fingertips_that_oppose_nothing_have_no_postures(monkeypatch):
     library = posture_library(hand_shapes(hand, 0.05))
     assert all(not len(postures.radii) for postures in library.values())
     assert largest_opening(library) == 0.0
+
+
+def test_fingertips_along_one_finger_are_on_one_side():
+    tips = {f"{finger}_{part}": 0.009 for finger in ("index", "thumb", "ring") for part in ("middle", "tip")}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        hand = ng.URDFHand.load(FOUR, {"palm": ng.SphereTip(0.01), **tips}, tip_overhang=1.0)
+    assert hand_shapes(hand, 0.05).fingers.tolist() == [0, 1, 1, 2, 2, 3, 3]
+    assert hand_shapes(four_finger_hand(), 0.05).fingers.tolist() == [0, 1, 2, 3]
