@@ -106,9 +106,9 @@ class DistanceGrid:
         along_z = over_y[1] - over_y[0]
         slopes = along_x[0] + z * (along_x[1] - along_x[0]), along_y[0] + z * (along_y[1] - along_y[0]), along_z
         value = over_y[0] + z * along_z
-        return np.where(beyond > 0.0, np.hypot(value, beyond), value) if goes_on else value, np.stack(
-            slopes, axis=1
-        ) / self.spacing
+        if goes_on:
+            value = np.where(beyond > 0.0, np.hypot(value, beyond), value)
+        return value, np.stack(slopes, axis=1) / self.spacing
 
     def _cells(self, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the first corner (n,) of each point's cell, the point's place in it, and its distance from the box.

@@ -18,7 +18,7 @@ from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.hands.closed_linkages import ClosedLinkages, random_joints
-from nlpgrasp.hands.moving_links import Frames, HandState, MovingLinks
+from nlpgrasp.hands.moving_links import MovingLinks
 from nlpgrasp.hands.robot import Joint, Robot
 from nlpgrasp.hands.tips import Tip
 
@@ -109,19 +109,7 @@ class LinkTree:
 
     def palm_poses(self, joints: FloatArray) -> FloatArray:
         """Return the used links' poses in the palm frame, (b, links, 4, 4), at positions (b, m) of the free joints."""
-        frames, links = self._palm_frames(joints), self.moving_links
-        groups = [links.group[name] for name in self.used_links]
-        result = np.zeros((len(joints), len(groups), 4, 4))
-        local = np.array([links.pose[name] for name in self.used_links]).reshape(-1, 4, 4)
-        result[..., :3, :] = frames.R[:, groups] @ local[:, :3]
-        result[..., :3, 3] += frames.t[:, groups]
-        result[..., 3, 3] = 1.0
-        return result
-
-    def _palm_frames(self, joints: FloatArray) -> Frames:
-        """Return the frames of all groups of links in the palm frame at positions (b, m) of the free joints."""
-        palms = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
-        return self.moving_links.frames(HandState(palms, np.zeros((len(joints), 3)), np.asarray(joints, dtype=float)))
+        return self.moving_links.palm_frames(joints).of_links(self.used_links)
 
     @cached_property
     def moving_links(self) -> MovingLinks:
@@ -217,11 +205,9 @@ class LinkTree:
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
         """Return the fingertip centres (b, k, 3) in the palm frame at joint positions (b, m)."""
-        links, names = self.moving_links, [link for link, _ in self.tips]
-        poses = np.array([links.pose[link] for link in names]).reshape(-1, 4, 4)
-        centres = np.array([tip.centre for _, tip in self.tips]).reshape(-1, 3, 1)
-        at = (poses[:, :3, :3] @ centres)[..., 0] + poses[:, :3, 3]
-        return self._palm_frames(joints).points(at, np.array([links.group[link] for link in names], int))
+        centres = np.array([tip.centre for _, tip in self.tips], dtype=float).reshape(-1, 3)
+        at, groups = self.moving_links.in_groups([link for link, _ in self.tips], centres)
+        return self.moving_links.palm_frames(joints).points(at, groups)
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator

@@ -7,7 +7,7 @@ hand about a pivot, and joint rates: 6 + m numbers, of which ``rows`` gives the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -129,6 +129,17 @@ class MovingLinks:
             R[:, i + 1], t[:, i + 1] = moved[..., :3], t[:, parent] + moved[..., 3]
         return Frames(self, R, t)
 
+    def palm_frames(self, joints: FloatArray) -> Frames:
+        """Return the frames of all groups at positions (b, m) of the free joints, with the palm at the origin."""
+        palms = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
+        return self.frames(HandState(palms, np.zeros((len(joints), 3)), np.asarray(joints, dtype=float)))
+
+    def in_groups(self, links: Sequence[str], points: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return points (n, 3) given in the frames of their links in those of the links' groups, and these, (n,)."""
+        poses = np.array([self.pose[link] for link in links]).reshape(-1, 4, 4)
+        at = (poses[:, :3, :3] @ points[:, :, None])[..., 0] + poses[:, :3, 3]
+        return at, np.array([self.group[link] for link in links], int)
+
 
 @dataclass(frozen=True)
 class Frames:
@@ -149,6 +160,16 @@ class Frames:
     def of(self, chosen: IntArray) -> Frames:
         """Return the frames of some of the postures."""
         return Frames(self.links, self.R[chosen], self.t[chosen])
+
+    def of_links(self, links: Sequence[str]) -> FloatArray:
+        """Return the frames of links, (b, n, 4, 4), body frame."""
+        groups = [self.links.group[link] for link in links]
+        local = np.array([self.links.pose[link] for link in links]).reshape(-1, 4, 4)
+        result = np.zeros((len(self.R), len(groups), 4, 4))
+        result[..., :3, :] = self.R[:, groups] @ local[:, :3]
+        result[..., :3, 3] += self.t[:, groups]
+        result[..., 3, 3] = 1.0
+        return result
 
     @cached_property
     def _axes(self) -> FloatArray:

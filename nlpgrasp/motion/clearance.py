@@ -131,8 +131,8 @@ class HandClearance:
             measured = self.parts.nearest_samples(all_parts, frames, distance)[0] + required
             near = np.flatnonzero(measured < 3e-3) if number == 0 else all_parts[:0]
             measured[near] = np.minimum(measured[near], self._measured(0, near, frames[near], np.inf))
-            for part, distance in zip(self.parts.parts, measured.tolist(), strict=True):
-                result[part.link] = min(result.get(part.link, most), distance)
+            for part, value in zip(self.parts.parts, measured.tolist(), strict=True):
+                result[part.link] = min(result.get(part.link, most), value)
         return result
 
     def nearest_point(self, number: int, link: str, values: Values) -> FloatArray:

@@ -114,8 +114,6 @@ def _opened(
 def _fingertips(model: HandClearance, values: Values) -> tuple[FloatArray, FloatArray]:
     """Return the middles of the fingertips (k, 3), metres, and their derivatives by the twist, (k, 3, 6 + m)."""
     frames, tips = model.moving_frames(values), model.hand.tips
-    poses = [frames.links.pose[link] for link, _ in tips]
-    at = np.array([pose[:3, :3] @ tip.centre + pose[:3, 3] for pose, (_, tip) in zip(poses, tips, strict=True)])
-    groups = np.array([frames.links.group[link] for link, _ in tips])
+    at, groups = frames.links.in_groups([link for link, _ in tips], np.array([tip.centre for _, tip in tips]))
     points = frames.points(at, groups)
     return points[0], frames.motions(points, groups, frames.t[:, 0])[0]

@@ -17,7 +17,7 @@ import numpy as np
 from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray, IntArray
-from nlpgrasp.hands.moving_links import Frames, HandState
+from nlpgrasp.hands.moving_links import Frames
 from nlpgrasp.optimize.hand_shapes import HandShapes
 
 KINDS = "ball", "slab"
@@ -148,7 +148,7 @@ def _improved(
 
     What is cheap comes first: the tips' unevenness and overhang, mu, and at last the links' distances.
     """
-    frames = palm_frames(shapes, joints)
+    frames = shapes.links.palm_frames(joints)
     tips = frames.points(shapes.tips.at, shapes.tips.groups)
     which, contacts = _contacts(tips, shapes.tips.radii, kind, shapes.fingers)
     usable = np.flatnonzero(contacts[3] > SMALLEST)
@@ -202,12 +202,6 @@ def sampled_mu(points: FloatArray, normals: FloatArray, friction: float = 0.6, r
         projected = np.where(tangent <= friction * normal, square, on_cone)
         result[part] = np.sqrt(projected.reshape(-1, points.shape[1], y.shape[0]).sum(axis=1).min(axis=1))
     return result
-
-
-def palm_frames(shapes: HandShapes, joints: FloatArray) -> Frames:
-    """Return the frames of postures (b, m) with the palm at the origin."""
-    palms = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
-    return shapes.links.frames(HandState(palms, np.zeros((len(joints), 3)), joints))
 
 
 def _contacts(

@@ -112,7 +112,6 @@ class HandShapes:
     def __init__(self, hand: URDFHand, parts: LinkParts, margin: float, spacing: float = 3e-3) -> None:
         self.links, self.parts = hand.tree.moving_links, parts
         self.part_groups = np.array([self.links.group[part.link] for part in parts.parts], int)
-        self._part_poses = np.array([self.links.pose[part.link] for part in parts.parts]).reshape(-1, 4, 4)
         self.least = np.zeros(1 + len(self.links.parent))
         for link, group in self.links.group.items():
             self.least[group] = hand.least_clearance(link)
@@ -191,12 +190,7 @@ class HandShapes:
 
     def part_frames(self, frames: Frames) -> FloatArray:
         """Return the frames (b, n, 4, 4) of the links of all parts."""
-        R, t = frames.R[:, self.part_groups], frames.t[:, self.part_groups]
-        result = np.zeros((*t.shape[:2], 4, 4))
-        result[..., :3, :] = R @ self._part_poses[:, :3]
-        result[..., :3, 3] += t
-        result[..., 3, 3] = 1.0
-        return result
+        return frames.of_links([part.link for part in self.parts.parts])
 
     def lowest_samples(
         self, grid: HasDistance, frames: Frames, reach: float

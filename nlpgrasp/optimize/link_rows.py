@@ -93,10 +93,7 @@ class LinkRows:
             points = [point for point in self.points if point.field == number]
             if points:
                 names, distance = [point.link for point in points], model.exact_distance(number)
-                poses = np.array([links.pose[name] for name in names])
-                local = np.array([point.position for point in points])
-                at = (poses[:, :3, :3] @ local[:, :, None])[..., 0] + poses[:, :3, 3]
-                x = moving.points(at, np.array([links.group[name] for name in names], int))[0]
+                x = moving.points(*links.in_groups(names, np.array([point.position for point in points])))[0]
                 beyond = 2e-4 if number else 0.0  # as points of the surface stand for it
                 result.append(distance(x) - [max(hand.least_clearance(name), beyond) for name in names])
                 slopes.append(model.point_slopes(distance, x, names, moving))

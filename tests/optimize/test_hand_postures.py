@@ -8,7 +8,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.motion.link_parts import LinkParts
-from nlpgrasp.optimize.hand_postures import largest_opening, palm_frames, posture_library, sampled_mu
+from nlpgrasp.optimize.hand_postures import largest_opening, posture_library, sampled_mu
 from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios, spread_directions
@@ -42,7 +42,7 @@ def test_mu_in_closed_form_is_that_of_the_sampled_supports():
 def test_fingertips_touch_what_a_posture_is_for_and_links_are_apart(shapes):
     library = posture_library(shapes)
     for name, postures in library.items():
-        frames = palm_frames(shapes, postures.joints)
+        frames = shapes.links.palm_frames(postures.joints)
         for palm_frames_of_parts in shapes.part_frames(frames)[::20]:
             assert np.min(shapes.parts.pair_distances(palm_frames_of_parts, shapes.parts.pairs)) >= 0.0
         assert np.all((postures.joints >= shapes.limits[0]) & (postures.joints <= shapes.limits[1]))
