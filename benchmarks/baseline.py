@@ -7,6 +7,7 @@ Each solve has its own process. CPU seconds are relative to a fixed piece of wor
 import json
 import multiprocessing
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -134,3 +135,7 @@ def format_status_changes(pairs):
     """Return a text that lists the solves whose status changed."""
     changed = [f"{a['status']} to {b['status']}" for a, b in pairs if a["status"] != b["status"]]
     return "; ".join(changed) if changed else "all ended as before"
+
+
+if __name__ == "__main__":
+    run(*sys.argv[1:])

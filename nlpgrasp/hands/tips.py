@@ -62,6 +62,16 @@ class Tip(ABC):
         return None
 
     @property
+    def half_sides(self) -> FloatArray:
+        """Halves of sides or axis along which a contact slides, (m, 3), metres, link frame; none of a ball."""
+        return np.zeros((0, 3))
+
+    @property
+    def middle(self) -> FloatArray:
+        """Where these halves begin, (3,), metres, link frame."""
+        return self.centre
+
+    @property
     def slides(self) -> bool:
         """Whether the patch has a sliding coordinate, from 0 to 1."""
         return False
@@ -226,9 +236,19 @@ class CylinderTip(Tip):
         return np.array([self.start, self.end], dtype=float)
 
     @property
-    def centre(self) -> FloatArray:
+    def middle(self) -> FloatArray:
         """Middle of the axis, (3,), metres, link frame."""
         return np.asarray(self.ends.mean(axis=0))
+
+    @property
+    def half_sides(self) -> FloatArray:
+        """Half of the axis, (1, 3), metres, link frame."""
+        return (self.ends[1:] - self.ends[:1]) / 2.0
+
+    @property
+    def centre(self) -> FloatArray:
+        """Middle of the axis, (3,), metres, link frame."""
+        return self.middle
 
     @property
     def standoff(self) -> float:
@@ -578,6 +598,11 @@ class FlatTip(Tip):
     def normal(self) -> FloatArray:
         """Outward unit normal of the rectangle, (3,), link frame."""
         return np.asarray(self.frame[:3, 2])
+
+    @property
+    def half_sides(self) -> FloatArray:
+        """Halves of the rectangle's sides, (2, 3), metres, link frame."""
+        return np.asarray(self.frame[:3, :2] * (np.asarray(self.extents) / 2.0)).T
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return constraints: rectangle normal along n, contact in the plane and within the rectangle."""

@@ -15,10 +15,8 @@ from nlpgrasp.hands.moving_links import HandState, LinkPoints, turned
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 from nlpgrasp.optimize.hand_postures import Postures
-from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.race_limits import PosedContacts
 from nlpgrasp.optimize.race_steps import RaceSteps
-from nlpgrasp.optimize.solids import HasDistance
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,7 @@ def _screened(steps: RaceSteps, state: HandState, keep: int) -> HandState:
             part = state.of(slice(start, start + 128))
             frames = shapes.links.frames(part)
             depths = np.minimum(solids.nearest(frames.cloud(few)), 0.0)
-            gaps = np.abs(grid.nearest(frames.points(shapes.tips.at, shapes.tips.groups)) - shapes.tips.radii)
+            gaps = np.abs(grid.nearest(steps.ball_centres(frames)) - shapes.tips.radii)
             spread = np.sqrt(150.0 / max(len(few.at), 1))  # as for 150 samples
             scores.append(gaps.sum(axis=1) + spread * np.sqrt(np.sum(depths**2, axis=1)))
             if limits:
@@ -147,16 +145,16 @@ def _screened(steps: RaceSteps, state: HandState, keep: int) -> HandState:
 
 
 def in_contact(
-    shapes: HandShapes, grid: DistanceGrid, solids: HasDistance, state: HandState, steps: int = 8,
-    clearance: float = 1e-3, worst: int = 10,
-) -> HandState:  # fmt: skip
+    race: RaceSteps, state: HandState, steps: int = 8, clearance: float = 1e-3, worst: int = 10
+) -> HandState:
     """Return the postures after damped Gauss-Newton steps: fingertips touch, the ``worst`` samples get outside."""
+    shapes, grid, solids = race.shapes, race.grid, race.solids
     few = LinkPoints(shapes.samples.at[::16], shapes.samples.groups[::16])
     tips, count = shapes.tips, len(state)
     scale = np.concatenate([np.full(3, 0.02), np.full(3, 0.25), np.full(shapes.links.size - 6, 0.3)])
     for _ in range(steps):
         frames = shapes.links.frames(state)
-        centres, cloud = frames.points(tips.at, tips.groups), frames.cloud(few)
+        centres, cloud = race.ball_centres(frames), frames.cloud(few)
         deepest = np.argpartition(solids.nearest(cloud), worst, axis=1)[:, :worst]
         lowest = np.take_along_axis(cloud, deepest[..., None], axis=1)
         points = np.concatenate([centres, lowest], axis=1)

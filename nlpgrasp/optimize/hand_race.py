@@ -71,12 +71,12 @@ def raced_candidates(
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
     wider = 1.6 if limits else 1.0  # for placements that keep limits are few
     entrants = round(wider * ROUNDS[0].racers)
-    racers = _entrants(steps, in_contact(shapes, grid, steps.solids, state), kind, entrants)
-    longer = 1 + len(compiled.problem.models) // 6  # many contacts take more steps to touch
+    racers = _entrants(steps, in_contact(steps, state), kind, entrants)
+    harder = 1 + len(compiled.problem.models) // 6  # many contacts take more steps to touch, and touch at few postures
     for round_ in ROUNDS:
-        price = 1e3 * round_.price * steps.unit
+        price = 1e3 * harder**2 * round_.price * steps.unit
         racers = steps.advance(
-            _best(steps, racers, price)[: max(round(wider * round_.racers), count)], longer * round_.steps, price
+            _best(steps, racers, price)[: max(round(wider * round_.racers), count)], harder * round_.steps, price
         )
     return [_candidate(compiled, racer) for racer in _best(steps, racers, 1e3 * steps.unit)[:count]]
 

@@ -15,7 +15,7 @@ from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
-from nlpgrasp.hands.tips import FlatTip
+from nlpgrasp.hands.tips import CapsuleTip
 from nlpgrasp.motion.link_parts import LinkParts
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.solids import HasDistance
@@ -42,12 +42,16 @@ class TipBalls:
         Points of each patch, metres, frame of its group.
     standoffs : (k,) array
         Radii of the balls about these, metres; 0 where the points are on the patch itself.
-    flat : (f,) int array
-        Numbers of the flat fingertips.
-    across : (f, 2, 3) array
-        Unit vectors along their sides, frames of their groups.
-    halves : (f, 2) array
+    sliding : (s,) int array
+        Numbers of the fingertips along which contacts slide: flat ones, and those with an axis.
+    middles : (s, 3) array
+        Middles of these, metres, frames of their groups.
+    along : (s, 2, 3) array
+        Unit vectors along sides, or along an axis and zero, frames of their groups.
+    halves : (s, 2) array
         Half their lengths, metres.
+    tangent : (t, 2) int array
+        Those of these vectors, by both numbers, that lie along the body: not a capsule's axis, for its ends touch too.
     """
 
     at: FloatArray
@@ -57,9 +61,11 @@ class TipBalls:
     cosines: FloatArray
     patches: tuple[FloatArray, ...]
     standoffs: FloatArray
-    flat: IntArray
-    across: FloatArray
+    sliding: IntArray
+    middles: FloatArray
+    along: FloatArray
     halves: FloatArray
+    tangent: IntArray
 
     @classmethod
     def of(cls, hand: URDFHand, links: MovingLinks) -> TipBalls:
@@ -80,12 +86,20 @@ class TipBalls:
         patches = [tip.backbone if tip.standoff > 0.0 else _filled(tip.surface()) for _, tip in hand.tips]
         patches = [p @ pose[:3, :3].T + pose[:3, 3] for p, pose in zip(patches, poses, strict=True)]
         balls = np.array(at), np.array(groups), np.array(radii)
-        flat = [i for i, (_, tip) in enumerate(hand.tips) if isinstance(tip, FlatTip)]
-        rectangles = [tip for _, tip in hand.tips if isinstance(tip, FlatTip)]
-        across = [(poses[i][:3, :3] @ tip.frame[:3, :2]).T for i, tip in zip(flat, rectangles, strict=True)]
-        halves = np.array([tip.extents for tip in rectangles]).reshape(-1, 2) / 2.0
-        pads = np.array(flat, int), np.array(across).reshape(-1, 2, 3), halves
-        return cls(*balls, np.array(facing), np.array(cosines), tuple(patches), standoffs, *pads)
+        sliding = [i for i, (_, tip) in enumerate(hand.tips) if len(tip.half_sides)]
+        wide = [(poses[i], hand.tips[i][1]) for i in sliding]
+        middles = np.array([pose[:3, :3] @ tip.middle + pose[:3, 3] for pose, tip in wide]).reshape(-1, 3)
+        sides = np.zeros((len(sliding), 2, 3))
+        for i, (pose, tip) in enumerate(wide):
+            sides[i, : len(tip.half_sides)] = tip.half_sides @ pose[:3, :3].T
+        halves = np.linalg.norm(sides, axis=2)
+        along = sides / np.where(halves > 0.0, halves, 1.0)[..., None]
+        is_capsule = np.array([isinstance(tip, CapsuleTip) for _, tip in wide], bool)
+        tangent = np.argwhere((halves > 0.0) & ~is_capsule[:, None])
+        return cls(
+            *balls, np.array(facing), np.array(cosines), tuple(patches), standoffs, np.array(sliding, int), middles,
+            along, halves, tangent,
+        )  # fmt: skip
 
 
 class HandShapes:

@@ -110,15 +110,15 @@ class Touch:
 
 @dataclass(frozen=True)
 class Pads:
-    """Places of the contacts on the f flat fingertips of b postures.
+    """Places of the contacts on the s fingertips of b postures along which they slide.
 
     Parameters
     ----------
-    sides : (b, f, 2, 3) array
-        Unit vectors along the pads' sides, body frame.
-    places : (b, f, 2) array
-        Of the contacts from the pads' middles along these, metres.
-    slopes, stiffness : (b, f, 2) and (b, f, 2, 2) arrays
+    sides : (b, s, 2, 3) array
+        Unit vectors along sides or axes, body frame.
+    places : (b, s, 2) array
+        Of the contacts from the middles along these, metres.
+    slopes, stiffness : (b, s, 2) and (b, s, 2, 2) arrays
         Derivatives by the place of what is least there.
     """
 
@@ -189,9 +189,22 @@ class RaceSteps:
     def touch(self, frames: Frames, steps: int = 4) -> Touch:
         """Return the contacts of the fingertips in b postures: of each patch's point that is nearest to the body.
 
-        On a flat patch it is found by Newton steps from its middle. Contacts take ``steps`` Newton steps; gaps need
-        fewer, for they are stationary there.
+        On flat patches and along axes it is found by Newton steps from the nearest sample. Contacts take ``steps`` of
+        them; gaps need fewer, for they are stationary there.
         """
+        tips, nearest = self.shapes.tips, self.nearest_samples(frames)
+        result = self._contacts(nearest, steps)
+        for _ in range(3 if len(tips.sliding) else 0):
+            pads = self._pads(frames, result)
+            step = -np.linalg.solve(pads.stiffness, pads.slopes[..., None])[..., 0]
+            places = np.clip(pads.places + step, -tips.halves, tips.halves)
+            middles = frames.points(tips.middles, tips.groups[tips.sliding])
+            nearest[:, tips.sliding] = middles + np.einsum("bfa,bfax->bfx", places, pads.sides)
+            result = self._contacts(nearest, steps)
+        return result
+
+    def nearest_samples(self, frames: Frames) -> FloatArray:
+        """Return the sample nearest to the body of each fingertip's patch in b postures, (b, k, 3), metres."""
         shapes, tips = self.shapes, self.shapes.tips
         starts, index = shapes.patch_starts, np.tile(shapes.patch_starts, (len(frames.R), 1))
         if len(starts) < len(shapes.patches.at):
@@ -205,23 +218,20 @@ class RaceSteps:
             for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
                 index[:, i] += np.argmin(distances[:, start : start + size], axis=1)
         R, t = frames.R[:, tips.groups], frames.t[:, tips.groups]
-        nearest = (R @ shapes.patches.at[index][..., None])[..., 0] + t
-        nearest[:, tips.flat] = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
-        result = self._contacts(nearest, steps)
-        for _ in range(3 if len(tips.flat) else 0):
-            pads = self._pads(frames, result)
-            step = -np.linalg.solve(pads.stiffness, pads.slopes[..., None])[..., 0]
-            places = np.clip(pads.places + step, -tips.halves, tips.halves)
-            middles = frames.points(tips.at[tips.flat], tips.groups[tips.flat])
-            nearest[:, tips.flat] = middles + np.einsum("bfa,bfax->bfx", places, pads.sides)
-            result = self._contacts(nearest, steps)
-        return result
+        return np.asarray((R @ shapes.patches.at[index][..., None])[..., 0] + t)
 
-    def _pads(self, frames: Frames, touch: Touch, pull: float = 1.0) -> Pads:
-        """Return where flat fingertips touch, as minima of the distance over each pad.
+    def ball_centres(self, frames: Frames) -> FloatArray:
+        """Return where balls may stand for the fingertips, (b, k, 3), metres: nearest to the body where they slide."""
+        tips = self.shapes.tips
+        centres = frames.points(tips.at, tips.groups)
+        if len(tips.sliding):
+            centres[:, tips.sliding] = self.nearest_samples(frames)[:, tips.sliding]
+        return centres
 
-        To the distance ``pull`` / 2 times the square of that from the pad's middle is added, which decides on a flat
-        face.
+    def _pads(self, frames: Frames, touch: Touch, pull: float = 0.1) -> Pads:
+        """Return where contacts slide to, as minima of the distance over each pad or axis.
+
+        To the distance ``pull`` / 2 times the square of that from the middle is added, which decides on a flat face.
 
         Parameters
         ----------
@@ -232,31 +242,31 @@ class RaceSteps:
             One over metres.
         """
         tips = self.shapes.tips
-        groups = tips.groups[tips.flat]
-        sides = np.stack([frames.directions(tips.across[:, axis], groups) for axis in range(2)], axis=2)
-        offsets = touch.centres[:, tips.flat] - frames.points(tips.at[tips.flat], groups)
+        groups = tips.groups[tips.sliding]
+        sides = np.stack([frames.directions(tips.along[:, axis], groups) for axis in range(2)], axis=2)
+        offsets = touch.centres[:, tips.sliding] - frames.points(tips.middles, groups)
         places = np.einsum("bfax,bfx->bfa", sides, offsets)
-        slopes = np.einsum("bfax,bfx->bfa", sides, touch.normals[:, tips.flat]) + pull * places
-        stiffness = sides @ touch.turning[:, tips.flat] @ sides.transpose(0, 1, 3, 2) + pull * np.eye(2)
+        slopes = np.einsum("bfax,bfx->bfa", sides, touch.normals[:, tips.sliding]) + pull * places
+        stiffness = sides @ touch.turning[:, tips.sliding] @ sides.transpose(0, 1, 3, 2) + pull * np.eye(2)
         return Pads(sides, places, slopes, stiffness)
 
     def _with_rolling(self, frames: Frames, touch: Touch, motion: FloatArray) -> FloatArray:
-        """Return the motion (b, k, 3, n) of contacts' centres by the twist, with the rolling of flat fingertips.
+        """Return the motion (b, k, 3, n) of contacts' centres by the twist, with what they slide.
 
-        A contact stays where the distance over the pad is least, as far as the pad reaches.
+        A contact stays where the distance over pad or axis is least, as far as that reaches.
         """
         tips = self.shapes.tips
-        if not len(tips.flat):
+        if not len(tips.sliding):
             return motion
-        pads, result, flat = self._pads(frames, touch), motion.copy(), tips.flat
+        pads, result, sliding = self._pads(frames, touch), motion.copy(), tips.sliding
         at_end = (np.abs(pads.places) > tips.halves - 1e-9) & (pads.places * pads.slopes < 0.0)
         stiffness = pads.stiffness + 1e6 * at_end[..., None] * np.eye(2)
-        which, tip = np.repeat(np.arange(len(motion)), len(flat)), np.tile(flat, len(motion))
-        rates = pads.sides @ touch.turning[:, flat] @ motion[:, flat]
+        which, tip = np.repeat(np.arange(len(motion)), len(sliding)), np.tile(sliding, len(motion))
+        rates = pads.sides @ touch.turning[:, sliding] @ motion[:, sliding]
         for axis in range(2):
-            turned = cross(pads.sides[:, :, axis], touch.normals[:, flat]).reshape(-1, 3)
+            turned = cross(pads.sides[:, :, axis], touch.normals[:, sliding]).reshape(-1, 3)
             rates[:, :, axis] += frames.turning_rows(turned, tips.groups[tip], which).reshape(*rates.shape[:2], -1)
-        result[:, flat] -= pads.sides.transpose(0, 1, 3, 2) @ np.linalg.solve(stiffness, rates)
+        result[:, sliding] -= pads.sides.transpose(0, 1, 3, 2) @ np.linalg.solve(stiffness, rates)
         return result
 
     def _contacts(self, centres: FloatArray, steps: int) -> Touch:
@@ -406,7 +416,7 @@ class RaceSteps:
         values.append(value)
         owners.append(which)
         # contacts within the fingertips' patches: a hundredth of a cosine counts as a tenth of a millimetre
-        limited = np.setdiff1d(np.flatnonzero(tips.cosines > -1.0), tips.flat)
+        limited = np.flatnonzero((tips.cosines > -1.0) & (tips.cosines < 1.0))
         which, tip = np.repeat(np.arange(len(pivot)), len(limited)), np.tile(limited, len(pivot))
         facing, n = frames.directions(tips.facing, tips.groups)[which, tip], -touch.normals[which, tip]
         turning = frames.turning_rows(cross(facing, n), tips.groups[tip], which)
@@ -414,16 +424,17 @@ class RaceSteps:
         rows.append(0.01 * turning)
         values.append(0.01 * (np.sum(facing * n, axis=1) - tips.cosines[tip]))
         owners.append(which)
-        # flat tips along the surface: sines of their angles count as cosines do
-        across = tips.across.transpose(1, 0, 2)
-        for direction in (*across, *-across):
-            which, tip = np.repeat(np.arange(len(pivot)), len(tips.flat)), np.tile(tips.flat, len(pivot))
-            side = frames.directions(direction, tips.groups[tips.flat]).reshape(-1, 3)
-            n = -touch.normals[which, tip]
-            turning = frames.turning_rows(cross(side, n), tips.groups[tip], which)
-            turning -= np.einsum("ix,ixy,iyn->in", side, touch.turning[which, tip], motion[which, tip])
-            rows.append(0.01 * turning)
-            values.append(0.01 * np.sum(side * n, axis=1))
+        # sides of flat tips and axes of cylinders along the surface: sines of their angles count as cosines do
+        tangent = tips.sliding[tips.tangent[:, 0]]
+        which, tip = np.repeat(np.arange(len(pivot)), len(tangent)), np.tile(tangent, len(pivot))
+        side = frames.directions(tips.along[tuple(tips.tangent.T)], tips.groups[tangent]).reshape(-1, 3)
+        n = -touch.normals[which, tip]
+        turning = frames.turning_rows(cross(side, n), tips.groups[tip], which)
+        turning -= np.einsum("ix,ixy,iyn->in", side, touch.turning[which, tip], motion[which, tip])
+        sines = np.sum(side * n, axis=1)
+        for sign in (0.01, -0.01):
+            rows.append(sign * turning)
+            values.append(sign * sines)
             owners.append(which)
         # contacts off sharp edges
         edges = grid.edge_distance(touch.points.reshape(-1, 3))

@@ -15,7 +15,7 @@ from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.race_steps import RaceSteps
 from nlpgrasp.quality.wrench_set import WrenchSet
 from tests.hands.linkages import errors, four_bar
-from tests.hands.urdf import four_finger_hand, gripper
+from tests.hands.urdf import FOUR, four_finger_hand, gripper
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
 FRICTION = ng.FrictionContact(0.7)
@@ -39,7 +39,7 @@ def racers(compiled, count=6):
     limits = RaceLimits(compiled)
     steps = RaceSteps(compiled.problem, shapes, grid, compiled.solids, compiled.screening_budget, limits, rng)
     kinds = placements(compiled, posture_library(shapes), places, steps, 600, (count + 1) // 2, rng)
-    state = in_contact(shapes, grid, steps.solids, HandState.joined(kinds))
+    state = in_contact(steps, HandState.joined(kinds))
     touch = steps.touch(shapes.links.frames(state))
     steps.screen(touch.points, -touch.normals)
     return steps, steps.first(state)
@@ -202,6 +202,25 @@ def test_flat_pads_lie_along_the_surface():
     candidate = raced_candidates(compiled, np.random.default_rng(0), 1)[0]
     assert compiled.violation(compiled.projected_onto_faces(candidate)) < 0.02
     assert ng.mu(compiled.grasp(candidate), TASK).lower > 0.05
+
+
+def test_sides_of_links_lie_along_the_surface():
+    """Contacts slide along the links' axes, which are perpendicular to the body's normals there."""
+    tips = {f"{finger}_tip": 0.011 for finger in ("index", "middle", "ring", "thumb")}
+    tips |= {
+        f"{finger}_middle": ng.CylinderTip(0.009, [0.0, 0.0, 0.0], [0.0, 0.0, 0.038]) for finger in ("index", "ring")
+    }
+    hand = ng.URDFHand.load(FOUR, tips, approach=[1.0, 0.0, 0.0])
+    problem = ng.GraspProblem(ng.Cylinder(0.03, 0.2), ng.FrictionContact(0.5, faces=["side"]), TASK, hand=hand)
+    compiled = CompiledProblem(problem, ng.SolveOptions(workers=1))
+    candidate = raced_candidates(compiled, np.random.default_rng(0), 1)[0]
+    poses = compiled.hand_functions.linked_hand.tree.body_poses(candidate.hand)
+    for i, link in enumerate(tips):
+        if link.endswith("middle"):
+            normal = candidate.points[i, :2] / np.linalg.norm(candidate.points[i, :2])
+            assert poses[link][:2, 2] @ normal == pytest.approx(0.0, abs=0.01)
+    assert compiled.violation(candidate) < 0.02
+    assert ng.mu(compiled.grasp(candidate), TASK).lower > 0.5
 
 
 def test_closed_linkages_stay_closed(tmp_path):
