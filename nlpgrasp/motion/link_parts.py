@@ -490,9 +490,12 @@ def _first(shapes: Sequence[tuple[str, CollisionShape]]) -> list[tuple[str, Coll
 
 
 def _reaches(part: LinkPart, hand: URDFHand, link: str, tip: Tip) -> bool:
-    """Return whether a part is fixed to the link of a fingertip and reaches its ball, or the middle of its patch."""
+    """Return whether a part is of a fingertip's link, or fixed to it where that has no shape, and reaches the fingertip.
+
+    That is its ball, or the middle of its patch.
+    """
     pose = hand.robot.fixed_transform(link, part.link)
-    if pose is None:
+    if pose is None or (part.link != link and hand.robot.shapes.get(link)):
         return False
     centre = pose[:3, :3] @ tip.centre + pose[:3, 3]
     return bool(part.outer_distance(centre[None])[0] < (tip.standoff if tip.standoff > 0.0 else 2e-3))

@@ -9,9 +9,10 @@ from nlpgrasp.nlp.formulation import (
     has_pieces,
     optimal_grasp_program,
 )
+from nlpgrasp.nlp.formulation_result import FormulationResult
 from nlpgrasp.nlp.ipopt import CompiledProgram, NlpResult
 from nlpgrasp.nlp.program import Program
-from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
+from nlpgrasp.nlp.public_formulation import Formulation, formulate
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.virtual_work import VirtualWork
 

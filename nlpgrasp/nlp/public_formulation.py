@@ -15,13 +15,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import BoolArray, FloatArray, array, format_known_names
+from nlpgrasp.common.validation import BoolArray, FloatArray, array, format_known_names, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp.blocks import HAND, Block
 from nlpgrasp.nlp.derivatives import ProgramFunctions
+from nlpgrasp.nlp.exchange import Exchange
 from nlpgrasp.nlp.formulation import check_transcription, face_parameters, has_closed_form, optimal_grasp_program
+from nlpgrasp.nlp.formulation_result import FormulationResult
 from nlpgrasp.nlp.initial_values import (
     TINY,
     StartContacts,
@@ -53,6 +56,7 @@ EQUATIONS = {  # equations of the paper, by kind of variables or parameters
     "wrenches": "w_j of (3.3-4)",
     "face": "which h of (3.5-1)",
 }
+LITTLE = 0.03  # share of the largest support of the task below which a direction asks for too little to tell
 FIRST_BETA = 0.1  # solver units, initial beta
 FEASIBLE = 1e-6  # relative constraint violation within which a random start is feasible
 
@@ -142,6 +146,7 @@ class Formulation:
         self.f, self._g = outputs
         self.lbx, self.ubx = program.bounds
         self._added: list[_UserConstraint] = []
+        self._has_objective = False
         self.p0 = np.zeros(self.p.shape[0])
         for name, values in parameters.items():
             self.p0[self._parameters[name].range] = values.ravel()
@@ -234,15 +239,21 @@ class Formulation:
         objective = self._convert("objective", expression)
         if objective.numel() != 1:
             raise InputError("objective", f"{objective.numel()} entries", "a scalar")
-        self.f = -objective
+        self.f, self._has_objective = -objective, True
 
     def solve(
         self,
         start: Grasp | GraspSolution | FormulationResult | Mapping[str, ArrayLike] | int | None = None,
         solver: str = "ipopt",
+        *,
+        refine: bool = False,
+        rtol: float = 0.01,
         **options: Any,
     ) -> FormulationResult:
         """Solve the program from a start: initial values, a known grasp or a random seed.
+
+        With the directions of the program alone beta is a bound. With ``refine`` directions join by need until beta is
+        certified, by the exchange method of ``nlpgrasp.nlp.exchange``: the result is then the paper's.
 
         Parameters
         ----------
@@ -252,6 +263,12 @@ class Formulation:
             their initial faces.
         solver : str
             A nonlinear solver of CasADi: ``"ipopt"``, ``"sqpmethod"``, ``"fatrop"`` ...
+        refine : bool
+            Solve again, with the directions along which the grasp is weakest and with the contacts near the best grasp
+            known, until the certified lower bound of mu is within ``rtol`` of beta. After ``maximise`` the objective
+            decides, contacts move freely, and directions join until the grasp contains beta times the task.
+        rtol : float
+            Relative difference allowed between beta and the certified lower bound, with ``refine``.
         options
             Of the solver, by name: ``tol=1e-10``, ``linear_solver="mumps"``, ``print_level=5``.
 
@@ -263,37 +280,52 @@ class Formulation:
         Raises
         ------
         InputError
-            On an unknown solver or option, or an incompatible start.
+            On an unknown solver or option, an incompatible start, and ``refine`` with the inner transcription.
         """
         values, faces = self._start(start)
+        limit = {"max_iter": 150} if refine and solver == "ipopt" else {}  # a round that wanders off is not worth more
+        compiled = _CompiledFormulation(self, solver, limit | options)
+        x0, warm = self._vector(values), start if isinstance(start, FormulationResult) else None
+        if not refine:
+            return compiled.solve(x0, self._with_faces(faces), faces, warm)
+        return self._refine(compiled, x0, faces, number("rtol", rtol, above=0.0))
+
+    def _refine(
+        self, compiled: _CompiledFormulation, x0: FloatArray, faces: tuple[str, ...], rtol: float
+    ) -> FormulationResult:
+        """Return the result of the exchange method from a start."""
+        problem = self.problem
+        if self.transcription == "vertex":
+            allowed = 'False with the inner transcription "vertex"; with "support" directions join by need'
+            raise InputError("Formulation.solve refine", True, allowed)
+        rows, reach = (self._parameters[name].range for name in ("directions", "reach"))
         p = self._with_faces(faces)
-        x0 = self._vector(values)
-        scales = self._scales()
-        z = type(self.x).sym("z", len(x0))
-        inputs: list[Expression] = [self.x, self.p]
-        function = ca.Function("program", inputs, [self.f, self.g])
-        f, g = function(scales.offset + scales.variables * z, self.p)
-        nlp = {"x": z, "p": self.p, "f": f / scales.objective, "g": g / scales.constraints}
-        arguments = {
-            "x0": (x0 - scales.offset) / scales.variables,
-            "p": p,
-            "lbx": (self.lbx - scales.offset) / scales.variables,
-            "ubx": (self.ubx - scales.offset) / scales.variables,
-            "lbg": self.lbg / scales.constraints,
-            "ubg": self.ubg / scales.constraints,
-        }
-        if isinstance(start, FormulationResult):
-            arguments |= self._warm_multipliers(start, scales)
-        solver_function = nlpsol(solver, nlp, options)
-        try:
-            solution, stats = solver_function(**arguments), solver_function.stats()
-        except RuntimeError as error:
-            reason = str(error).strip().splitlines()[-1].split(": ", 1)[-1]
-            raise InputError("solver", f"{solver!r}: {reason}", "a solver that can take this program") from None
-        if stats.get("return_status") == "Invalid_Option":
-            text = ", ".join(f"{key}={value!r}" for key, value in options.items())
-            raise InputError("options", text, f"options and values that {solver} takes")
-        return self._result(nlp, arguments, solution, stats, scales, faces)
+        first = p[rows].reshape(self.count, -1)
+        hand = problem.hand if isinstance(problem.hand, PosedHand) else None
+        names = [] if hand is None else [v.name for v in hand.variables(problem.body.bounds)]
+
+        def budget(result: FormulationResult) -> ForceBudget:
+            posture = {name: result.values[hand_variable_name(name)] for name in names}
+            return problem.budget.posed(hand, posture, result.grasp.points)
+
+        places = [self._variables[f"position {i}"].range for i in range(len(problem.models))]
+
+        def solve(y: FloatArray, centre: FormulationResult | None, radius: float = np.inf) -> FormulationResult:
+            p[rows], p[reach] = y.ravel(), problem.task.support(y)[0]
+            begin = x0 if centre is None else self._vector(self._start(centre)[0])
+            lower, upper = self.lbx.copy(), self.ubx.copy()
+            for place in places:
+                lower[place] = np.maximum(lower[place], begin[place] - radius)
+                upper[place] = np.minimum(upper[place], begin[place] + radius)
+            return compiled.solve(begin, p, faces, None, (lower, upper))
+
+        def inner(result: FormulationResult) -> FormulationResult:
+            if self._added:  # which that program does not hold
+                return result
+            return Formulation(problem, "vertex", None, True).solve(result, max_iter=200)
+
+        exchange = Exchange(problem.task, self.count, first, budget, rtol)
+        return exchange.contain(solve) if self._has_objective else exchange.maximise(solve, problem.body.size, inner)
 
     def _convert(self, field: str, expression: Expression) -> Expression:
         """Return an expression of the program's CasADi type; raise for foreign symbols."""
@@ -408,20 +440,6 @@ class Formulation:
         hand = {**hand_from_contacts(problem, contacts.points, normals), **contacts.hand}
         return values | {hand_variable_name(name): np.ravel(value) for name, value in hand.items()}
 
-    def _warm_multipliers(self, previous: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
-        """Return the multipliers of an earlier result in solver units, zero where it has none."""
-        rows, bounds = np.zeros(len(scales.constraints)), np.zeros(len(scales.variables))
-        for name, indices in self._constraint_indices().items():
-            if len(previous.multipliers.get(name, ())) == len(indices):
-                rows[indices] = previous.multipliers[name]
-        for name, block in self._variables.items():
-            if len(previous.bound_multipliers.get(name, ())) == block.size:
-                bounds[block.range] = previous.bound_multipliers[name]
-        return {
-            "lam_g0": rows * scales.constraints / scales.objective,
-            "lam_x0": bounds * scales.variables / scales.objective,
-        }
-
     def _constraint_indices(self) -> dict[str, list[int]]:
         """Return the indices of the constraints by name."""
         indices: dict[str, list[int]] = {}
@@ -432,39 +450,6 @@ class Formulation:
             indices[constraint.name] = list(range(end, end + len(constraint.lower)))
             end += len(constraint.lower)
         return indices
-
-    def _result(
-        self,
-        nlp: dict[str, Expression],
-        arguments: dict[str, FloatArray],
-        solution: dict[str, ca.DM],
-        stats: dict[str, Any],
-        scales: _Scales,
-        faces: tuple[str, ...],
-    ) -> FormulationResult:
-        """Return the result of a solver's output, in SI units."""
-        z, rows, bounds = (np.asarray(solution[key].full()).ravel() for key in ("x", "lam_g", "lam_x"))
-        objective, kkt = _recomputed_kkt(nlp, arguments, z, rows, bounds)
-        x = scales.offset + scales.variables * z
-        values = {name: x[block.range] for name, block in self._variables.items()}
-        prices = rows * scales.objective / scales.constraints
-        bound_prices = bounds * scales.objective / scales.variables
-        points = _points(values, len(faces), self.problem.body.space)
-        body = self.problem.body
-        snapped = np.concatenate([body.snap(face, p[None]) for face, p in zip(faces, points, strict=True)])
-        normals = np.concatenate([-body.evaluate(face, p[None])[2] for face, p in zip(faces, snapped, strict=True)])
-        return FormulationResult(
-            values,
-            {name: prices[indices] for name, indices in self._constraint_indices().items()},
-            {name: bound_prices[block.range] for name, block in self._variables.items()},
-            -objective * scales.objective,
-            str(stats.get("return_status", stats.get("success", ""))),
-            bool(stats.get("success", False)),
-            stats,
-            kkt,
-            Grasp(snapped, normals, self.problem.models, self.problem.origin),
-            faces,
-        )
 
     def __repr__(self) -> str:
         """Return the table of the program."""
@@ -496,23 +481,129 @@ class _Scales:
     objective: float
 
 
-def _recomputed_kkt(
-    nlp: dict[str, Expression], arguments: dict[str, FloatArray], z: FloatArray, rows: FloatArray, bounds: FloatArray
-) -> tuple[float, KKT]:
-    """Return the objective f and the KKT residuals at z with given multipliers, solver units."""
-    derivatives = [nlp["f"], nlp["g"], ca.jacobian(nlp["f"], nlp["x"]), ca.jacobian(nlp["g"], nlp["x"])]
-    function = ca.Function("first", [nlp["x"], nlp["p"]], derivatives)
-    f, g, slope, J = (np.asarray(v.full()) for v in function(z, arguments["p"]))
-    size = max(abs(float(f.item())), TINY)
-    residuals = kkt_residuals(
-        -slope.ravel() / size,
-        J,
-        (g.ravel(), arguments["lbg"], arguments["ubg"]),
-        (z, arguments["lbx"], arguments["ubx"]),
-        rows / size,
-        bounds / size,
-    )
-    return float(f.item()), KKT(*residuals)
+class _CompiledFormulation:
+    """A formulation compiled with a solver, in scaled units, for any start, parameters and bounds.
+
+    Parameters
+    ----------
+    formulation : Formulation
+    solver : str
+    options : dict
+        Of the solver.
+    """
+
+    def __init__(self, formulation: Formulation, solver: str, options: dict[str, Any]) -> None:
+        self.formulation, self.solver, self.options, self.scales = formulation, solver, options, formulation._scales()
+        x, p, scales = formulation.x, formulation.p, self.scales
+        z = type(x).sym("z", len(scales.variables))
+        inputs: list[Expression] = [x, p]
+        function = ca.Function("program", inputs, [formulation.f, formulation.g])
+        f, g = function(scales.offset + scales.variables * z, p)
+        self.nlp: dict[str, Expression] = {"x": z, "p": p, "f": f / scales.objective, "g": g / scales.constraints}
+        self._function = nlpsol(solver, self.nlp, options)
+        first: list[Expression] = [
+            self.nlp["f"],
+            self.nlp["g"],
+            ca.jacobian(self.nlp["f"], z),
+            ca.jacobian(self.nlp["g"], z),
+        ]
+        self._first = ca.Function("first", [z, p], first)
+
+    def solve(
+        self,
+        x0: FloatArray,
+        p: FloatArray,
+        faces: tuple[str, ...],
+        previous: FormulationResult | None = None,
+        bounds: tuple[FloatArray, FloatArray] | None = None,
+    ) -> FormulationResult:
+        """Return the result of the solver, SI units; a solver that breaks down leaves the start.
+
+        Parameters
+        ----------
+        x0 : (n,) array
+        p : (q,) array
+        faces : tuple of str
+            Of the contacts.
+        previous : FormulationResult, optional
+            Whose multipliers the solver begins with.
+        bounds : pair of (n,) arrays, optional
+            Narrower ones of the variables for this solve alone; residuals are those of the program's own.
+        """
+        program, scales = self.formulation, self.scales
+        arguments = {
+            "x0": (x0 - scales.offset) / scales.variables,
+            "p": p,
+            "lbx": (program.lbx - scales.offset) / scales.variables,
+            "ubx": (program.ubx - scales.offset) / scales.variables,
+            "lbg": program.lbg / scales.constraints,
+            "ubg": program.ubg / scales.constraints,
+        }
+        narrow = {} if bounds is None else dict(zip(("lbx", "ubx"), bounds, strict=True))
+        narrow = {name: (limit - scales.offset) / scales.variables for name, limit in narrow.items()}
+        warm = {} if previous is None else self._multipliers(previous)
+        try:
+            solution = self._function(**(arguments | warm | narrow))
+            stats = self._function.stats()
+        except RuntimeError as error:
+            reason = str(error).strip().splitlines()[-1].split(": ", 1)[-1]
+            stats = {"return_status": f"{self.solver} broke down: {reason}", "success": False}
+            zeros = {"lam_g": ca.DM(np.zeros(len(scales.constraints))), "lam_x": ca.DM(np.zeros(len(x0)))}
+            solution = {"x": ca.DM(arguments["x0"]), **zeros}
+        if stats.get("return_status") == "Invalid_Option":
+            text = ", ".join(f"{key}={value!r}" for key, value in self.options.items())
+            raise InputError("options", text, f"options and values that {self.solver} takes")
+        return self._result(arguments, solution, stats, faces)
+
+    def _multipliers(self, previous: FormulationResult) -> dict[str, FloatArray]:
+        """Return the multipliers of an earlier result in solver units, zero where it has none."""
+        program, scales = self.formulation, self.scales
+        rows, bounds = np.zeros(len(scales.constraints)), np.zeros(len(scales.variables))
+        for name, indices in program._constraint_indices().items():
+            if len(previous.multipliers.get(name, ())) == len(indices):
+                rows[indices] = previous.multipliers[name]
+        for name, block in program._variables.items():
+            if len(previous.bound_multipliers.get(name, ())) == block.size:
+                bounds[block.range] = previous.bound_multipliers[name]
+        return {
+            "lam_g0": rows * scales.constraints / scales.objective,
+            "lam_x0": bounds * scales.variables / scales.objective,
+        }
+
+    def _result(
+        self,
+        arguments: dict[str, FloatArray],
+        solution: dict[str, ca.DM],
+        stats: dict[str, Any],
+        faces: tuple[str, ...],
+    ) -> FormulationResult:
+        """Return the result of a solver's output, in SI units, with residuals recomputed from it."""
+        program, scales = self.formulation, self.scales
+        z, rows, bounds = (np.asarray(solution[key].full()).ravel() for key in ("x", "lam_g", "lam_x"))
+        f, g, slope, J = (np.asarray(v.full()) for v in self._first(z, arguments["p"]))
+        objective = float(f.item())
+        size = max(abs(objective), TINY)
+        limited = (g.ravel(), arguments["lbg"], arguments["ubg"]), (z, arguments["lbx"], arguments["ubx"])
+        kkt = KKT(*kkt_residuals(-slope.ravel() / size, J, *limited, rows / size, bounds / size))
+        x = scales.offset + scales.variables * z
+        values = {name: x[block.range] for name, block in program._variables.items()}
+        prices = rows * scales.objective / scales.constraints
+        bound_prices = bounds * scales.objective / scales.variables
+        points, body = _points(values, len(faces), program.problem.body.space), program.problem.body
+        snapped = np.concatenate([body.snap(face, p[None]) for face, p in zip(faces, points, strict=True)])
+        normals = np.concatenate([-body.evaluate(face, p[None])[2] for face, p in zip(faces, snapped, strict=True)])
+        return FormulationResult(
+            values,
+            {name: prices[indices] for name, indices in program._constraint_indices().items()},
+            {name: bound_prices[block.range] for name, block in program._variables.items()},
+            -objective * scales.objective,
+            str(stats.get("return_status", stats.get("success", ""))),
+            bool(stats.get("success", False)),
+            stats,
+            kkt,
+            Grasp(snapped, normals, program.problem.models, program.problem.origin),
+            faces,
+        )
 
 
 def _containment_parameters(
@@ -523,8 +614,9 @@ def _containment_parameters(
         samples = TaskSamples(problem.task, Scaling.of(problem).wrench, 1)
         if transcription == "vertex":
             return {"wrenches": samples.wrenches()}
-        y = samples.directions()
-        y = y[problem.task.support(y)[0] > TINY]
+        y = samples.containing()
+        reach = problem.task.support(y)[0]
+        y = y[reach > LITTLE * np.max(reach)]
     else:
         y = array("directions", directions, (None, problem.dimension))
         if not len(y) or not np.all(np.any(y != 0.0, axis=1)):
@@ -558,59 +650,6 @@ def _points(values: Mapping[str, FloatArray], count: int, space: int) -> FloatAr
     if missing or unexpected:
         raise InputError("start", f"without {missing[0]!r}" if missing else f"{unexpected[0]!r}", f"{count} positions")
     return np.stack([array(f"position {i}", values[f"position {i}"], (space,)) for i in range(count)])
-
-
-@dataclass(frozen=True, repr=False)
-class FormulationResult:
-    """Result of ``Formulation.solve``: values and multipliers by name, KKT residuals, and the grasp.
-
-    Parameters
-    ----------
-    values : dict of str to (m,) array
-        Variables by name, SI units.
-    multipliers : dict of str to (m,) array
-        Of the constraints by name: change of the objective per unit of the limit, positive at upper limits.
-    bound_multipliers : dict of str to (m,) array
-        The same for the variables' bounds.
-    objective : float
-        Maximised objective value.
-    status : str
-        The solver's status.
-    success : bool
-        Whether the solver reports convergence; ``kkt`` is computed independently.
-    stats : dict
-        The solver's statistics from CasADi.
-    kkt : KKT
-        Residuals, recomputed from values and multipliers.
-    grasp : Grasp
-        The contacts, on the body; ``ng.mu(grasp, task)`` certifies it.
-    faces : tuple of str
-        The face each contact is on.
-    """
-
-    values: dict[str, FloatArray]
-    multipliers: dict[str, FloatArray]
-    bound_multipliers: dict[str, FloatArray]
-    objective: float
-    status: str
-    success: bool
-    stats: dict[str, Any]
-    kkt: KKT
-    grasp: Grasp
-    faces: tuple[str, ...]
-
-    @property
-    def beta(self) -> float:
-        """Scale beta of the task at the solution."""
-        return float(self.values["beta"][0])
-
-    def __repr__(self) -> str:
-        iterations = self.stats.get("iter_count", "?")
-        return (
-            f"{self.status}: beta {self.beta:.6g}, objective {self.objective:.6g}, {iterations} iterations; "
-            f"stationarity {self.kkt.stationarity:.1e}, feasibility {self.kkt.feasibility:.1e}, "
-            f"complementarity {self.kkt.complementarity:.1e}"
-        )
 
 
 def program_table(program: Program, user_constraints: Iterable[tuple[str, Limits]] = ()) -> list[str]:

@@ -78,6 +78,22 @@ class TaskSamples:
         y = self._directions_of(self._rotated_directions(rng))
         return y[np.arange(self.count) % len(y)]
 
+    def containing(self) -> FloatArray:
+        """Return well-spread directions y of all of wrench space, (m, d), whose hull contains the origin.
+
+        Along axes in which the task has no extent it counts as a third of its largest. Those towards the wrenches of a
+        small polytope are among them.
+        """
+        _, sizes, V = np.linalg.svd(self._axes)
+        sizes = np.pad(sizes, (0, len(V) - len(sizes)))
+        sizes = np.where(sizes > 1e-9 * sizes[0], sizes, sizes[0] / 3.0)
+        u = directions(len(V), self._shells)
+        if self._all_wrenches is not None:
+            towards = (self._all_wrenches * self.unit) @ V.T / sizes
+            lengths = np.linalg.norm(towards, axis=1)
+            u = np.concatenate([u, towards[lengths > 0.0] / lengths[lengths > 0.0, None]])
+        return np.asarray((u / sizes) @ V * self.unit)
+
     def _farthest(self, local: FloatArray) -> FloatArray:
         return self.task.support(self._directions_of(local))[1]
 

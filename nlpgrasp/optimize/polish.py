@@ -51,8 +51,7 @@ PASSES = 4  # solutions of the program, at most
 COARSE = 1e-3  # relative gain of a step on faces below which it is idle: Newton steps follow
 EXCHANGES, GAIN = 4, 2e-3  # exchanges of a hand's fingers on a mesh, at most; least relative gain of one
 ADDED = 3  # points of a link that are added at a time, at most
-DEEP, DEEP_TIP = 1e-4, 2.5e-4  # metres: least depth of a link in the body that is corrected; of one with a fingertip
-DEEP_IN_LINK = 5e-4  # metres: least depth of links in each other likewise
+DEEP = 1e-4  # metres: least depth of a link in anything that is corrected
 WORTH_FREEING = 0.8  # least mu without a penetration over that with it
 UNREACHED = "no posture near this grasp keeps all constraints"
 EDGES = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
@@ -401,16 +400,8 @@ class _PolishProgram:
         links, hulls, hand = self.compiled.link_depths, self.compiled.hull_depths, on_body.candidate.hand
         if links is None or hulls is None:
             return []
-        groups = hulls.hand.robot.rigid_groups
-        with_tip = {groups[link] for link, _ in hulls.hand.tips}
-
-        def least(penetration: LinkPenetration) -> float:
-            if penetration.other_link:
-                return DEEP_IN_LINK
-            return DEEP_TIP if groups[str(penetration.link)] in with_tip else DEEP
-
         penetrations = hulls.in_surroundings(hand) + links.in_each_other(hand)
-        return [penetration for penetration in penetrations if penetration.depth > least(penetration)]
+        return [penetration for penetration in penetrations if penetration.depth > DEEP]
 
     def _points_inside(self, penetration: LinkPenetration) -> list[LinkPoint]:
         """Return points of a link's surface where it is inside the body, without those of round fingertips.
@@ -425,7 +416,7 @@ class _PolishProgram:
         pose = functions.linked_hand.tree.body_poses(values)[link]
         x = local @ pose[:3, :3].T + pose[:3, 3]
         from_centres = np.linalg.norm(x[:, None] - functions.tip_centres(values, self.candidate.points), axis=2)
-        beyond = np.all(from_centres > radii + DEEP_TIP * (radii > 0.0), axis=1)
+        beyond = np.all(from_centres > radii + DEEP * (radii > 0.0), axis=1)
         field = next(i for i, field in enumerate(self.rows.clearance.fields) if field.solid == penetration.thing)
         return [LinkPoint(link, (at[0], at[1], at[2]), field) for at in local[beyond].tolist()]
 

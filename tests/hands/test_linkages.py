@@ -210,7 +210,7 @@ def test_scenes_keep_the_equalities_and_the_hand_holds(held):
     assert (kinds.count(0), kinds.count(2)) == (3, 1)
     assert [scene.actuator(i).name for i in range(scene.nu)][3:] == ["hand_right_crank"]
     outcome = ng.simulate_hand(solution, path)
-    assert outcome.confirmed
+    assert outcome.held
     assert re.search(r"as solved +(\d+) of \1 wrenches and the lift held", str(outcome))
 
 
