@@ -35,7 +35,7 @@ from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.solution.analysis_records import Robustness
 
 RING_POINTS = 16  # displaced positions per contact
-SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
+SWEEPS, ROUNDS = 6, 6  # sweeps of displacements in turn; searches for weak directions
 INITIAL_DISPLACEMENTS = 3  # displacements from which the worst one is searched, at most
 RTOL, LOOSE_RTOL = 0.02, 0.1  # relative width of the certificate; of a quick one
 STEP_SIZES = (0.04, 0.02, 0.01, 0.005)  # step sizes of ``maximise_robustness``, over the body's size
