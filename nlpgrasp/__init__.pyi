@@ -67,7 +67,8 @@ from nlpgrasp.hands import (
 from nlpgrasp.interop.grasp_tables import read_grasps
 from nlpgrasp.interop.robot_poses import RobotPoses, ToolPose, robot_poses
 from nlpgrasp.motion.jaw_clearance import JawPose
-from nlpgrasp.nlp.public_formulation import Formulation, FormulationResult, formulate
+from nlpgrasp.nlp.formulation_result import FormulationResult
+from nlpgrasp.nlp.public_formulation import Formulation, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem

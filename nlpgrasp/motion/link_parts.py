@@ -490,9 +490,9 @@ def _first(shapes: Sequence[tuple[str, CollisionShape]]) -> list[tuple[str, Coll
 
 
 def _reaches(part: LinkPart, hand: URDFHand, link: str, tip: Tip) -> bool:
-    """Return whether a part is of a fingertip's link, or fixed to it where that has no shape, and reaches the fingertip.
+    """Return whether a part reaches the ball of a fingertip, or the middle of its patch.
 
-    That is its ball, or the middle of its patch.
+    It is of the fingertip's link, or fixed to it where that has no shape.
     """
     pose = hand.robot.fixed_transform(link, part.link)
     if pose is None or (part.link != link and hand.robot.shapes.get(link)):

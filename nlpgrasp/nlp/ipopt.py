@@ -255,6 +255,8 @@ def nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) 
         allowed = f"a nonlinear solver that CasADi has: {format_known_names([str(solver)], available)}"
         raise InputError("solver", repr(solver), allowed)
     solver_options = dict(options)
+    if solver in ("sqpmethod", "feasiblesqpmethod"):  # their quadratic solvers print all matrices when they fail
+        solver_options["qpsol_options"] = {"error_on_fail": False, **dict(options.get("qpsol_options", {}))}
     if solver == "ipopt":
         casadi_names = {*ca.nlpsol_options(solver), *OF_CASADI}
         is_plain = {key: key in casadi_names or key.startswith("ipopt.") for key in options}

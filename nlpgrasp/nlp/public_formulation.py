@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import linprog
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Expression
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import BoolArray, FloatArray, array, format_known_names, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
@@ -80,7 +82,8 @@ def formulate(
         Containment of the task: ``"support"`` imposes (3.4-3) along directions of wrench space, and its optimal beta is
         at least mu; ``"vertex"`` makes the grasp produce the task's maximisers along the directions.
     directions : (m, d) array, optional
-        Directions y_j of wrench space, of any length; by default those of the E6 lattice in the task's axes.
+        Directions y_j of wrench space, of any length; by default those of the E6 lattice in the task's axes, and those
+        of a small polytope's wrenches. With ``"support"``, directions that leave a half-space free are completed.
     forces : bool
         Whether finger forces are variables. Without them ``"support"`` uses the closed form of the support function, if
         contacts and budget have one, with only a few dozen variables.
@@ -284,10 +287,10 @@ class Formulation:
         """
         values, faces = self._start(start)
         limit = {"max_iter": 150} if refine and solver == "ipopt" else {}  # a round that wanders off is not worth more
-        compiled = _CompiledFormulation(self, solver, limit | options)
-        x0, warm = self._vector(values), start if isinstance(start, FormulationResult) else None
+        x0, p = self._vector(values), self._with_faces(faces)
+        compiled = _CompiledFormulation(self, solver, limit | options, x0, p)
         if not refine:
-            return compiled.solve(x0, self._with_faces(faces), faces, warm)
+            return compiled.solve(x0, p, faces, start if isinstance(start, FormulationResult) else None)
         return self._refine(compiled, x0, faces, number("rtol", rtol, above=0.0))
 
     def _refine(
@@ -490,24 +493,30 @@ class _CompiledFormulation:
     solver : str
     options : dict
         Of the solver.
+    x0, p0 : (n,) and (q,) arrays
+        Values at which rows that the user added are scaled: to a largest slope of one, by the scaled variables.
     """
 
-    def __init__(self, formulation: Formulation, solver: str, options: dict[str, Any]) -> None:
-        self.formulation, self.solver, self.options, self.scales = formulation, solver, options, formulation._scales()
-        x, p, scales = formulation.x, formulation.p, self.scales
-        z = type(x).sym("z", len(scales.variables))
-        inputs: list[Expression] = [x, p]
+    def __init__(
+        self, formulation: Formulation, solver: str, options: dict[str, Any], x0: FloatArray, p0: FloatArray
+    ) -> None:
+        self.formulation, self.solver, self.options, scales = formulation, solver, options, formulation._scales()
+        inputs: list[Expression] = [formulation.x, formulation.p]
+        if formulation._added:
+            slopes = [ca.jacobian(constraint.expression, formulation.x) for constraint in formulation._added]
+            J = ca.Function("slopes", inputs, [ca.vertcat(*slopes)])(x0, p0).full() * scales.variables
+            sizes = np.max(np.abs(J), axis=1, initial=0.0)
+            sizes = np.where(np.isfinite(sizes) & (sizes > 0.0), sizes, 1.0)
+            scales = replace(scales, constraints=np.concatenate([scales.constraints[: -len(sizes)], sizes]))
+        self.scales = scales
+        z: Expression = type(formulation.x).sym("z", len(scales.variables))
         function = ca.Function("program", inputs, [formulation.f, formulation.g])
-        f, g = function(scales.offset + scales.variables * z, p)
-        self.nlp: dict[str, Expression] = {"x": z, "p": p, "f": f / scales.objective, "g": g / scales.constraints}
-        self._function = nlpsol(solver, self.nlp, options)
-        first: list[Expression] = [
-            self.nlp["f"],
-            self.nlp["g"],
-            ca.jacobian(self.nlp["f"], z),
-            ca.jacobian(self.nlp["g"], z),
-        ]
-        self._first = ca.Function("first", [z, p], first)
+        f, g = function(scales.offset + scales.variables * z, formulation.p)
+        f, g = f / scales.objective, g / scales.constraints
+        self._function = nlpsol(solver, {"x": z, "p": formulation.p, "f": f, "g": g}, options)
+        outputs: list[Expression] = [f, g, ca.jacobian(f, z), ca.jacobian(g, z)]
+        scaled: list[Expression] = [z, formulation.p]
+        self._first = ca.Function("first", scaled, outputs)
 
     def solve(
         self,
@@ -622,11 +631,31 @@ def _containment_parameters(
         if not len(y) or not np.all(np.any(y != 0.0, axis=1)):
             text = "a direction of length 0" if len(y) else "none"
             raise InputError("directions", text, "directions of wrench space, none of them zero")
+        if transcription == "support" and not _surrounds_origin(y * Scaling.of(problem).wrench):
+            more = _containment_parameters(problem, transcription, None)["directions"]
+            warn_once(
+                f"directions: {len(y)} directions leave some wrenches without any, so that beta would have no limit; "
+                f"{len(more)} well-spread ones are added"
+            )
+            y = np.concatenate([y, more])
     reach, wrenches = problem.task.support(y)
     if transcription == "vertex":
         return {"wrenches": wrenches}
     length = np.where(reach > TINY, reach, np.linalg.norm(y, axis=1))
     return {"directions": y / length[:, None], "reach": reach / length}
+
+
+def _surrounds_origin(y: FloatArray) -> bool:
+    """Return whether the origin is inside the hull of directions (m, d): all are needed with weights above zero."""
+    if np.linalg.matrix_rank(y) < y.shape[1]:
+        return False
+    u = y / np.linalg.norm(y, axis=1, keepdims=True)
+    # the largest least weight of a sum that is zero
+    cost, ones = np.append(np.zeros(len(u)), -1.0), np.ones((1, len(u)))
+    sums = np.column_stack([np.vstack([u.T, ones]), np.zeros(u.shape[1] + 1)])
+    least = np.column_stack([-np.eye(len(u)), np.ones(len(u))])
+    found = linprog(cost, least, np.zeros(len(u)), sums, np.append(np.zeros(u.shape[1]), 1.0))
+    return bool(found.x is not None and found.x[-1] > TINY)
 
 
 def _symbol_hash(symbol: Expression) -> int:
