@@ -27,6 +27,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.planar_search import PlanarSearch
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, project_onto_constraints
 from nlpgrasp.optimize.surface_samples import BAND, SampleCloud, SampleTables
 from nlpgrasp.quality.grasp import GraspStack
@@ -75,9 +76,12 @@ def exchanged_candidates(
     """
     tables = compiled.sample_tables
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
-    tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))
-    visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
+    if compiled.problem.dimension == 3 and not has_jaws:
+        visited = PlanarSearch(search).best(tables.nearest(known))
+    else:
+        tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))
+        visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)
     if has_jaws:
         tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
@@ -123,6 +127,8 @@ class CoordinateExchange:
 
     Attributes
     ----------
+    compiled, tables, rng
+        As given.
     directions : (j, d) array
         Directions known so far, each with ``phi_A = 1``.
     powers : list of (j, m) array
@@ -134,8 +140,8 @@ class CoordinateExchange:
     def __init__(
         self, compiled: CompiledProblem, tables: SampleTables, rng: np.random.Generator, population: int = POPULATION
     ) -> None:
-        self._compiled, self._rng, self._tables, self._population = compiled, rng, tables, population
-        self.directions, self.powers = self._tables.directions, list(self._tables.powers)
+        self.compiled, self.rng, self.tables, self._population = compiled, rng, tables, population
+        self.directions, self.powers = self.tables.directions, list(self.tables.powers)
         self.history: list[IntArray] = []
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # tuples whose certificate had no weaker direction
 
@@ -154,7 +160,7 @@ class CoordinateExchange:
 
     def draw(self) -> IntArray:
         """Return initial tuples (b, k), half of them random and half the best of ``DRAWN`` random tuples."""
-        drawn = self._tables.random(DRAWN, self._rng)
+        drawn = self.tables.random(DRAWN, self.rng)
         chosen = self.best(drawn, self._population)
         return np.concatenate([chosen, drawn[: 2 * self._population - len(chosen)]])
 
@@ -176,10 +182,8 @@ class CoordinateExchange:
     def _move_some(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k) with one contact moved to a random sample, in every second tuple two contacts."""
         result = tuples.copy()
-        for number, (samples, drawn) in enumerate(
-            zip(result, self._tables.random(len(tuples), self._rng), strict=True)
-        ):
-            moved = self._rng.permutation(len(samples))[: 1 + number % 2]
+        for number, (samples, drawn) in enumerate(zip(result, self.tables.random(len(tuples), self.rng), strict=True)):
+            moved = self.rng.permutation(len(samples))[: 1 + number % 2]
             samples[moved] = drawn[moved]
         return result
 
@@ -192,7 +196,7 @@ class CoordinateExchange:
         best = self.best(np.concatenate(tuples), 4 * self._population)
         self.add_weakest_directions(best[: 2 * self._population])
         best = self.best(best, len(best))
-        incongruent = select_incongruent(self._compiled, self._tables.contacts_of(best)[0])
+        incongruent = select_incongruent(self.compiled, self.tables.contacts_of(best)[0])
         congruent = [b for b in range(len(best)) if b not in incongruent]
         return self.exchange_by_certificates(best[sorted((incongruent + congruent)[: self._population])], certified)
 
@@ -201,15 +205,19 @@ class CoordinateExchange:
 
         For a violation that is not repairable it is minus one minus the violation.
         """
-        least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
-        return _merit(least ** (1.0 / self._tables.power), self.violations(tuples))
+        least = np.min(self.tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
+        return self.merit(least ** (1.0 / self.tables.power), tuples)
+
+    def merit(self, quality: FloatArray, tuples: IntArray) -> FloatArray:
+        """Return the merits (b,) of tuples (b, k) with some quality, less than -1 for violations beyond repair."""
+        return _merit(quality, self.violations(tuples))
 
     def violations(self, tuples: IntArray) -> FloatArray:
         """Return the largest violation of coupled constraints at tuples (b, k), relative to their scales, (b,)."""
-        if not self._tables.coupled:
+        if not self.tables.coupled:
             return np.zeros(len(tuples))
-        rows, (points, normals) = self._compiled.rows, self._tables.contacts_of(tuples)
-        values = rows.values(points, normals, self._compiled.hand_functions.start(points, normals))
+        rows, (points, normals) = self.compiled.rows, self.tables.contacts_of(tuples)
+        values = rows.values(points, normals, self.compiled.hand_functions.start(points, normals))
         return np.asarray(np.max(rows.each_violation(values, BAND), axis=1))
 
     def best(self, tuples: IntArray, count: int) -> IntArray:
@@ -238,18 +246,16 @@ class CoordinateExchange:
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
                     tuples[b, i], violation[b], since[b] = samples[chosen], excess[chosen], 1
-                    powers[:, b, i] = self.powers[self._tables.of_contact[i]][:, samples[chosen]]
+                    powers[:, b, i] = self.powers[self.tables.of_contact[i]][:, samples[chosen]]
         return tuples
 
     def add_weakest_directions(self, tuples: IntArray) -> None:
         """Add the weakest directions of tuples (b, k), found by local descents."""
-        ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
+        ratios = self.tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
         initial = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
-        stack = GraspStack(
-            *self._tables.contacts_of(tuples), self._compiled.problem.models, self._compiled.problem.origin
-        )
-        minimisers, values = minimise_locally(stack, self._compiled.problem.task, initial, self._tables.budget, STEPS)
+        stack = GraspStack(*self.tables.contacts_of(tuples), self.compiled.problem.models, self.compiled.problem.origin)
+        minimisers, values = minimise_locally(stack, self.compiled.problem.task, initial, self.tables.budget, STEPS)
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
         self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
 
@@ -263,9 +269,9 @@ class CoordinateExchange:
             if self._key(tuples[0]) in self._certified:
                 break
             value = float(self.values(tuples[:1])[0])
-            grasp = self._compiled.grasp_at(*(part[0] for part in self._tables.contacts_of(tuples[:1])))
+            grasp = self.compiled.grasp_at(*(part[0] for part in self.tables.contacts_of(tuples[:1])))
             certificate = (
-                ResumableCertificate.of(grasp, self._compiled.problem.task, self._tables.budget, LOOSE)
+                ResumableCertificate.of(grasp, self.compiled.problem.task, self.tables.budget, LOOSE)
                 if value > 0.0
                 else None
             )
@@ -279,19 +285,18 @@ class CoordinateExchange:
 
     def add_directions(self, y: FloatArray) -> None:
         """Add directions (j, d) after scaling them to ``phi_A = 1``."""
-        reach = self._compiled.problem.task.support(y)[0]
+        reach = self.compiled.problem.task.support(y)[0]
         y = y[reach > 0.0] / reach[reach > 0.0, None]
         self.directions = np.concatenate([self.directions, y])
         self.powers = [
-            np.concatenate([old, table.powers(y)])
-            for old, table in zip(self.powers, self._tables.distinct, strict=True)
+            np.concatenate([old, table.powers(y)]) for old, table in zip(self.powers, self.tables.distinct, strict=True)
         ]
 
     def candidate(self, samples: IntArray) -> GraspCandidate:
         """Return the candidate at a tuple (k,) of samples, with its hand."""
-        points, normals = self._tables.contacts_of(samples[None])
-        hand = self._compiled.hand_functions.start(points, normals)
-        faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
+        points, normals = self.tables.contacts_of(samples[None])
+        hand = self.compiled.hand_functions.start(points, normals)
+        faces = tuple(str(self.tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
         return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
 
     def rank(self, candidates: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
@@ -300,17 +305,17 @@ class CoordinateExchange:
         Each is paired with its inward normals (k, space).
         """
         points, normals = (np.stack(parts) for parts in zip(*((c.points, n) for c, n in candidates), strict=True))
-        stack = GraspStack(points, normals, self._compiled.problem.models, self._compiled.problem.origin)
-        ratios = sampled_ratios(stack, self._compiled.problem.task, self.directions, self._tables.budget)
+        stack = GraspStack(points, normals, self.compiled.problem.models, self.compiled.problem.origin)
+        ratios = sampled_ratios(stack, self.compiled.problem.task, self.directions, self.tables.budget)
         return [candidates[b][0] for b in np.argsort(-np.min(ratios, axis=1), kind="stable").tolist()]
 
     def _key(self, samples: IntArray) -> tuple[tuple[int, int], ...]:
         """Return a key shared by tuples (k,) that differ only in the order of identical contacts."""
-        return tuple(sorted(zip(self._tables.of_contact, samples.tolist(), strict=True)))
+        return tuple(sorted(zip(self.tables.of_contact, samples.tolist(), strict=True)))
 
     def _powers_of(self, tuples: IntArray) -> FloatArray:
         """Return the power ``s^p`` of each contact's support s in tuples (b, k) along all directions, (j, b, k)."""
-        contacts = zip(self._tables.of_contact, tuples.T, strict=True)
+        contacts = zip(self.tables.of_contact, tuples.T, strict=True)
         return np.stack([self.powers[table][:, samples] for table, samples in contacts], axis=2)
 
     def _promising_samples(
@@ -342,18 +347,18 @@ class CoordinateExchange:
         within : array of int, optional
             Samples that the contact may be at; by default all.
         """
-        powers = self.powers[self._tables.of_contact[i]]
-        others = self._tables.combine.reduce(np.delete(tuple_powers, i, axis=1), axis=1, initial=0.0)
+        powers = self.powers[self.tables.of_contact[i]]
+        others = self.tables.combine.reduce(np.delete(tuple_powers, i, axis=1), axis=1, initial=0.0)
         weak = np.argpartition(others, WEAK)[:WEAK] if len(others) > WEAK else np.arange(len(others))
         trial_powers = powers[weak] if within is None else powers[np.ix_(weak, within)]
-        supports = self._tables.combine(others[weak, None], trial_powers)
+        supports = self.tables.combine(others[weak, None], trial_powers)
         score = np.min(supports, axis=0) + np.full(len(weak), tie / len(weak), dtype=np.float32) @ supports
-        if self._tables.coupled:
+        if self.tables.coupled:
             shortlist, excess = self._feasible_shortlist(samples, i, score, within)
         else:
             shortlist, excess = _largest(score, SHORTLISTED), np.zeros(min(SHORTLISTED, len(score)))
         shortlist = np.append(shortlist if within is None else within[shortlist], samples[i])
-        supports = self._tables.combine(others[:, None], powers[:, shortlist])
+        supports = self.tables.combine(others[:, None], powers[:, shortlist])
         return shortlist, np.min(supports, axis=0) + tie * np.mean(supports[weak], axis=0), np.append(excess, violation)
 
     def _feasible_shortlist(
@@ -364,7 +369,7 @@ class CoordinateExchange:
         Its samples are the best, by their score (m,), that violate no constraint; otherwise those that violate least.
         """
         for checked in CHECKED:
-            shortlist = np.concatenate([_largest(score, checked), self._rng.integers(len(score), size=SHORTLISTED)])
+            shortlist = np.concatenate([_largest(score, checked), self.rng.integers(len(score), size=SHORTLISTED)])
             trials = np.repeat(samples[None], len(shortlist), axis=0)
             trials[:, i] = shortlist if within is None else within[shortlist]
             excess = self.violations(trials)

@@ -35,6 +35,7 @@ from nlpgrasp.quality.weakest_directions import (
     THOROUGH,
     DescentSettings,
     WeakestDirections,
+    facet_directions,
     scale_to_unit_support,
     to_coordinates,
     weakest_directions,
@@ -69,7 +70,8 @@ def exact_minimisers(
     problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
     if problem is None:
         return WeakestDirections(0.0, directions[:0])
-    start = np.concatenate([to_coordinates(problem, directions), random_directions(FRESH, problem.rank, rng)])
+    known = to_coordinates(problem, directions), facet_directions(problem)
+    start = np.concatenate([*known, random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(compiled.budget(candidate), L2Budget)
     y, values = minimise_l2_ratio(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)

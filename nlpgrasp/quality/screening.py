@@ -19,6 +19,7 @@ from nlpgrasp.contacts.base import upper_triangle
 from nlpgrasp.contacts.product import derivative_entries, project
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
+from nlpgrasp.quality.force_closure import planar_facets
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.tasks import Task
@@ -36,7 +37,8 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
 
     With the L2 budget it is mostly mu itself; with the other budgets some 5 % above on average, and far above for some
     grasps that barely exert the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and minimised
-    locally from the weakest. A value of 0 proves that a grasp cannot exert the task; any other value proves nothing.
+    locally from the weakest; in the plane also along the normals of the cone of all wrenches, where descents miss that
+    a task leaves it. A value of 0 proves that a grasp cannot exert the task; any other value proves nothing.
 
     Parameters
     ----------
@@ -58,9 +60,28 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     force_set = fixed_force_set(stack, _budget(stack, force_budget))
     if not len(stack):
         return np.zeros(0)
+    least = least_ratios(stack, task, force_set)
+    return least if stack.dimension > 3 else np.where(planar_lack(stack, task) > 0.0, 0.0, least)
+
+
+def least_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> FloatArray:
+    """Return the least ratios ``phi_G / phi_A`` that descents from well-spread directions find, (b,)."""
     y = spread_directions(stack, task)
     bounds = [_descend(GraspBatch(stack.G[a : a + CHUNK], force_set), task, y) for a in range(0, len(stack), CHUNK)]
     return np.concatenate(bounds)
+
+
+def planar_lack(stack: GraspStack, task: Task) -> FloatArray:
+    """Return how far the task leaves the cone of all wrenches of each planar grasp, as a share of its size, (b,).
+
+    0 where it does not, up to rounding: a share of the support along a facet's normal tells. In the plane the cone has
+    finitely many facets.
+    """
+    normals, is_facet = planar_facets(stack.G, stack.contacts)
+    reach = task.support(normals.reshape(-1, 3))[0].reshape(normals.shape[:2])
+    size = np.sqrt(np.einsum("bmi,ij,bmj->bm", normals, task.second_moment(), normals))
+    shares = np.where(is_facet, reach / np.maximum(size, 1e-300), -np.inf)
+    return np.asarray(np.maximum(np.max(shares, axis=1), 0.0) * (np.max(shares, axis=1) > 1e-9))
 
 
 def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.containment import Containment, make_containment
-from nlpgrasp.quality.force_closure import separating_direction
+from nlpgrasp.quality.force_closure import planar_facets, separating_direction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
@@ -104,7 +105,9 @@ def weakest_directions(
     can_descend = separating is None or np.isfinite(containment.ratio(separating[None])[0][0])
     if isinstance(budget, L2Budget) and can_descend:
         start = [random_directions(descents.fresh, containment.rank, rng), to_coordinates(containment, known)]
-        start += [] if separating is None else [separating[None]]
+        start += (
+            [facet_directions(containment)] if separating is None else [facet_directions(containment), separating[None]]
+        )
         directions, values = _descend_and_iterate(containment, np.concatenate(start), descents.steps)
     else:
         directions, values = _minimise_over_hull(containment, descents.gap)
@@ -127,6 +130,23 @@ def _weakest(problem: Containment, task: Task, directions: FloatArray, values: F
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = select_separated(directions, order, SEPARATION, KEEP)
     return WeakestDirections(float(values[chosen[0]]), scale_to_unit_support(task, directions[chosen] @ problem.matrix))
+
+
+def facet_directions(problem: Containment, turns: Sequence[float] = (0.0, 1.2, 2.0, 5.0)) -> FloatArray:
+    """Return directions near the facets of a planar cone of wrenches, (m, 3); none of other wrench sets.
+
+    They are the facets' normals, along which no force works, where the task leaves the cone; where it does not, normals
+    turned until the task requires something. Narrow minima of the support ratio are near them.
+    """
+    contacts = problem.wrenches.contacts
+    if problem.rank != 3 or problem.wrenches.space != 2 or not all(contact.unilateral for contact in contacts):
+        return np.zeros((0, problem.rank))
+    normals, is_facet = planar_facets(problem.wrenches.G[None], contacts)
+    normals = normals[0, is_facet[0]]
+    reach, demands = problem.task.support(normals)
+    lengths = np.maximum(np.linalg.norm(demands, axis=1), 1e-300)
+    shares = np.maximum(-reach / lengths, 0.0)
+    return np.concatenate([normals + turn * (shares / lengths)[:, None] * demands for turn in turns])
 
 
 def to_coordinates(problem: Containment, directions: FloatArray | None) -> FloatArray:

@@ -1,0 +1,109 @@
+"""Search over tuples of samples of fingers in the plane, by mu itself.
+
+In the plane mu is nearly known for thousands of grasps at once (``screen``), and exactly whether it is 0, so that
+candidates are judged by what they hold. Two fingers are two numbers: all pairs of some samples are compared. More fingers are placed
+one at a time. Where few placements hold the task at all, that finds them: directions shared by all tuples, as of
+coordinate exchange, promise much at those that do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.screening import fixed_force_set, least_ratios, planar_lack
+
+if TYPE_CHECKING:
+    from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
+
+
+WIDTHS = 400, 150, 60, 25, 10  # samples
+
+
+class PlanarSearch:
+    """Search for tuples of samples (b, k) with the largest mu.
+
+    Parameters
+    ----------
+    exchange : CoordinateExchange
+        Of a planar problem, with its samples, constraints and random numbers.
+    pairs : int
+        Pairs of samples of two fingers that are compared.
+    """
+
+    def __init__(self, exchange: CoordinateExchange, pairs: int = 6400) -> None:
+        self._exchange, self._tables, self._problem = exchange, exchange.tables, exchange.compiled.problem
+        self._sizes = [len(self._tables.samples(i).points) for i in range(len(self._problem.models))]
+        spread = [np.linspace(0, size - 1, min(size, int(np.sqrt(pairs)))).astype(int) for size in self._sizes]
+        # samples of a contact in the order of the faces, some of all
+        self._spread = [np.lexsort(self._tables.samples(i).points.T)[some] for i, some in enumerate(spread)]
+
+    def values(self, tuples: IntArray, promising: float = 0.0) -> FloatArray:
+        """Return about mu of tuples (b, k), (b,), less than 0 where they cannot exert the task.
+
+        There the value is minus the share of the task that is out of reach; up to a ``promising`` share it is what mu
+        would be with it. It is less than -1 where constraints on several contacts are broken.
+        """
+        problem = self._problem
+        stack = GraspStack(*self._tables.contacts_of(tuples), problem.models, problem.origin)
+        mu, lack = least_ratios(stack, problem.task, fixed_force_set(stack, self._tables.budget)), np.zeros(len(tuples))
+        if all(contact.unilateral for contact in problem.models):
+            lack = np.minimum(planar_lack(stack, problem.task), 0.99)
+        return self._exchange.merit(np.where(lack > promising, -lack, mu), tuples)
+
+    def best(self, known: IntArray, kept: int = 24, drawn: int = 3000, widths: Sequence[int] = WIDTHS) -> IntArray:
+        """Return the best tuples found, best first, and known ones (m, k) among them.
+
+        Parameters
+        ----------
+        known : (m, k) int array
+        kept : int
+            Tuples that are improved, and as many that nearly exert the task.
+        drawn : int
+            Random tuples of three fingers or more.
+        widths : sequence of int
+            Numbers of samples around a contact among which it moves, the others with it, from one round to the next.
+        """
+        k = len(self._sizes)
+        if k == 2:
+            first = np.stack(np.meshgrid(*self._spread, indexing="ij"), axis=2).reshape(-1, 2)
+        else:
+            first = self._tables.random(drawn, self._exchange.rng)
+        first = np.concatenate([known, first])
+        tuples = np.concatenate([self._ranked(first, kept, promising) for promising in (0.0, 0.1)])
+        if k > 2:
+            for i, spread in enumerate(self._spread):
+                trials = np.repeat(tuples[:, None], len(spread), axis=1)
+                trials[:, :, i] = spread
+                tuples = self._improved(tuples, trials)
+        for width in widths:
+            tuples = self._improved(tuples, self._around(tuples, width))
+            tuples = self._ranked(tuples, max(kept // 2, 3 * len(tuples) // 4), 0.0)
+        return self._ranked(np.concatenate([tuples, known]), len(tuples) + len(known), 0.0)
+
+    def _improved(self, tuples: IntArray, trials: IntArray) -> IntArray:
+        """Return the best of each tuple (b, k) and its trials (b, m, k)."""
+        trials = np.concatenate([tuples[:, None], trials], axis=1)
+        values = self.values(trials.reshape(-1, tuples.shape[1])).reshape(trials.shape[:2])
+        return np.asarray(trials[np.arange(len(tuples)), np.argmax(values, axis=1)])
+
+    def _around(self, tuples: IntArray, width: int, count: int = 60) -> IntArray:
+        """Return tuples (b, count, k) with some contacts moved at random among the nearest ``width`` samples."""
+        rng, result = self._exchange.rng, np.repeat(tuples[:, None], count, axis=1)
+        moves = rng.random(result.shape) < 0.7
+        for i in range(tuples.shape[1]):
+            cloud = self._tables.samples(i)
+            near = cloud.tree.query(cloud.points[tuples[:, i]], min(width, len(cloud.points)))[1]
+            near = near.reshape(len(tuples), -1)
+            chosen = np.take_along_axis(near, rng.integers(near.shape[1], size=(len(tuples), count)), axis=1)
+            result[:, :, i] = np.where(moves[:, :, i], chosen, result[:, :, i])
+        return result
+
+    def _ranked(self, tuples: IntArray, kept: int, promising: float) -> IntArray:
+        """Return the best of tuples (b, k) by ``values``, each once, best first."""
+        tuples = np.unique(tuples, axis=0)
+        return tuples[np.argsort(-self.values(tuples, promising), kind="stable")[:kept]]

@@ -1,0 +1,71 @@
+"""Thin feasible sets in the plane: few placements hold the task, and starts end at the best of them."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
+from nlpgrasp.optimize.planar_search import PlanarSearch
+
+
+def triangle(vertices, friction, axes, center):
+    contacts = [ng.FrictionContact(value) for value in friction]
+    task = ng.TaskEllipsoid(axes, center=center)
+    return ng.GraspProblem(ng.Polygon(vertices), contacts, task, torque_origin=[0, 0], edge_margin=1e-3)
+
+
+BLUNT = triangle(
+    [[0.05, -0.001], [-0.0118, 0.0414], [-0.0284, -0.0351]],
+    [0.5126, 0.6113],
+    [0.74, 0.176, 0.025],
+    [-0.736, -0.518, -0.011],
+)
+SHARP = triangle(
+    [[-0.0012, 0.03913], [-0.0396, 0.01141], [-0.00726, -0.04455]],
+    [0.4611, 0.3063],
+    [0.54921, 0.85526, 0.00402],
+    [0.82389, -0.20755, -0.00793],
+)
+
+
+@pytest.mark.parametrize(("problem", "best"), [(BLUNT, 0.1400), (SHARP, 0.7826)], ids=["blunt", "sharp"])
+@pytest.mark.parametrize("seed", range(3))
+def test_two_unlike_fingers_on_a_triangle(problem, best, seed):
+    """Best mu of a grid of all pairs that is refined five times, certified by ``mu``: 0.14 and 0.78.
+
+    In the blunt one 74 of 6,241 pairs exert the task; starts ended at 0.03. In the sharp one a grid of 234 points has
+    one such pair near the best.
+    """
+    options = ng.SolveOptions(workers=1, global_bound=False)
+    solution = ng.solve(problem, starts=2, seed=seed, options=options)
+    assert solution.mu.upper >= 0.98 * best
+
+
+def test_values_are_mu():
+    """Of random placements, most of which cannot exert the task; certified one by one."""
+    compiled = CompiledProblem(BLUNT, ng.SolveOptions(workers=1))
+    exchange = CoordinateExchange(compiled, compiled.sample_tables, np.random.default_rng(0))
+    search = PlanarSearch(exchange)
+    tuples = np.concatenate([search.best(np.zeros((0, 2), int))[:20], exchange.tables.random(60, exchange.rng)])
+    values = search.values(tuples)
+    mu = ng.mu(ng.GraspStack(*exchange.tables.contacts_of(tuples), BLUNT.models, BLUNT.origin), BLUNT.task)
+    assert np.all(mu.lower <= np.maximum(values, 0.0) * (1.0 + 1e-9))
+    assert np.array_equal(values > 0.0, mu.upper > 0.0)
+    excess = values[values > 0.0] / mu.upper[values > 0.0]
+    assert np.median(excess) < 1.01  # nearly always mu itself
+    assert np.max(excess) < 1.25
+    assert np.sum(values > 0.0) > 10
+    assert np.sum(values < 0.0) > 10
+
+
+def test_screening_knows_where_a_task_leaves_the_cone_of_wrenches():
+    rng, task = np.random.default_rng(1), BLUNT.task
+    angles = rng.uniform(0.0, 2.0 * np.pi, (200, 2))
+    points = 0.04 * np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    turned = angles + rng.uniform(-0.6, 0.6, angles.shape)
+    stack = ng.GraspStack(points, -np.stack([np.cos(turned), np.sin(turned)], axis=2), BLUNT.models, [0.0, 0.0])
+    screened = ng.screen(stack, task)
+    certified = ng.mu(stack, task)
+    assert np.all(screened >= certified.lower * (1.0 - 1e-9))
+    assert np.array_equal(screened > 0.0, np.array([bounds.upper > 0.0 for bounds in certified]))
