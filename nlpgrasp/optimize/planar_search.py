@@ -15,7 +15,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.screening import fixed_force_set, least_ratios, planar_lack
+from nlpgrasp.quality.screening import fixed_force_set, least_ratios, planar_ratios
 
 if TYPE_CHECKING:
     from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
@@ -50,9 +50,11 @@ class PlanarSearch:
         """
         problem = self._problem
         stack = GraspStack(*self._tables.contacts_of(tuples), problem.models, problem.origin)
-        mu, lack = least_ratios(stack, problem.task, fixed_force_set(stack, self._tables.budget)), np.zeros(len(tuples))
+        force_set, lack = fixed_force_set(stack, self._tables.budget), np.zeros(len(tuples))
+        mu = least_ratios(stack, problem.task, force_set)
         if all(contact.unilateral for contact in problem.models):
-            lack = np.minimum(planar_lack(stack, problem.task), 0.99)
+            beside, lack = planar_ratios(stack, problem.task, force_set)
+            mu, lack = np.where(lack > 0.0, mu, np.minimum(mu, beside)), np.minimum(lack, 0.99)
         return self._exchange.merit(np.where(lack > promising, -lack, mu), tuples)
 
     def best(self, known: IntArray, kept: int = 24, drawn: int = 3000, widths: Sequence[int] = WIDTHS) -> IntArray:

@@ -11,6 +11,7 @@ from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task
 
 ZERO_SUPPORT = 1e-10  # |P_K(z)| over |z| up to which z counts as in the polar of K
 EXACT = 1e-13  # tolerance at which the search for a separating direction stops
@@ -114,3 +115,28 @@ def planar_facets(G: FloatArray, contacts: Sequence[ContactModel]) -> tuple[Floa
     normals = np.concatenate([normals, -normals], axis=1) / np.maximum(np.tile(lengths, (1, 2, 1)), 1e-300)
     works = normals @ wrenches.transpose(0, 2, 1)
     return normals, np.asarray((np.max(works, axis=2) < 1e-9) & (np.tile(lengths[..., 0], (1, 2)) > 1e-12))
+
+
+def turned_to_task(
+    normals: FloatArray, task: Task, moment: FloatArray, turns: Sequence[float] = (0.0, 1.2, 2.0, 5.0)
+) -> FloatArray:
+    """Return normals (..., m, d) of facets, turned by several amounts until the task requires something, (turns, ...).
+
+    Where a task leaves the cone of wrenches, the normal itself proves it; where it does not, narrow minima of the
+    support ratio are beside the normals. With the task's maximiser w, ``z = y - t <w, y> M^-1 w / (w M^-1 w)`` has
+    ``<w, z> = (1 - t) <w, y>``.
+
+    Parameters
+    ----------
+    normals : (..., m, d) array
+    task : Task
+    moment : (d, d) array
+        M, a metric.
+    turns : sequence of float
+        t.
+    """
+    reach, demands = task.support(normals.reshape(-1, normals.shape[-1]))
+    reach, demands = reach.reshape(*normals.shape[:-1], 1), demands.reshape(normals.shape)
+    towards = demands @ np.linalg.inv(moment)
+    work = np.maximum(np.sum(demands * towards, axis=-1, keepdims=True), 1e-300)
+    return np.stack([normals + turn * np.maximum(-reach, 0.0) / work * towards for turn in turns])

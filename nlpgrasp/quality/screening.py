@@ -19,7 +19,7 @@ from nlpgrasp.contacts.base import upper_triangle
 from nlpgrasp.contacts.product import derivative_entries, project
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
-from nlpgrasp.quality.force_closure import planar_facets
+from nlpgrasp.quality.force_closure import planar_facets, turned_to_task
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.tasks import Task
@@ -61,7 +61,10 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     if not len(stack):
         return np.zeros(0)
     least = least_ratios(stack, task, force_set)
-    return least if stack.dimension > 3 else np.where(planar_lack(stack, task) > 0.0, 0.0, least)
+    if stack.dimension == 3 and all(contact.unilateral for contact in stack.contacts):
+        beside, lack = planar_ratios(stack, task, force_set)
+        least = np.where(lack > 0.0, 0.0, np.minimum(least, beside))
+    return least
 
 
 def least_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> FloatArray:
@@ -71,17 +74,24 @@ def least_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> FloatArr
     return np.concatenate(bounds)
 
 
-def planar_lack(stack: GraspStack, task: Task) -> FloatArray:
-    """Return how far the task leaves the cone of all wrenches of each planar grasp, as a share of its size, (b,).
+def planar_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> tuple[FloatArray, FloatArray]:
+    """Return the least ratios beside the facets of each planar grasp's cone of wrenches, and the task's share outside.
 
-    0 where it does not, up to rounding: a share of the support along a facet's normal tells. In the plane the cone has
-    finitely many facets.
+    Both are (b,). The share is that of the support along a facet's normal, 0 where the task is in the cone; in the
+    plane the cone has finitely many facets.
     """
     normals, is_facet = planar_facets(stack.G, stack.contacts)
-    reach = task.support(normals.reshape(-1, 3))[0].reshape(normals.shape[:2])
-    size = np.sqrt(np.einsum("bmi,ij,bmj->bm", normals, task.second_moment(), normals))
-    shares = np.where(is_facet, reach / np.maximum(size, 1e-300), -np.inf)
-    return np.asarray(np.maximum(np.max(shares, axis=1), 0.0) * (np.max(shares, axis=1) > 1e-9))
+    moment = second_moment(stack, task)
+    reach = task.support(normals.reshape(-1, 3))[0].reshape(is_facet.shape)
+    size = np.sqrt(np.einsum("bmi,ij,bmj->bm", normals, moment, normals))
+    shares = np.max(np.where(is_facet, reach / np.maximum(size, 1e-300), 0.0), axis=1, initial=0.0)
+    least = np.full(len(stack), np.inf)
+    for turned in turned_to_task(normals, task, moment, (1.02, 1.1, 1.5, 3.0)):
+        reach = task.support(turned.reshape(-1, 3))[0].reshape(is_facet.shape)
+        is_asked = is_facet & (reach > 1e-12)
+        ratios = GraspBatch(stack.G, force_set).support(turned) / np.where(is_asked, reach, 1.0)
+        least = np.minimum(least, np.min(ratios, axis=1, initial=np.inf, where=is_asked))
+    return least, np.where(shares > 1e-9, shares, 0.0)
 
 
 def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:

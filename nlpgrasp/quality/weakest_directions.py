@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.containment import Containment, make_containment
-from nlpgrasp.quality.force_closure import planar_facets, separating_direction
+from nlpgrasp.quality.force_closure import planar_facets, separating_direction, turned_to_task
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
@@ -104,10 +103,9 @@ def weakest_directions(
     # the ratio is infinite where the task requires nothing along a direction in which no force works
     can_descend = separating is None or np.isfinite(containment.ratio(separating[None])[0][0])
     if isinstance(budget, L2Budget) and can_descend:
-        start = [random_directions(descents.fresh, containment.rank, rng), to_coordinates(containment, known)]
-        start += (
-            [facet_directions(containment)] if separating is None else [facet_directions(containment), separating[None]]
-        )
+        random = random_directions(descents.fresh, containment.rank, rng)
+        start = [random, to_coordinates(containment, known), facet_directions(containment)]
+        start += [] if separating is None else [separating[None]]
         directions, values = _descend_and_iterate(containment, np.concatenate(start), descents.steps)
     else:
         directions, values = _minimise_over_hull(containment, descents.gap)
@@ -132,21 +130,13 @@ def _weakest(problem: Containment, task: Task, directions: FloatArray, values: F
     return WeakestDirections(float(values[chosen[0]]), scale_to_unit_support(task, directions[chosen] @ problem.matrix))
 
 
-def facet_directions(problem: Containment, turns: Sequence[float] = (0.0, 1.2, 2.0, 5.0)) -> FloatArray:
-    """Return directions near the facets of a planar cone of wrenches, (m, 3); none of other wrench sets.
-
-    They are the facets' normals, along which no force works, where the task leaves the cone; where it does not, normals
-    turned until the task requires something. Narrow minima of the support ratio are near them.
-    """
+def facet_directions(problem: Containment) -> FloatArray:
+    """Return directions near the facets of a planar cone of wrenches, (m, 3); none of other wrench sets."""
     contacts = problem.wrenches.contacts
     if problem.rank != 3 or problem.wrenches.space != 2 or not all(contact.unilateral for contact in contacts):
         return np.zeros((0, problem.rank))
     normals, is_facet = planar_facets(problem.wrenches.G[None], contacts)
-    normals = normals[0, is_facet[0]]
-    reach, demands = problem.task.support(normals)
-    lengths = np.maximum(np.linalg.norm(demands, axis=1), 1e-300)
-    shares = np.maximum(-reach / lengths, 0.0)
-    return np.concatenate([normals + turn * (shares / lengths)[:, None] * demands for turn in turns])
+    return turned_to_task(normals[0, is_facet[0]], problem.task, np.eye(3)).reshape(-1, 3)
 
 
 def to_coordinates(problem: Containment, directions: FloatArray | None) -> FloatArray:
