@@ -1,9 +1,9 @@
 """Search over tuples of samples of fingers in the plane, by mu itself.
 
 In the plane mu is nearly known for thousands of grasps at once (``screen``), and exactly whether it is 0, so that
-candidates are judged by what they hold. Two fingers are two numbers: all pairs of some samples are compared. More fingers are placed
-one at a time. Where few placements hold the task at all, that finds them: directions shared by all tuples, as of
-coordinate exchange, promise much at those that do not.
+candidates are judged by what they hold. Two fingers are two numbers: all pairs of some samples are compared. More
+fingers are placed one at a time. Where few placements hold the task at all, that finds them: directions shared by all
+tuples, as of coordinate exchange, promise much at those that do not.
 """
 
 from __future__ import annotations
