@@ -91,8 +91,11 @@ def test_joints_whose_margins_cost_too_much_have_their_whole_range():
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"joint_margin": 0.0}, {"gap": 0.1}])
 def test_without_a_margin_joints_come_near_their_limits(options):
-    result = polished(compiled(), **options)
-    assert np.min(distances_to_limits(result.on_body.candidate)) < 0.5 * OPTIONS.joint_margin
+    """Ranges of 0.1 rad around the hand's joints, with margins of a tenth."""
+    joints = posture()[1]["joints"]
+    limits = np.stack([joints - 0.05, joints + 0.05])
+    result = polished(compiled().with_joint_limits(limits), **options)
+    assert np.min(np.abs(result.on_body.candidate.hand["joints"] - limits)) < 0.5 * 0.01
 
 
 def test_margins_are_a_tenth_of_the_range_at_most():
