@@ -51,6 +51,8 @@ class Exchange:
         Relative difference allowed between beta and the certified lower bound.
     free_rounds : int
         Rounds without a box for a start whose mu is 0.
+    failures : int
+        Programs in a row that the solver may leave unsolved.
     """
 
     def __init__(
@@ -61,9 +63,10 @@ class Exchange:
         budget: Callable[[FormulationResult], ForceBudget],
         rtol: float,
         free_rounds: int = 6,
+        failures: int = 6,
     ) -> None:
         self.task, self.slots, self.rtol, self._budget, self.free_rounds = task, slots, rtol, budget, free_rounds
-        self._rng = np.random.default_rng(0)
+        self.failures, self._rng = failures, np.random.default_rng(0)
         self._pool = np.zeros((0, directions.shape[1]))
         self._join(directions)
         self.chosen = np.resize(self._pool, (slots, directions.shape[1]))
@@ -89,15 +92,18 @@ class Exchange:
         if mu <= 0.0:
             best = trial = inner(best)
             mu = self._weakest(best)
-        radius = size if mu <= 0.0 else 0.2 * size
+        radius, failures = size if mu <= 0.0 else 0.2 * size, 0
         for number in range(1, rounds):
             self._choose([best, trial])
             trial = solve(self.chosen, best, radius)
+            failures = 0 if trial.success else failures + 1
+            if failures == self.failures:
+                break
             found, promise = self._weakest(trial) if trial.success else 0.0, trial.beta - mu
             if promise <= 0.1 * self.rtol * trial.beta and trial.success:
                 bounds = self._certify(trial)
                 if bounds.lower >= (1.0 - self.rtol) * trial.beta and found >= (1.0 - 1e-6) * mu:
-                    return replace(trial, mu=bounds, rounds=number + 1)
+                    return self._unboxed(replace(trial, mu=bounds, rounds=number + 1), bounds, solve, size)
             gain = found - mu
             if mu <= 0.0 and number > self.free_rounds:
                 break
@@ -109,6 +115,16 @@ class Exchange:
             else:
                 radius = max(0.4 * radius, 1e-7 * size)
         return self._at(best, solve, 1e-7 * size, number + 1)
+
+    def _unboxed(self, ended: FormulationResult, bounds: Bounds, solve: Solve, size: float) -> FormulationResult:
+        """Return the program's solution from a result that a box held, where it is certified as well, else that."""
+        if ended.kkt.locally_optimal:
+            return ended
+        free = solve(self.chosen, ended, size)
+        found = self._certify(free)
+        if free.success and found.lower >= max((1.0 - self.rtol) * free.beta, (1.0 - 1e-4) * bounds.lower):
+            return replace(free, mu=found, rounds=ended.rounds + 1)
+        return replace(ended, rounds=ended.rounds + 1)
 
     def _at(self, best: FormulationResult, solve: Solve, radius: float, rounds: int) -> FormulationResult:
         """Return the program's solution at the contacts of a result, with directions until beta is certified.

@@ -17,7 +17,7 @@ from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 
-CANDIDATES = 256  # number of random candidates
+CANDIDATES = 48  # number of random candidates
 PRESSING = 0.6  # units of force, L2 norm of the initial normal forces
 TINY = 1e-9  # support of a task below which it counts as zero
 
@@ -132,7 +132,7 @@ def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[t
     for name in np.unique(names):
         on_face = names == name
         normals[on_face] = -problem.body.evaluate(str(name), points[on_face])[2]
-    y = TaskSamples(problem.task, scaling.wrench, 1).directions()
+    y = TaskSamples(problem.task, scaling.wrench, 1).containing()
     reach = problem.task.support(y)[0]
     y = y[reach > TINY] / reach[reach > TINY, None]
     contact_columns = [np.repeat(v[:, i], len(y), axis=0).T for v in (points, normals) for i in range(points.shape[1])]

