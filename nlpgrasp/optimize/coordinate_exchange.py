@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import ParallelJaw
@@ -77,7 +78,7 @@ def exchanged_candidates(
     tables = compiled.sample_tables
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
-    if compiled.problem.dimension == 3 and not has_jaws:
+    if compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws:
         visited = PlanarSearch(search).best(tables.nearest(known))
     else:
         tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))

@@ -70,9 +70,9 @@ def exact_minimisers(
     problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
     if problem is None:
         return WeakestDirections(0.0, directions[:0])
-    known = to_coordinates(problem, directions), facet_directions(problem)
-    start = np.concatenate([*known, random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(compiled.budget(candidate), L2Budget)
+    known = [to_coordinates(problem, directions), *([facet_directions(problem)] if squared else [])]
+    start = np.concatenate([*known, random_directions(FRESH, problem.rank, rng)])
     y, values = minimise_l2_ratio(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)
     chosen = select_separated(y, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
