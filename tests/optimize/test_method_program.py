@@ -58,3 +58,23 @@ def test_bad_input():
     problem = ng.GraspProblem(ng.Sphere(0.03), FRICTION, TASK, hand=four_finger_hand())
     with pytest.raises(ng.InputError, match=r"^SolveOptions\.method: got 'program' for a hand that has a pose"):
         ng.solve(problem, options=ng.SolveOptions(method="program"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["steps", "program"])
+def test_what_is_called_a_local_optimum_is_one_at_kinks_too(method):
+    """Under budgets whose supports have kinks; ``verify`` moves each free contact and looks whether mu gains."""
+    rng, optima = np.random.default_rng(5), 0
+    for i in range(9):
+        angles = np.arange(4) * np.pi / 2.0 + rng.uniform(-0.5, 0.5, 4)
+        body = ng.Polygon(0.045 * np.column_stack([np.cos(angles), np.sin(angles)]))
+        axes = rng.uniform([0.2, 0.2, 0.003], [1.0, 1.0, 0.03])
+        task = ng.TaskEllipsoid(axes, center=0.4 * axes * rng.standard_normal(3))
+        contacts = [ng.FrictionContact(friction) for friction in rng.uniform(0.3, 0.8, 2 + i % 2)]
+        problem = ng.GraspProblem(body, contacts, task, force_budget=("shared", "per_finger")[i % 2])
+        options = ng.SolveOptions(workers=1, global_bound=False, method=method)
+        solution = ng.solve(problem, starts=2, seed=i, options=options)
+        if solution.success:
+            assert ng.verify(solution), str(ng.verify(solution))
+            optima += solution.kkt.locally_optimal
+    assert optima > 0
