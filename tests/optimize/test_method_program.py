@@ -64,7 +64,7 @@ def test_bad_input():
 @pytest.mark.parametrize("method", ["steps", "program"])
 def test_what_is_called_a_local_optimum_is_one_at_kinks_too(method):
     """Under budgets whose supports have kinks; ``verify`` moves each free contact and looks whether mu gains."""
-    rng, optima = np.random.default_rng(5), 0
+    rng, solved = np.random.default_rng(5), 0
     for i in range(9):
         angles = np.arange(4) * np.pi / 2.0 + rng.uniform(-0.5, 0.5, 4)
         body = ng.Polygon(0.045 * np.column_stack([np.cos(angles), np.sin(angles)]))
@@ -76,5 +76,5 @@ def test_what_is_called_a_local_optimum_is_one_at_kinks_too(method):
         solution = ng.solve(problem, starts=2, seed=i, options=options)
         if solution.success:
             assert ng.verify(solution), str(ng.verify(solution))
-            optima += solution.kkt.locally_optimal
-    assert optima > 0
+            solved += 1
+    assert solved > 5
