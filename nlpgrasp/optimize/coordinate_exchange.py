@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,8 @@ def exchanged_candidates(
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
     if compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws:
-        visited = PlanarSearch(search).best(tables.nearest(known))
+        distinct = partial(select_incongruent, compiled)
+        visited = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng).best(tables.nearest(known))
     else:
         tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))
         visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)

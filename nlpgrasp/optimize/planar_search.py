@@ -8,18 +8,15 @@ tuples, as of coordinate exchange, promise much at those that do not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray, IntArray
+from nlpgrasp.optimize.surface_samples import SampleTables
+from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import fixed_force_set, least_ratios, planar_ratios
-
-if TYPE_CHECKING:
-    from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
-
 
 WIDTHS = 400, 150, 60, 25, 10  # samples
 
@@ -29,18 +26,32 @@ class PlanarSearch:
 
     Parameters
     ----------
-    exchange : CoordinateExchange
-        Of a planar problem, with its samples, constraints and random numbers.
+    problem : GraspProblem
+        Planar.
+    tables : SampleTables
+    merit : callable
+        Returns the merits of tuples with some quality: less than -1 where constraints on several contacts are broken.
+    distinct : callable
+        Returns the indices of placements (b, k, 2) that are not like an earlier one.
+    rng : numpy.random.Generator
     pairs : int
         Pairs of samples of two fingers that are compared.
     """
 
-    def __init__(self, exchange: CoordinateExchange, pairs: int = 6400) -> None:
-        self._exchange, self._tables, self._problem = exchange, exchange.tables, exchange.compiled.problem
-        self._sizes = [len(self._tables.samples(i).points) for i in range(len(self._problem.models))]
+    def __init__(
+        self,
+        problem: GraspProblem,
+        tables: SampleTables,
+        merit: Callable[[FloatArray, IntArray], FloatArray],
+        distinct: Callable[[FloatArray], list[int]],
+        rng: np.random.Generator,
+        pairs: int = 6400,
+    ) -> None:
+        self._problem, self._tables, self._merit, self._distinct, self._rng = problem, tables, merit, distinct, rng
+        self._sizes = [len(tables.samples(i).points) for i in range(len(problem.models))]
         spread = [np.linspace(0, size - 1, min(size, int(np.sqrt(pairs)))).astype(int) for size in self._sizes]
         # samples of a contact in the order of the faces, some of all
-        self._spread = [np.lexsort(self._tables.samples(i).points.T)[some] for i, some in enumerate(spread)]
+        self._spread = [np.lexsort(tables.samples(i).points.T)[some] for i, some in enumerate(spread)]
 
     def values(self, tuples: IntArray, promising: float = 0.0) -> FloatArray:
         """Return about mu of tuples (b, k), (b,), less than 0 where they cannot exert the task.
@@ -55,10 +66,10 @@ class PlanarSearch:
         if all(contact.unilateral for contact in problem.models):
             beside, lack = planar_ratios(stack, problem.task, force_set)
             mu, lack = np.where(lack > 0.0, mu, np.minimum(mu, beside)), np.minimum(lack, 0.99)
-        return self._exchange.merit(np.where(lack > promising, -lack, mu), tuples)
+        return self._merit(np.where(lack > promising, -lack, mu), tuples)
 
     def best(self, known: IntArray, kept: int = 24, drawn: int = 3000, widths: Sequence[int] = WIDTHS) -> IntArray:
-        """Return the best tuples found, best first, and known ones (m, k) among them.
+        """Return the best tuples found, best first, those they were improved from and known ones (m, k) among them.
 
         Parameters
         ----------
@@ -74,9 +85,9 @@ class PlanarSearch:
         if k == 2:
             first = np.stack(np.meshgrid(*self._spread, indexing="ij"), axis=2).reshape(-1, 2)
         else:
-            first = self._tables.random(drawn, self._exchange.rng)
+            first = self._tables.random(drawn, self._rng)
         first = np.concatenate([known, first])
-        tuples = np.concatenate([self._ranked(first, kept, promising) for promising in (0.0, 0.1)])
+        tuples = begun = np.concatenate([self._ranked(first, kept, promising) for promising in (0.0, 0.1)])
         if k > 2:
             for i, spread in enumerate(self._spread):
                 trials = np.repeat(tuples[:, None], len(spread), axis=1)
@@ -84,8 +95,7 @@ class PlanarSearch:
                 tuples = self._improved(tuples, trials)
         for width in widths:
             tuples = self._improved(tuples, self._around(tuples, width))
-            tuples = self._ranked(tuples, max(kept // 2, 3 * len(tuples) // 4), 0.0)
-        return self._ranked(np.concatenate([tuples, known]), len(tuples) + len(known), 0.0)
+        return self._sorted(np.concatenate([tuples, begun, known]))
 
     def _improved(self, tuples: IntArray, trials: IntArray) -> IntArray:
         """Return the best of each tuple (b, k) and its trials (b, m, k)."""
@@ -95,7 +105,7 @@ class PlanarSearch:
 
     def _around(self, tuples: IntArray, width: int, count: int = 60) -> IntArray:
         """Return tuples (b, count, k) with some contacts moved at random among the nearest ``width`` samples."""
-        rng, result = self._exchange.rng, np.repeat(tuples[:, None], count, axis=1)
+        rng, result = self._rng, np.repeat(tuples[:, None], count, axis=1)
         moves = rng.random(result.shape) < 0.7
         for i in range(tuples.shape[1]):
             cloud = self._tables.samples(i)
@@ -105,7 +115,12 @@ class PlanarSearch:
             result[:, :, i] = np.where(moves[:, :, i], chosen, result[:, :, i])
         return result
 
-    def _ranked(self, tuples: IntArray, kept: int, promising: float) -> IntArray:
-        """Return the best of tuples (b, k) by ``values``, each once, best first."""
+    def _ranked(self, tuples: IntArray, kept: int, promising: float, looked_at: int = 500) -> IntArray:
+        """Return the best of tuples (b, k) by ``values`` that are not alike, best first."""
+        tuples = self._sorted(tuples, promising)[:looked_at]
+        return tuples[self._distinct(self._tables.contacts_of(tuples)[0])[:kept]]
+
+    def _sorted(self, tuples: IntArray, promising: float = 0.0) -> IntArray:
+        """Return tuples (b, k) by ``values``, each once, best first."""
         tuples = np.unique(tuples, axis=0)
-        return tuples[np.argsort(-self.values(tuples, promising), kind="stable")[:kept]]
+        return np.asarray(tuples[np.argsort(-self.values(tuples, promising), kind="stable")])
