@@ -58,6 +58,7 @@ JAW_PAIRS = 12  # best pairs for jaws whose approach is checked; as many of the 
 REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired by projection
 NEIGHBOURHOOD = 0.05  # over the body's size: radius of a contact's neighbourhood on a mesh
 DENSE_SAMPLES = 12000  # samples of a contact near known contacts, at most
+THIN = 0.1  # share of random placements in the plane that hold the task below which mu itself is searched
 CONGRUENT = 0.05  # over the body's size: difference of distances between contacts below which placements are congruent
 
 
@@ -79,9 +80,11 @@ def exchanged_candidates(
     tables = compiled.sample_tables
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
-    if compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws:
-        distinct = partial(select_incongruent, compiled)
-        visited = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng).best(tables.nearest(known))
+    distinct = partial(select_incongruent, compiled)
+    planar = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng)
+    is_searched = compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws
+    if is_searched and planar.share_that_holds() < THIN:
+        visited = planar.best(tables.nearest(known))
     else:
         tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))
         visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)

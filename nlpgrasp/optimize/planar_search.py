@@ -68,6 +68,11 @@ class PlanarSearch:
             mu, lack = np.where(lack > 0.0, mu, np.minimum(mu, beside)), np.minimum(lack, 0.99)
         return self._merit(np.where(lack > promising, -lack, mu), tuples)
 
+    def share_that_holds(self, drawn: int = 400) -> float:
+        """Return the share of random tuples that exert the task."""
+        tuples = self._tables.random(drawn, np.random.default_rng(0))
+        return float(np.mean(self.values(tuples) > 0.0))
+
     def best(self, known: IntArray, kept: int = 24, drawn: int = 3000, widths: Sequence[int] = WIDTHS) -> IntArray:
         """Return the best tuples found, best first, those they were improved from and known ones (m, k) among them.
 
