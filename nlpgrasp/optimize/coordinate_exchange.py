@@ -80,10 +80,11 @@ def exchanged_candidates(
     tables = compiled.sample_tables
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
-    distinct = partial(select_incongruent, compiled)
-    planar = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng)
-    is_searched = compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws
-    if is_searched and planar.share_that_holds() < THIN:
+    planar = None
+    if compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws:
+        distinct = partial(select_incongruent, compiled)
+        planar = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng)
+    if planar is not None and planar.share_that_holds() < THIN:
         visited = planar.best(tables.nearest(known))
     else:
         tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))

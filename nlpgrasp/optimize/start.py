@@ -264,12 +264,10 @@ class _Refinement:
             result = StartGrasp.at_optimum(compiled, self.index, polished, message, self.origin)
             self.clock.mark("link depth")
             return result
-        by_program = compiled.options.method == "program"
-        on_body, refined = (
-            _grasp_of_program(compiled, initial.candidate, self.deadline)
-            if by_program
-            else _refined_grasp(compiled, self.index, initial.candidate, self.deadline)
-        )
+        if compiled.options.method == "program":
+            on_body, refined = _grasp_of_program(compiled, initial.candidate, self.deadline)
+        else:
+            on_body, refined = _refined_grasp(compiled, self.index, initial.candidate, self.deadline)
         self.clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:
