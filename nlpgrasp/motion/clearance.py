@@ -31,7 +31,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.motion.distance_fields import Distance, build_distance_fields
-from nlpgrasp.motion.link_parts import LinkParts, sharp_edge_points
+from nlpgrasp.motion.link_parts import LinkParts, SampleTable, sharp_edge_points
 from nlpgrasp.problem.problem import GraspProblem
 
 TOLERANCE = 1e-3  # tolerated penetration of a link, as a share of the hand's span
@@ -202,6 +202,19 @@ class HandClearance:
         first, second = (moving.rows(ends[:, i], groups[pairs[index, i]], n, moving.t[:, 0], one) for i in range(2))
         return index, value, second - first
 
+    def body_point_rows(
+        self, parts: IntArray, points: Sequence[tuple[float, float, float]], moving: Frames
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the distances of points (m, 3) of the body from the hulls of parts (m,), as ``rows`` does."""
+        links = [self.parts.parts[i].link for i in parts]
+        x, value, normals = np.asarray(points), np.zeros(len(parts)), np.zeros((len(parts), 3))
+        for row, (i, frame) in enumerate(zip(parts, moving.of_links(links)[0], strict=True)):
+            local = (x[row] - frame[:3, 3]) @ frame[:3, :3]
+            distance, normal = self.parts.parts[i].outer_distance_with_normals(local[None])
+            value[row], normals[row] = distance[0], frame[:3, :3] @ normal[0]
+        groups = np.array([moving.links.group[link] for link in links], int)
+        return value, -moving.rows(x, groups, normals, moving.t[:, 0], np.zeros(len(parts), int))
+
     def moving_frames(self, values: Values) -> Frames:
         """Return the frames of the hand's groups of links in one posture, which tell how points on them move."""
         return self.hand.tree.moving_links.frames(HandState.of_values(values))
@@ -235,15 +248,31 @@ class HandClearance:
         return result
 
     @cached_property
+    def body_edges(self) -> SampleTable:
+        """Points of the body's sharp edges, some 1.5 mm apart, metres: links meet them between samples of their own."""
+        points = self._edge_points
+        _, first = np.unique(np.floor(points / 1.5e-3), axis=0, return_index=True)
+        return SampleTable.of([points[first]])
+
+    @cached_property
+    def _edge_points(self) -> FloatArray:
+        """Points of the body's sharp edges, (m, 3), metres."""
+        edges = sharp_edge_points(*self._body_surface, 1.5e-3)
+        return edges[:: 1 + len(edges) // 4000]
+
+    @cached_property
+    def _body_surface(self) -> tuple[FloatArray, IntArray]:
+        """Vertices (n, 3), metres, and triangles (m, 3) of the body."""
+        if isinstance(self.body, Mesh):
+            return np.asarray(self.body.mesh.vertices), np.asarray(self.body.mesh.faces)
+        surface = self.body.triangles()
+        return triangles(self.body, 20_000) if surface is None else surface
+
+    @cached_property
     def _body_points(self) -> FloatArray:
         """Points of the body's sharp edges, and vertices of a mesh, (m, 3), metres."""
-        if isinstance(self.body, Mesh):
-            vertices, faces = np.asarray(self.body.mesh.vertices), np.asarray(self.body.mesh.faces)
-        else:
-            surface = self.body.triangles()
-            vertices, faces = triangles(self.body, 20_000) if surface is None else surface
-        edges = sharp_edge_points(vertices, faces, 1.5e-3)
-        return np.concatenate([edges[:: 1 + len(edges) // 4000], vertices[:: 1 + len(vertices) // 1000]])
+        vertices = self._body_surface[0]
+        return np.concatenate([self._edge_points, vertices[:: 1 + len(vertices) // 1000]])
 
     def clearance_change_bounds(self, before: Values, after: Values) -> FloatArray:
         """Return an upper bound on the change of each clearance between two postures, (n,), metres."""

@@ -93,9 +93,19 @@ class LinkPart:
 
     def outer_distance(self, points: FloatArray) -> FloatArray:
         """Return a signed distance of points (m, 3), link frame, (m,), metres: nowhere more than the true one."""
+        return self.outer_distance_with_normals(points)[0]
+
+    def outer_distance_with_normals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``outer_distance``, and its gradients (m, 3): outward normals of the ball or of the hull's faces."""
         if self.radius > 0.0:
-            return np.asarray(np.min(np.linalg.norm(points[:, None] - self.points, axis=2), axis=1) - self.radius)
-        return np.asarray(np.max(points @ self.normals.T - self.offsets, axis=1, initial=-np.inf))
+            away = points - self.points[0]
+            lengths = np.linalg.norm(away, axis=1)
+            return lengths - self.radius, away / np.maximum(lengths, 1e-12)[:, None]
+        if not len(self.normals):
+            return np.full(len(points), -np.inf), np.zeros_like(points)
+        beyond = points @ self.normals.T - self.offsets
+        face = np.argmax(beyond, axis=1)
+        return beyond[np.arange(len(face)), face], self.normals[face]
 
     def distance(self, points: FloatArray, limit: float = np.inf) -> FloatArray:
         """Return the signed distance of points (m, 3), link frame, (m,), metres, where it is less than a limit."""
@@ -245,11 +255,11 @@ class LinkParts:
         """
         coarse, error = (distance, 0.0) if grid is None else (grid.nearest, grid.spacing)
         table = self._samples
-        cells, owner = _ranges(table.first_cells[chosen], table.cells[chosen])
+        cells, owner = ranges(table.first_cells[chosen], table.cells[chosen])
         middles = _moved(table.middles[cells], frames[owner])
         value = coarse(middles)
         lowest = value - table.reaches[cells] - error
-        first = _first_of_each(owner, lowest)
+        first = first_of_each(owner, lowest)
         result, nearest = lowest[first] - self.radii[chosen], middles[first]
         is_near = result < close
         if not np.any(is_near):
@@ -259,7 +269,7 @@ class LinkParts:
         keep = is_near[owner] & (lowest <= _least(owner, highest)[owner])
         owner = (np.cumsum(is_near) - 1)[owner]
         chosen, frames = chosen[is_near], frames[is_near]
-        index, of_cell = _ranges(table.first[cells[keep]], table.sizes[cells[keep]])
+        index, of_cell = ranges(table.first[cells[keep]], table.sizes[cells[keep]])
         owner = owner[keep][of_cell]
         points = _moved(table.points[index], frames[owner])
         value = coarse(points)
@@ -277,13 +287,13 @@ class LinkParts:
             measured = is_first & (_least(owner, value) - self.radii[chosen] < close)[owner]
             value[measured] = distance(points[measured])
             value[~measured] -= error
-        first = _first_of_each(owner, value)
+        first = first_of_each(owner, value)
         result[is_near], nearest[is_near] = value[first] - self.radii[chosen], points[first]
         return result, nearest
 
     @cached_property
-    def _samples(self) -> _SampleTable:
-        return _SampleTable.of([part.points for part in self.parts])
+    def _samples(self) -> SampleTable:
+        return SampleTable.of([part.points for part in self.parts])
 
     def points(self, part: int, frame: FloatArray) -> FloatArray:
         """Return the samples (m, 3) of a part whose link has the given frame (4, 4)."""
@@ -430,7 +440,7 @@ class LinkParts:
 
 
 @dataclass(frozen=True)
-class _SampleTable:
+class SampleTable:
     """Samples of all parts in cells of 6 mm.
 
     Parameters
@@ -454,7 +464,7 @@ class _SampleTable:
     reaches: FloatArray
 
     @classmethod
-    def of(cls, samples: Sequence[FloatArray]) -> _SampleTable:
+    def of(cls, samples: Sequence[FloatArray]) -> SampleTable:
         """Return the table of the samples of each part, (m, 3) each."""
         points = np.concatenate([np.zeros((0, 3)), *samples])
         parts = np.repeat(np.arange(len(samples)), [len(part) for part in samples])
@@ -501,7 +511,7 @@ def _reaches(part: LinkPart, hand: URDFHand, link: str, tip: Tip) -> bool:
     return bool(part.outer_distance(centre[None])[0] < (tip.standoff if tip.standoff > 0.0 else 2e-3))
 
 
-def _ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
+def ranges(first: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
     """Return the indices from each first one on, of several sizes, one after another, and which range each is of."""
     which = np.repeat(np.arange(len(sizes)), sizes)
     return np.arange(len(which)) + (first - np.cumsum(sizes) + sizes)[which], which
@@ -512,7 +522,7 @@ def _least(owner: IntArray, values: FloatArray) -> FloatArray:
     return np.asarray(np.minimum.reduceat(values, np.flatnonzero(np.diff(owner, prepend=-1))))
 
 
-def _first_of_each(owner: IntArray, values: FloatArray) -> IntArray:
+def first_of_each(owner: IntArray, values: FloatArray) -> IntArray:
     """Return the index of the least of the values (m,) of each owner (m,), which are those of ``_least``."""
     order = np.lexsort((values, owner))
     return order[np.flatnonzero(np.diff(owner[order], prepend=-1))]

@@ -14,7 +14,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.motion.clearance import HandClearance
-from nlpgrasp.motion.link_parts import LinkParts
+from nlpgrasp.motion.link_parts import LinkParts, SampleTable
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
 from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
@@ -29,7 +29,7 @@ from nlpgrasp.optimize.compiled_programs import (
 )
 from nlpgrasp.optimize.constraint_values import ConstraintValues, HandFunctions
 from nlpgrasp.optimize.hand_shapes import HandShapes
-from nlpgrasp.optimize.link_rows import LinkPoint, LinkRows
+from nlpgrasp.optimize.link_rows import BodyPoint, LinkPoint, LinkRows
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.solids import HasDistance, Solids
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
@@ -97,6 +97,12 @@ class CompiledProblem:
             return self._parent.collision_model
         depths = self.link_depths
         return HandClearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
+
+    @property
+    def body_edges(self) -> SampleTable:
+        """Points of the body that links may meet between samples of theirs; none for hands without links."""
+        model = self.collision_model
+        return SampleTable.of([]) if model is None else model.body_edges
 
     @property
     def link_rows(self) -> LinkRows | None:
@@ -207,7 +213,8 @@ class CompiledProblem:
             return None
         model, shapes, parts = self.link_rows.clearance, self.hand_shapes, self.link_rows.clearance.parts
         frames = shapes.links.frames(HandState.of_values(candidate.hand))
-        _, index, x, *_ = shapes.lowest_samples(self.solids, frames, reach + float(np.max(shapes.least)))
+        farthest = reach + float(np.max(shapes.least))
+        _, index, x, *_ = shapes.lowest_samples(self.solids, frames, farthest)
         required = shapes.least[shapes.samples.groups[index]]
         points = [
             LinkPoint(link, (at[0], at[1], at[2]), number)
@@ -216,7 +223,9 @@ class CompiledProblem:
             for at in local.tolist()
         ]
         pairs = parts.near_pairs(parts.frames(candidate.hand)[None], model.pairs, reach)[1]
-        return LinkRows(model, tuple(points), tuple(pairs.tolist()))
+        _, numbers, at, *_ = shapes.nearest_body_edges(self.body_edges, frames, farthest)
+        body_points = [BodyPoint(part, (x[0], x[1], x[2])) for part, x in zip(numbers, at.tolist(), strict=True)]
+        return LinkRows(model, tuple(points), tuple(pairs.tolist()), tuple(body_points))
 
     def _share_with(self, other: CompiledProblem) -> CompiledProblem:
         """Share constraint functions and surface samples with another compiled problem, and return the other."""

@@ -39,13 +39,17 @@ class Round:
     price: float
 
 
-ROUNDS = Round(80, 3, 0.03), Round(32, 4, 0.05), Round(16, 6, 0.1), Round(8, 10, 0.3), Round(4, 20, 0.6)
+ROUNDS = Round(80, 3, 0.06), Round(32, 4, 0.1), Round(16, 6, 0.2), Round(8, 10, 0.4), Round(4, 20, 0.6)
 
 
 def raced_candidates(
-    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 120
-) -> list[GraspCandidate]:
+    compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 120,
+    heats: int = 3, in_order: float = 3e-4,
+) -> list[GraspCandidate]:  # fmt: skip
     """Return the best ``count`` candidates of a race, the best first, at least one.
+
+    It is held again, up to ``heats`` times, each at twice the price of violations, as long as none touches with its
+    links free. Those that do come first.
 
     Parameters
     ----------
@@ -55,6 +59,9 @@ def raced_candidates(
     count : int
     drawn, kept : int
         Postures placed about the body at random; those of each kind that are moved into contact.
+    heats : int
+    in_order : float
+        Largest gap or lack of clearance of a candidate that is in order, metres.
     """
     shapes, grid = compiled.hand_shapes, compiled.distance_grid
     clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
@@ -63,22 +70,34 @@ def raced_candidates(
     places = BodyPlaces.of(compiled.problem.body, grid, points[chosen], -normals[chosen])
     budget = (compiled.l2_variant or compiled).screening_budget
     limits = RaceLimits(compiled)
-    steps = RaceSteps(compiled.problem, shapes, grid, compiled.solids, budget, limits, rng)
+    solids, body_edges = compiled.solids, compiled.body_edges
+    steps = RaceSteps(compiled.problem, shapes, grid, solids, body_edges, budget, limits, rng)
     library = posture_library(shapes)
     _warn_of_openings(compiled, library, places)
-    kinds = placements(compiled, library, places, steps, drawn, kept, rng)
+    finalists = list[Racer]()
+    for heat in range(heats):
+        finalists += _raced(steps, placements(compiled, library, places, steps, drawn, kept, rng), count, 2.0**heat)
+        if any(racer.lack < in_order for racer in finalists):
+            break
+    ordered = sorted(_best(steps, finalists, 1e3 * steps.unit), key=lambda racer: racer.lack >= in_order)
+    return [_candidate(compiled, racer) for racer in ordered[:count]]
+
+
+def _raced(steps: RaceSteps, kinds: list[HandState], count: int, harder: float) -> list[Racer]:
+    """Return what is left of a race among postures of several kinds, at least ``count`` where there are as many.
+
+    The price of violations is ``harder`` times that of the rounds.
+    """
     state = HandState.joined(kinds)
     kind = np.repeat(np.arange(len(kinds)), list(map(len, kinds)))
-    wider = 1.6 if limits else 1.0  # for placements that keep limits are few
-    entrants = round(wider * ROUNDS[0].racers)
-    racers = _entrants(steps, in_contact(steps, state), kind, entrants)
-    harder = 1 + len(compiled.problem.models) // 6  # many contacts take more steps to touch, and touch at few postures
+    wider = 1.6 if steps.limits else 1.0  # for placements that keep limits are few
+    racers = _entrants(steps, in_contact(steps, state), kind, round(wider * ROUNDS[0].racers))
+    longer = 1 + len(steps.problem.models) // 6  # many contacts take more steps to touch, and touch at few postures
     for round_ in ROUNDS:
-        price = 1e3 * harder**2 * round_.price * steps.unit
-        racers = steps.advance(
-            _best(steps, racers, price)[: max(round(wider * round_.racers), count)], harder * round_.steps, price
-        )
-    return [_candidate(compiled, racer) for racer in _best(steps, racers, 1e3 * steps.unit)[:count]]
+        price = 1e3 * harder * longer**2 * round_.price * steps.unit
+        racers = _best(steps, racers, price)[: max(round(wider * round_.racers), count)]
+        racers = steps.advance(racers, longer * round_.steps, price)
+    return racers
 
 
 def _warn_of_openings(compiled: CompiledProblem, library: dict[str, Postures], places: BodyPlaces) -> None:
@@ -149,4 +168,5 @@ def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
     ]
     clouds = [compiled.surface.cloud(i) for i in range(len(racer.points))]
     faces = tuple(str(c.faces[c.tree.query(p)[1]]) for c, p in zip(clouds, racer.points, strict=True))
-    return GraspCandidate(faces, racer.points, hand | ({"slides": np.array(slides)} if slides else {}))
+    hand |= {"slides": np.array(slides)} if slides else {}
+    return GraspCandidate(faces, racer.points, hand, racer.lack)

@@ -16,7 +16,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
 from nlpgrasp.hands.tips import CapsuleTip
-from nlpgrasp.motion.link_parts import LinkParts
+from nlpgrasp.motion.link_parts import LinkParts, SampleTable, first_of_each, ranges
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.solids import HasDistance
 
@@ -101,6 +101,14 @@ class TipBalls:
             along, halves, tangent,
         )  # fmt: skip
 
+    def is_at(self, points: FloatArray, group: int) -> BoolArray:
+        """Return which points (m, 3), metres, frame of their group of links, are at one of its fingertips."""
+        result = np.zeros(len(points), bool)
+        for tip in np.flatnonzero(self.groups == group):
+            gaps = cKDTree(self.patches[tip]).query(points)[0] - self.standoffs[tip]
+            result |= gaps <= (5e-4 if self.standoffs[tip] else 1.5e-3)
+        return result
+
 
 class HandShapes:
     """Shapes of a hand's links, its fingertips, joint limits and closed linkages.
@@ -160,9 +168,7 @@ class HandShapes:
                     alike[key] = cached_arrays("samples", content, partial(_surface, shapes, spacing))["at"]
                 local = alike[key]
                 at = local @ pose[:3, :3].T + pose[:3, 3]
-                for tip in np.flatnonzero(self.tips.groups == group):
-                    gaps = cKDTree(self.tips.patches[tip]).query(at)[0] - self.tips.standoffs[tip]
-                    at = at[gaps > (5e-4 if self.tips.standoffs[tip] else 1.5e-3)]
+                at = at[~self.tips.is_at(at, group)]
                 parts.append(np.column_stack([np.full(len(at), group), at, np.full(len(at), number)]))
         table = np.concatenate([np.zeros((0, 5)), *parts])
         cells = _cell_numbers(np.column_stack([table[:, 0], np.floor(table[:, 1:4] / (3.0 * spacing))]))
@@ -170,6 +176,38 @@ class HandShapes:
         order = np.argsort(bins, kind="stable")
         whole = table[order].astype(int)
         return table[order, 1:4], whole[:, 0], bins[order], whole[:, 4]
+
+    def nearest_body_edges(
+        self, points: SampleTable, frames: Frames, reach: float
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return, of each cell of points of the body, the one nearest to each part's hull, within ``reach``, metres.
+
+        Their postures and parts (n,), positions (n, 3), distances (n,) and outward normals (n, 3) of the hulls there.
+        Those at a fingertip are left out.
+        """
+        found = [(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))]
+        centres = self.parts.ball_centres(self.part_frames(frames)).transpose(1, 0, 2)
+        far = self.parts.reaches[:, None, None] + points.reaches + reach
+        balls = np.nonzero(_squared_distances(centres, points.middles) < far * far)
+        ends = np.searchsorted(balls[0], np.arange(len(self.parts.parts) + 1))
+        for i in np.flatnonzero(np.diff(ends)):
+            part, (which, cell) = self.parts.parts[i], (index[ends[i] : ends[i + 1]] for index in balls[1:])
+            group, pose = self.part_groups[i], self.links.pose[part.link]
+            R, t = frames.R[:, group] @ pose[:3, :3], frames.t[:, group] + frames.R[:, group] @ pose[:3, 3]
+            distances = part.outer_distance(_in_frames(points.middles[cell], R[which], t[which]))
+            near = distances < points.reaches[cell] + reach
+            index, owner = ranges(points.first[cell[near]], points.sizes[cell[near]])
+            which, x = which[near][owner], points.points[index]
+            value, normals = part.outer_distance_with_normals(_in_frames(x, R[which], t[which]))
+            inside = np.flatnonzero(value < reach)
+            if group in self.tips.groups:
+                at = _in_frames(x[inside], frames.R[which[inside], group], frames.t[which[inside], group])
+                inside = inside[~self.tips.is_at(at, group)]
+            chosen = inside[first_of_each(owner[inside], value[inside])]
+            normals = (R[which[chosen]] @ normals[chosen][..., None])[..., 0]
+            found.append((which[chosen], np.full(len(chosen), i), x[chosen], value[chosen], normals))
+        which, parts, x, value, normals = (np.concatenate(column) for column in zip(*found, strict=True))
+        return which, parts, x, value, normals
 
     def closed(self, joints: FloatArray) -> FloatArray:
         """Return joint positions (b, m) moved so that linkages are closed."""
@@ -230,6 +268,16 @@ class HandShapes:
         lowest = np.flatnonzero((value == least) & (value < reach))
         lowest = lowest[np.diff(keys[lowest], prepend=-1) > 0]
         return which[lowest], index[lowest], x[lowest], value[lowest], slope[lowest]
+
+
+def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the squares (..., n, m) of the distances of points (..., n, 3) from points (m, 3)."""
+    return np.asarray(np.sum(a * a, axis=-1)[..., None] - 2.0 * (a @ b.T) + np.sum(b * b, axis=-1))
+
+
+def _in_frames(x: FloatArray, R: FloatArray, t: FloatArray) -> FloatArray:
+    """Return points (m, 3), each in coordinates of its frame, rotations (m, 3, 3) and origins (m, 3)."""
+    return np.asarray(((x - t)[:, None] @ R)[:, 0])
 
 
 def _finger_numbers(moves: BoolArray) -> IntArray:

@@ -1,12 +1,12 @@
 """Clearances of a hand's links as inequalities of the program, linearised in the hand's variables at a posture.
 
-Points of links stay outside body and surroundings, pairs of parts stay apart. All are distances of the shapes
-themselves; the program holds value and gradient of each at the posture where a step begins, as its parameters.
+Points of links stay outside body and surroundings, points of the body outside links, pairs of parts stay apart. All
+are distances of the shapes themselves; the program holds value and gradient of each at the posture where a step begins,
+as its parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,8 +38,24 @@ class LinkPoint:
 
 
 @dataclass(frozen=True)
+class BodyPoint:
+    """Point of the body, as of an edge, that is kept outside the convex hull of a link's part.
+
+    Parameters
+    ----------
+    part : int
+        Number of the part in ``HandClearance.parts``.
+    position : tuple of three floats
+        Metres, body frame.
+    """
+
+    part: int
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class LinkRows:
-    """Points of links and pairs of parts whose clearances a program holds.
+    """Points of links, points of the body and pairs of parts whose clearances a program holds.
 
     Parameters
     ----------
@@ -47,16 +63,22 @@ class LinkRows:
     points : tuple of LinkPoint
     pairs : tuple of int
         Indices of ``clearance.pairs``.
+    body_points : tuple of BodyPoint
     """
 
     clearance: HandClearance
     points: tuple[LinkPoint, ...] = ()
     pairs: tuple[int, ...] = ()
+    body_points: tuple[BodyPoint, ...] = ()
 
-    def with_more(self, points: Sequence[LinkPoint], pairs: Sequence[int]) -> LinkRows:
-        """Return the rows with further points and pairs, which come first."""
-        joined = tuple(dict.fromkeys((*points, *self.points))), tuple(dict.fromkeys((*pairs, *self.pairs)))
-        return replace(self, points=joined[0], pairs=joined[1])
+    def with_more(self, more: LinkRows) -> LinkRows:
+        """Return the rows with further ones, which come first."""
+        return replace(
+            self,
+            points=tuple(dict.fromkeys((*more.points, *self.points))),
+            pairs=tuple(dict.fromkeys((*more.pairs, *self.pairs))),
+            body_points=tuple(dict.fromkeys((*more.body_points, *self.body_points))),
+        )
 
     def parameters(self, values: Values) -> FloatArray:
         """Return the program's parameters (q,) at values of the hand's variables.
@@ -97,6 +119,11 @@ class LinkRows:
                 beyond = 2e-4 if number else 0.0  # as points of the surface stand for it
                 result.append(distance(x) - [max(hand.least_clearance(name), beyond) for name in names])
                 slopes.append(model.point_slopes(distance, x, names, moving))
+        if self.body_points:
+            parts = np.array([point.part for point in self.body_points])
+            value, by_twist = model.body_point_rows(parts, [point.position for point in self.body_points], moving)
+            result.append(value - [hand.least_clearance(model.parts.parts[i].link) for i in parts])
+            slopes.append(by_twist)
         if self.pairs:
             _, value, by_twist = model.pair_rows(values, model.pairs[list(self.pairs)], 0.05)
             result.append(value)

@@ -375,7 +375,7 @@ class _PolishProgram:
                     x, y, z = self.rows.clearance.nearest_point(number, link, on_body.candidate.hand).tolist()
                     inside.append(LinkPoint(link, (x, y, z), number))
             near = compiled.link_rows_near(on_body.candidate)
-            rows = self.rows if near is None else self.rows.with_more((*inside, *near.points), near.pairs)
+            rows = self.rows if near is None else self.rows.with_more(replace(near, points=(*inside, *near.points)))
             if rows != self.rows:
                 changes["rows"] = rows
         return replace(self, **changes) if changes else None

@@ -20,6 +20,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.spatial import cross
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
+from nlpgrasp.motion.link_parts import SampleTable
 from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.solids import HasDistance
@@ -79,9 +80,14 @@ class Racer:
     radius: float = 8e-3
     idle: int = 0
 
+    @property
+    def lack(self) -> float:
+        """Largest gap of a fingertip and largest lack of clearance together, metres."""
+        return float(np.max(np.abs(self.gaps))) - float(np.min(self.values, initial=0.0))
+
     def merit(self, price: float) -> float:
-        """Return mu less the price, a metre, of the largest gap and the largest lack of clearance."""
-        return self.mu - price * (float(np.max(np.abs(self.gaps))) - float(np.min(self.values, initial=0.0)))
+        """Return mu less the price, a metre, of what the posture lacks."""
+        return self.mu - price * self.lack
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,8 @@ class RaceSteps:
         Of the body.
     solids : HasDistance
         Body and surroundings.
+    body_edges : SampleTable
+        Points of the body's sharp edges, which are kept outside links.
     budget : ForceBudget
         One that does not depend on the contacts' frames.
     limits : RaceLimits
@@ -152,11 +160,11 @@ class RaceSteps:
     """
 
     def __init__(
-        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, solids: HasDistance, budget: ForceBudget,
-        limits: RaceLimits, rng: np.random.Generator,
+        self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, solids: HasDistance,
+        body_edges: SampleTable, budget: ForceBudget, limits: RaceLimits, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.problem, self.shapes, self.grid, self._budget, self._rng = problem, shapes, grid, budget, rng
-        self.limits, self.solids = limits, solids
+        self.limits, self.solids, self.body_edges = limits, solids, body_edges
         self.unit = 1.0
 
     def screen(self, points: FloatArray, normals: FloatArray) -> FloatArray:
@@ -408,6 +416,12 @@ class RaceSteps:
         groups = shapes.samples.groups[index]
         rows = [frames.rows(x, groups, slope, pivot, which)]
         values, owners = [value - shapes.least[groups]], [which]
+        # points of the body outside links
+        which, part, x, value, n = shapes.nearest_body_edges(self.body_edges, frames, reach_of_samples - 2e-3)
+        groups = shapes.part_groups[part]
+        rows.append(-frames.rows(x, groups, n, pivot, which))
+        values.append(value - shapes.least[groups])
+        owners.append(which)
         # parts of links apart
         which, pairs, value, ends, n = shapes.parts.near_pairs(shapes.part_frames(frames), shapes.parts.pairs, reach)
         groups = shapes.part_groups[shapes.parts.pairs[pairs]]

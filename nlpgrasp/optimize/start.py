@@ -116,7 +116,9 @@ def _best_of_candidates(
     refinement = _Refinement(compiled, index, origin, deadline, clock, rtol)
     clock.mark("propose")
     if not compiled.follows_contacts:
-        scored = [ScoredCandidate(raced, weakest_directions_of(comparing, raced, rng).value) for raced in proposed]
+        values = [weakest_directions_of(comparing, raced, rng).value for raced in proposed]
+        # a millimetre that a posture lacks counts as all of mu
+        scored = [ScoredCandidate(c, (1.0 - 1e3 * c.lack) * value) for c, value in zip(proposed, values, strict=True)]
         return _best_of_results(refinement.best_first(sorted(scored, key=lambda raced: -raced.score)))
     results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import nlpgrasp as ng
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, pack_variables
 from nlpgrasp.optimize.cutting_planes import parameters_without_cuts
-from nlpgrasp.optimize.link_rows import LinkPoint, LinkRows
+from nlpgrasp.optimize.link_rows import BodyPoint, LinkPoint, LinkRows
 from tests.hands.urdf import four_finger_hand
 
 BOX = ng.Box([0.08, 0.04, 0.04])
@@ -45,6 +46,33 @@ def test_rows_are_distances_less_what_is_required(compiled, rng):
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
+def test_points_of_the_body_stay_outside_the_hulls_of_links(compiled, rng):
+    model, values = compiled.collision_model, posture(compiled.problem.hand, rng)
+    parts, x = range(len(model.parts.parts)), rng.uniform(-0.02, 0.06, (len(model.parts.parts), 3))
+    rows = LinkRows(model, body_points=tuple(BodyPoint(i, tuple(at)) for i, at in zip(parts, x, strict=True)))
+    poses = compiled.problem.hand.tree.body_poses(values)
+    for part, at, found in zip(model.parts.parts, x, rows.rows(values)[0], strict=True):
+        hull = ConvexHull(part.shape.mesh.vertices)
+        local = np.linalg.inv(poses[part.link]) @ np.append(at, 1.0)
+        required = compiled.problem.hand.least_clearance(part.link)
+        assert found == pytest.approx(np.max(hull.equations @ local) - required, abs=4e-4)
+
+
+def test_edges_of_the_body_nearest_to_links_are_those_of_all(compiled, rng):
+    hand, shapes, model = compiled.problem.hand, compiled.hand_shapes, compiled.collision_model
+    values = posture(hand, rng)
+    frames, points = shapes.links.frames(HandState.of_values(values)), compiled.body_edges
+    _, parts, x, distances, _ = shapes.nearest_body_edges(points, frames, 0.02)
+    assert len(parts) > 0
+    for i in np.unique(parts):
+        part, pose = model.parts.parts[i], hand.tree.body_poses(values)[model.parts.parts[i].link]
+        all_distances = part.outer_distance((points.points - pose[:3, 3]) @ pose[:3, :3])
+        own = part.outer_distance((x[parts == i] - pose[:3, 3]) @ pose[:3, :3])
+        np.testing.assert_allclose(distances[parts == i], own, atol=1e-9)
+        if not model.parts.tips[i]:
+            assert np.min(own) == pytest.approx(np.min(all_distances), abs=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_slopes_are_those_of_the_distances(compiled, seed):
     rng = np.random.default_rng(seed)
@@ -53,7 +81,8 @@ def test_slopes_are_those_of_the_distances(compiled, seed):
     _, pairs, distances, *_ = model.parts.near_pairs(frames, model.pairs, 0.02)
     pairs = pairs[distances > 1e-3][:6]
     points = [LinkPoint(link, tuple(rng.uniform(-0.02, 0.02, 3)), i) for i in (0, 1) for link in ("palm", "thumb_tip")]
-    rows = LinkRows(model, tuple(points), tuple(pairs.tolist()))
+    corners = [BodyPoint(part, tuple(rng.uniform(-0.02, 0.02, 3))) for part in range(len(model.parts.parts))]
+    rows = LinkRows(model, tuple(points), tuple(pairs.tolist()), tuple(corners))
     slopes, h = rows.rows(values)[1], 1e-6
     sides = [rows.rows(moved(values, s * h * e, hand.tree))[0] for e in np.eye(slopes.shape[1]) for s in (1.0, -1.0)]
     by_differences = (np.array(sides[::2]) - np.array(sides[1::2])).T / (2.0 * h)
