@@ -34,7 +34,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
-NEWTON_STEPS, POSED_HAND_STEPS = 24, 14  # Newton steps; with a hand that has a pose (0.1 s each)
+NEWTON_STEPS = 30  # at most
 PROGRAM_ROUNDS, FORCE_ROUNDS = 4, 2  # solves by IPOPT, at most; with finger forces among its variables (seconds each)
 RADIUS, LEAST_RADIUS = 10.0, 1e-5  # first trust-region radius over the last step's length; at least, solver units
 WIDE = 0.01  # solver units, largest trust-region radius, and that after the first solve
@@ -106,9 +106,8 @@ def optimum_near(compiled: CompiledProblem, refined: RefinementResult, deadline:
         return None
     radius = LEAST_RADIUS
     if not budget.depends_on_frames:
-        steps = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
         refined = go_on(
-            compiled, refined, deadline, steps, lambda point: point_with_multipliers(compiled, point).kkt.is_small
+            compiled, refined, deadline, NEWTON_STEPS, lambda point: point_with_multipliers(compiled, point).kkt.is_small
         )
         radius = min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     if refined.point.value <= 0.0:
