@@ -107,7 +107,11 @@ def optimum_near(compiled: CompiledProblem, refined: RefinementResult, deadline:
     radius = LEAST_RADIUS
     if not budget.depends_on_frames:
         refined = go_on(
-            compiled, refined, deadline, NEWTON_STEPS, lambda point: point_with_multipliers(compiled, point).kkt.is_small
+            compiled,
+            refined,
+            deadline,
+            NEWTON_STEPS,
+            lambda point: point_with_multipliers(compiled, point).kkt.is_small,
         )
         radius = min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     if refined.point.value <= 0.0:
