@@ -73,6 +73,11 @@ class ForceSet(ABC):
         value, x = self.support(z)
         return value, project_lifted(x, self.contacts, self.space) if self.is_lifted else x
 
+    @property
+    def edges(self) -> FloatArray | None:
+        """Edges of the set in the plane, (m, n), where it is a polytope; None where it is not."""
+        return None
+
     @abstractmethod
     def gauge(self, x: FloatArray) -> FloatArray:
         """Return the least factors f, (m,), such that forces x of K, (m, n), are in ``f B``."""
@@ -152,13 +157,6 @@ class ForceBudget(ABC):
         -------
         expression, degree
             ``phi`` itself, degree 1, or its square, degree 2.
-        """
-        return None
-
-    def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
-        """Return smooth functions, one per contact, whose maximum is the support function (symbolic), or ``None``.
-
-        For nonsmooth support functions; arguments as in ``closed_form``.
         """
         return None
 

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from nlpgrasp.budgets.base import SMOOTH, ForceBudget, ForceSet
 from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import contact_supports
+from nlpgrasp.contacts.product import contact_supports, planar_edges
 
 
 class PerFingerSet(ForceSet):
@@ -27,6 +28,14 @@ class PerFingerSet(ForceSet):
         """
         values, forces = contact_supports(z, self.contacts, self.space)
         return np.sum(values, axis=1), forces
+
+    @property
+    def edges(self) -> FloatArray | None:
+        """Edges of the set in the plane: those of each contact's friction cone, and lines between two of them."""
+        edges = planar_edges(self.contacts) if self.space == 2 else None
+        if edges is None:
+            return None
+        return np.asarray(block_diag(*[np.concatenate([own, own[1:] - own[:1]]) for own in edges]))
 
     def gauge(self, x: FloatArray) -> FloatArray:
         """Return the largest normal force of each force vector (m, n), (m,)."""

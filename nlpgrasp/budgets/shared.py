@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from nlpgrasp.budgets.base import ForceBudget, ForceSet
 from nlpgrasp.common.scalar_constraints import ScalarConstraint
-from nlpgrasp.common.types import Expression, Ops
+from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import contact_supports
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import contact_supports, planar_edges
 
 
 class SharedSet(ForceSet):
@@ -31,6 +32,16 @@ class SharedSet(ForceSet):
         for i, block in enumerate(self.ranges):
             result[best == i, block] = forces[best == i, block]
         return values[np.arange(len(z)), best], result
+
+    @property
+    def edges(self) -> FloatArray | None:
+        """Edges of the set in the plane: lines from each corner, 0 or an edge of a friction cone, to all others."""
+        edges = planar_edges(self.contacts) if self.space == 2 else None
+        if edges is None:
+            return None
+        corners = np.concatenate([np.zeros((1, self.size)), block_diag(*edges)])
+        first, second = np.triu_indices(len(corners), 1)
+        return np.asarray(corners[second] - corners[first])
 
     def gauge(self, x: FloatArray) -> FloatArray:
         """Return the sum of normal forces of each force vector (m, n), (m,)."""
@@ -55,14 +66,6 @@ class SharedBudget(ForceBudget):
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> SharedSet:
         """Return the force set for given contact frames."""
         return SharedSet(contacts, frames.shape[1])
-
-    def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
-        """Return each contact's largest work with unit normal force (symbolic), or ``None`` without a closed form.
-
-        The support function is the maximum of these.
-        """
-        parts = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
-        return None if any(p is None for p in parts) else parts
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]

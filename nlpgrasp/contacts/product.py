@@ -25,6 +25,18 @@ def have_one_domain(contacts: Sequence[ContactModel], space: int) -> bool:
     return all(c.has_domain_of(contacts[0], space) for c in contacts)
 
 
+def planar_edges(contacts: Sequence[ContactModel]) -> list[FloatArray] | None:
+    """Return the forces of unit normal force along the edges of each contact's cone in the plane, (2 or 1, n_i).
+
+    None where some cone is not spanned by one or two edges: that of bilateral contacts, or of lines, which is round.
+    """
+    sizes = [contact.components(2) for contact in contacts]
+    if max(sizes) > 2 or not all(contact.unilateral for contact in contacts):
+        return None
+    sides = np.array([[1e-3, 1.0], [1e-3, -1.0]])
+    return [np.unique(c.extreme(sides[:, :size])[1], axis=0) for c, size in zip(contacts, sizes, strict=True)]
+
+
 def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
     """Return A (n, m) and matrices M (r, m) with ``K = {A u : every M u in a second-order cone}``."""
     parts = [c.generators(space) for c in contacts]

@@ -6,7 +6,6 @@ from nlpgrasp.nlp.formulation import (
     SurfaceConstraints,
     face_parameters,
     has_closed_form,
-    has_pieces,
     optimal_grasp_program,
 )
 from nlpgrasp.nlp.formulation_result import FormulationResult
@@ -31,6 +30,5 @@ __all__ = [
     "face_parameters",
     "formulate",
     "has_closed_form",
-    "has_pieces",
     "optimal_grasp_program",
 ]

@@ -55,7 +55,6 @@ def optimal_grasp_program(
     count: int,
     *,
     eliminated: bool = False,
-    pieces: bool = False,
     scaled: bool = True,
     link_rows: int = 0,
 ) -> Program:
@@ -69,9 +68,6 @@ def optimal_grasp_program(
         Number m of directions y_j or wrenches w_j.
     eliminated : bool
         State "support" in closed form, without forces, if contacts and budget have one.
-    pieces : bool
-        With ``eliminated``, if the support is the maximum of smooth pieces, use their weighted mean with the weights as
-        parameters. All weight on the largest piece gives a lower bound, exact where it was chosen.
     scaled : bool
         Whether variables and constraints are in the solver's units (``Scaling``) instead of SI.
     link_rows : int
@@ -87,7 +83,7 @@ def optimal_grasp_program(
     # forces x_j in friction cones and budget (2.4-1), (2.5-2), and containment of the task (3.3-4), (3.4-3)
     if transcription == "vertex":
         _add_wrench_equations(program, problem, scaling, contacts, beta, count)
-    elif not (eliminated and _add_closed_form_supports(program, problem, scaling, contacts, beta, count, pieces)):
+    elif not (eliminated and _add_closed_form_supports(program, problem, scaling, contacts, beta, count)):
         _add_support_inequalities(program, problem, scaling, contacts, beta, count)
     program.end_containment()
     # surfaces (3.5-1), (3.5-2), last if they are splines; reachability (3.5-15) and hand (3.5-16)
@@ -286,25 +282,20 @@ def _add_closed_form_supports(
     contacts: ContactSymbols,
     beta: ca.SX,
     count: int,
-    pieces: bool,
 ) -> bool:
     """Add the support inequalities (3.4-3) in closed form, without forces; return whether one exists.
 
     They are ``phi(y_j | G(B ∩ K)) >= beta phi(y_j | A)``.
     """
-    closed_form = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
+    closed_form = support_function(problem, scaling)
     if closed_form is None:
         return False
     support, power = closed_form
     y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
-    parameters = {"directions": y, "reach": reach}
     phi = support(y, *contacts.positions, *contacts.normals)
-    if phi.numel() > 1:
-        parameters["pieces"] = ca.SX.sym("weights", phi.numel())
-        phi = ca.dot(parameters["pieces"], phi)
     row = ScalarConstraint(SUPPORT, phi - (beta * reach) ** power, 0.0, scale=scaling.beta**-power, part="direction")
     program.equation = "(3.4-3)"
-    program.constrain_each(row, parameters, count)
+    program.constrain_each(row, {"directions": y, "reach": reach}, count)
     return True
 
 
@@ -355,12 +346,6 @@ def has_closed_form(problem: GraspProblem) -> bool:
     return problem.budget.closed_form(problem.models, zero_work, np) is not None
 
 
-def has_pieces(problem: GraspProblem) -> bool:
-    """Return whether the grasp's support function is the maximum of smooth pieces, one per contact."""
-    zero_work = [Work(0.0, 0.0, 0.0)] * len(problem.models)
-    return problem.budget.pieces(problem.models, zero_work, np) is not None
-
-
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
     """Return the support function or its square as a CasADi function, and the power 1 or 2; None without closed form.
 
@@ -375,20 +360,6 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
         return None
     phi, power = form
     return ca.Function("support", inputs, [phi / scaling.beta**power]), power
-
-
-def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return the function of the smooth pieces whose maximum is the support phi, and the power 1; None without pieces.
-
-    It maps ``(y, p_1 ..., n_1 ...)`` to one piece per contact, (k,); units and power as in ``support_function``.
-    """
-    if not has_pieces(problem):
-        return None
-    inputs, work = _symbolic_work(problem, scaling)
-    pieces = problem.budget.pieces(problem.models, work, ca)
-    if pieces is None:
-        return None
-    return ca.Function("pieces", inputs, [ca.vertcat(*[piece / scaling.beta for piece in pieces])]), 1
 
 
 def _symbolic_work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:

@@ -10,14 +10,12 @@ from functools import cached_property
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.product import contact_supports
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp import (
     SUPPORT,
     CompiledProgram,
     Program,
     has_closed_form,
-    has_pieces,
     optimal_grasp_program,
 )
 from nlpgrasp.nlp.ipopt import Option
@@ -25,7 +23,6 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.link_rows import ROWS
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.grasp import Grasp
 
 SLOTS, SLOTS_WITH_FORCES = 64, 80  # cutting planes of the program; the same with finger forces as variables
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
@@ -96,7 +93,7 @@ class CuttingPlaneProgram:
 
         Otherwise the supports are computed outside the program in each step.
         """
-        return self.has_closed_form or has_pieces(self._problem)
+        return self.has_closed_form and isinstance(self._problem.budget, L2Budget)
 
     @property
     def slots(self) -> int:
@@ -112,7 +109,7 @@ class CuttingPlaneProgram:
     def functions(self) -> CompiledProgram:
         """The compiled program with its solver."""
         program = optimal_grasp_program(
-            self._problem, SUPPORT, self.slots, eliminated=True, pieces=True, link_rows=ROWS
+            self._problem, SUPPORT, self.slots, eliminated=self.holds_supports, link_rows=ROWS
         )
         return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
@@ -148,15 +145,6 @@ class CuttingPlaneProgram:
         for name in ("confirmation_program", "final_program"):
             result.__dict__.pop(name, None)
         return result
-
-    def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
-        """Return the support of each single contact along directions, (m, k).
-
-        None unless the program takes the largest of these supports.
-        """
-        if self.has_closed_form or not has_pieces(self._problem):
-            return None
-        return contact_supports(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
 
 
 def _compile_program(program: Program, options: SolveOptions, tolerances: Ipopt) -> CompiledProgram:

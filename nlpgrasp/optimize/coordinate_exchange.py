@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands import ParallelJaw
@@ -81,7 +80,7 @@ def exchanged_candidates(
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
     planar = None
-    if compiled.problem.dimension == 3 and isinstance(compiled.problem.budget, L2Budget) and not has_jaws:
+    if compiled.problem.dimension == 3 and not (has_jaws or compiled.problem.budget.depends_on_frames):
         distinct = partial(select_incongruent, compiled)
         planar = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng)
     if planar is not None and planar.share_that_holds() < THIN:

@@ -13,7 +13,7 @@ from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import SLOTS
-from nlpgrasp.quality.containment import make_containment
+from nlpgrasp.quality.containment import Containment, make_containment
 from nlpgrasp.quality.ratio_minimisation import (
     descend,
     minimise_l2_ratio,
@@ -23,6 +23,7 @@ from nlpgrasp.quality.ratio_minimisation import (
     select_separated,
 )
 from nlpgrasp.quality.sandwich import ResumableCertificate
+from nlpgrasp.quality.tight_wrenches import tight_wrenches
 from nlpgrasp.quality.weakest_directions import (
     BEGUN,
     DIFFERENT,
@@ -31,6 +32,7 @@ from nlpgrasp.quality.weakest_directions import (
     LOOK,
     NEWS,
     NEWTON_STEPS,
+    SEPARATION,
     SLACK,
     THOROUGH,
     DescentSettings,
@@ -70,18 +72,32 @@ def exact_minimisers(
     problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
     if problem is None:
         return WeakestDirections(0.0, directions[:0])
-    squared = isinstance(compiled.budget(candidate), L2Budget)
-    known = [to_coordinates(problem, directions), *([facet_directions(problem)] if squared else [])]
-    start = np.concatenate([*known, random_directions(FRESH, problem.rank, rng)])
-    y, values = minimise_l2_ratio(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
-    order = np.argsort(values)
-    chosen = select_separated(y, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
-    y, values = refine_by_newton(problem, y[chosen], NEWTON_STEPS)
+    if isinstance(compiled.budget(candidate), L2Budget):
+        known = [to_coordinates(problem, directions), facet_directions(problem)]
+        y, values = minimise_l2_ratio(
+            problem, np.concatenate([*known, random_directions(FRESH, problem.rank, rng)]), BEGUN
+        )
+        order = np.argsort(values)
+        chosen = select_separated(y, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
+        y, values = refine_by_newton(problem, y[chosen], NEWTON_STEPS)
+    else:
+        y, values = _minimisers_at_kinks(problem, to_coordinates(problem, directions), rng)
     order = np.argsort(values)
     chosen = select_separated(y, order, DIFFERENT, KEEP)
     return WeakestDirections(
         float(values[chosen[0]]), scale_to_unit_support(compiled.problem.task, y[chosen] @ problem.matrix)
     )
+
+
+def _minimisers_at_kinks(
+    problem: Containment, known: FloatArray, rng: np.random.Generator, fresh: int = 8, most: int = 24
+) -> tuple[FloatArray, FloatArray]:
+    """Return local minimisers of the support ratio of a budget other than L2, and their ratios."""
+    y, values = descend(problem, np.concatenate([known, random_directions(FRESH, problem.rank, rng)]), BEGUN)
+    near = select_separated(known, np.argsort(problem.ratio(known)[0]), SEPARATION, most)
+    new = select_separated(y, np.argsort(values), SEPARATION, fresh)
+    tight = tight_wrenches(problem, np.concatenate([known[near], y[new]]))
+    return (y, values) if not len(tight.ratios) else (tight.directions, tight.ratios)
 
 
 def directions_around(
@@ -93,7 +109,7 @@ def directions_around(
     nearly flat, all of these bind.
     """
     problem, _ = make_containment(compiled.wrench_set(candidate), compiled.problem.task)
-    if problem is None or not len(minimisers):
+    if problem is None or not len(minimisers) or not isinstance(compiled.budget(candidate), L2Budget):
         return minimisers
     u = to_coordinates(problem, minimisers)
     ratios, gradient = problem.ratio(u)
@@ -157,8 +173,7 @@ def parameters_without_cuts(compiled: CompiledProblem, candidate: GraspCandidate
 def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray, slots: int) -> FloatArray:
     """Return a program's parameters (q,) for cuts (m, d) with ``phi_A = 1``, padded with zeros to its slots.
 
-    Where the program takes the largest of the contacts' supports, the support along each cut is that of the contact
-    which is largest there. Without slots the parameters are those of faces and of links alone. Clearances of links are
+    Without slots the parameters are those of faces and of links alone. Clearances of links are
     linearised at the candidate.
     """
     faces = face_parameters(compiled.problem, candidate.faces)
@@ -166,13 +181,8 @@ def cut_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts: F
     links = np.zeros(0) if rows is None else rows.parameters(candidate.hand)
     if not slots:
         return np.concatenate([faces, links])
-    pieces = compiled.cutting_planes.pieces(compiled.grasp(candidate), cuts)
     directions = np.zeros((slots, compiled.problem.dimension))
     directions[: len(cuts)] = cuts
     reach = np.zeros(slots)
     reach[: len(cuts)] = 1.0
-    weights = np.zeros(0)
-    if pieces is not None:
-        weights = np.zeros((slots, pieces.shape[1]))
-        weights[np.arange(len(cuts)), np.argmax(pieces, axis=1)] = 1.0
-    return np.concatenate([directions.ravel(), reach, weights.ravel(), faces, links])
+    return np.concatenate([directions.ravel(), reach, faces, links])

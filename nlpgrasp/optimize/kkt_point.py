@@ -26,12 +26,9 @@ from nlpgrasp.optimize.cutting_planes import (
     nearest_to_binding,
     weakest_directions_of,
 )
-from nlpgrasp.optimize.grasp_on_body import edge_distances
 from nlpgrasp.optimize.link_rows import LinkRows
 from nlpgrasp.optimize.local_search import RefinementPoint, RefinementResult, advance, evaluate_candidate, go_on
 from nlpgrasp.optimize.trust_region import Linearisation
-from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
 NEWTON_STEPS = 30  # at most
@@ -116,6 +113,10 @@ def optimum_near(compiled: CompiledProblem, refined: RefinementResult, deadline:
         radius = min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     if refined.point.value <= 0.0:
         return None
+    if not (
+        isinstance(budget, L2Budget) or budget.depends_on_frames
+    ):  # at kinks a program of fixed directions is loose
+        return point_with_multipliers(compiled, refined.point)
     return _solve_program(compiled, refined.point, radius, np.random.default_rng(0), deadline)
 
 
@@ -241,13 +242,9 @@ def _shadow_prices(
 def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
     """Return the KKT residuals of an optimum, including the support inequalities in all directions.
 
-    Feasibility requires beta close to the least ratio over all directions. Complementarity is that of the inequalities
-    themselves: where the program has one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
-    constraint may bind though its inequality does not.
+    Feasibility requires beta close to the least ratio over all directions. Complementarity is that of the inequalities.
     """
     kkt = _with_binding_directions(optimum.kkt, optimum.cuts, optimum.weights)
-    if kkt.locally_optimal and compiled.follows_contacts and not isinstance(compiled.problem.budget, L2Budget):
-        kkt = replace(kkt, stationarity=max(kkt.stationarity, _slope_at_kinks(compiled, optimum)))
     slack = compiled.wrench_set(optimum.candidate).support(optimum.cuts)[0] - beta
     slack_error = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
     excess = (beta - optimum.value) / max(abs(beta), 1e-300)
@@ -256,42 +253,6 @@ def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> 
         feasibility=kkt.feasibility if excess <= EXCESS else max(kkt.feasibility, excess),
         complementarity=kkt.complementarity if slack_error <= SLACK else max(kkt.complementarity, slack_error),
     )
-
-
-def _slope_at_kinks(
-    compiled: CompiledProblem, optimum: LocalOptimum, step: float = 1e-6, near: float = 1e-3, least: float = 5e-5
-) -> float:
-    """Return the largest first-order gain of mu by a free contact along its face, over mu and the body's size.
-
-    By central differences of the weighted supports: these have kinks under budgets other than L2, which the program
-    smooths. It is 0 where below ``least``, and for contacts that constraints or edges hold.
-
-    Parameters
-    ----------
-    compiled : CompiledProblem
-    optimum : LocalOptimum
-    step, near : float
-        Of the differences, and least distance of free contacts from edges beyond the margin, over the body's size.
-    least : float
-    """
-    problem, candidate = compiled.problem, optimum.candidate
-    grasp, body = compiled.grasp(candidate), problem.body
-    k = len(candidate.points)
-    priced = np.flatnonzero(np.abs(optimum.prices) > 1e-9)
-    held = {i for row in priced for i in (compiled.rows.named[row].fingers or range(k))}
-    is_free = edge_distances(problem, candidate) > problem.margin + near * body.size
-    slopes = [0.0]
-    for i in (i for i in range(k) if is_free[i] and i not in held):
-        for tangent in grasp.frames[i][:, 1:].T:
-            ends = list[float]()
-            for way in (step, -step):
-                points, normals = grasp.points.copy(), grasp.normals.copy()
-                points[i : i + 1] = body.snap(candidate.faces[i], points[i : i + 1] + way * body.size * tangent)
-                normals[i] = -body.evaluate(candidate.faces[i], points[i : i + 1])[2][0]
-                moved = WrenchSet.of(Grasp(points, normals, grasp.contacts, grasp.torque_origin), problem.budget)
-                ends.append(float(optimum.weights @ moved.support(optimum.cuts)[0]))
-            slopes.append(abs(ends[0] - ends[1]) / (2.0 * step * optimum.value))
-    return max(slopes) if max(slopes) > least else 0.0
 
 
 def _with_binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:

@@ -16,7 +16,7 @@ from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.optimize.surface_samples import SampleTables
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.screening import fixed_force_set, least_ratios, planar_ratios
+from nlpgrasp.quality.screening import fixed_force_set, planar_ratios
 
 WIDTHS = 400, 150, 60, 25, 10  # samples
 
@@ -61,12 +61,8 @@ class PlanarSearch:
         """
         problem = self._problem
         stack = GraspStack(*self._tables.contacts_of(tuples), problem.models, problem.origin)
-        force_set, lack = fixed_force_set(stack, self._tables.budget), np.zeros(len(tuples))
-        mu = least_ratios(stack, problem.task, force_set)
-        if all(contact.unilateral for contact in problem.models):
-            beside, lack = planar_ratios(stack, problem.task, force_set)
-            mu, lack = np.where(lack > 0.0, mu, np.minimum(mu, beside)), np.minimum(lack, 0.99)
-        return self._merit(np.where(lack > promising, -lack, mu), tuples)
+        mu, lack = planar_ratios(stack, problem.task, fixed_force_set(stack, self._tables.budget))
+        return self._merit(np.where(lack > promising, -np.minimum(lack, 0.99), mu), tuples)
 
     def share_that_holds(self, drawn: int = 400) -> float:
         """Return the share of random tuples that exert the task."""

@@ -18,12 +18,16 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, JointTorqueLimits, SharedJointTorqueLimits
+from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.budgets.torque_sets import TorqueSet
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.quality.containment import make_containment
+from nlpgrasp.quality.force_problem import LeastForces
 from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.wrench_set import WrenchSet
 
 
 def support_gradients(
@@ -49,7 +53,7 @@ def support_gradients(
         x, prices = force_set.maximise_with_prices(work)
         rates = _joint_rates(budget, prices)
     else:
-        x = force_set.support(work)[1]
+        x = _tight_forces(compiled, WrenchSet.of(grasp, budget), cuts)
     forces, moments = _contact_wrenches(grasp, x)
     support = compiled.scaling.beta * np.sum(work * x, axis=1)
     if compiled.problem.budget.follows_hand:
@@ -62,6 +66,25 @@ def support_gradients(
         gradients[:, position.range] = position.scale * by_position[:, i]
         gradients[:, normal.range] = normal.scale * by_normal[:, i]
     return support, compiled.scaling.beta * gradients
+
+
+def _tight_forces(compiled: CompiledProblem, wrenches: WrenchSet, cuts: FloatArray, exact: float = 1e-6) -> FloatArray:
+    """Return forces (m, n) that maximise the work along cuts (m, d), and exert the task's tight wrench if some do.
+
+    None do where a cut is no minimiser of the support ratio; the wrench then is outside the set by ``exact`` at least.
+    """
+    support, x = wrenches.forces(cuts)
+    if isinstance(wrenches.force_set, L2Set):
+        return x
+    problem, _ = make_containment(wrenches, compiled.problem.task)
+    if problem is None or not len(cuts):
+        return x
+    reach, demands = compiled.problem.task.support(cuts)
+    demands = demands * (support / np.maximum(reach, 1e-300))[:, None]
+    found, _ = LeastForces(problem.wrenches).solve(demands @ problem.matrix.T)
+    amount = wrenches.force_set.gauge(found)
+    is_tight = np.all(np.isfinite(found), axis=1) & (np.abs(amount - 1.0) < exact)
+    return np.where(is_tight[:, None], found / np.where(is_tight, amount, 1.0)[:, None], x)
 
 
 def _contact_wrenches(grasp: Grasp, x: FloatArray) -> tuple[FloatArray, FloatArray]:

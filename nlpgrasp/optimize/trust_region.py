@@ -38,7 +38,8 @@ from nlpgrasp.optimize.support_gradients import support_gradients
 from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import principal_curvatures
-from nlpgrasp.quality.weakest_directions import to_coordinates
+from nlpgrasp.quality.tight_wrenches import tight_wrenches
+from nlpgrasp.quality.weakest_directions import scale_to_unit_support, to_coordinates
 from nlpgrasp.quality.wrench_set import WrenchSet
 
 DAMPING = 1e-3  # weight of the squared step: keeps joints that do not matter from moving
@@ -47,6 +48,7 @@ RELATIVE_RADII = {"normal": 4.0, "hand": 3.0}  # trust-region radius of other va
 CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
 BETA_STEP = 10.0  # solver units, effectively unbounded
 DIFFERENCE = 1e-5  # step of finite differences, solver units or radians
+COARSE_DIFFERENCE = 1e-4  # the same where weakest directions are found again after it
 ACTIVE = 1e-7  # multipliers below count as zero
 INDEPENDENT = 1e-9  # relative singular value below which constraints are dependent
 LEAST_SUPPORT = 1e-300  # lower bound on the task's support, against division by zero
@@ -114,6 +116,11 @@ class Linearisation:
         self.relative_radii[self.beta] = np.inf
 
     @property
+    def has_kinks(self) -> bool:
+        """Whether weakest directions are at kinks of the support function, where it has no Hessian."""
+        return self.outside_cuts is not None and not self.compiled.problem.budget.depends_on_frames
+
+    @property
     def cost(self) -> FloatArray:
         """Gradient of the objective ``-beta``, (n,)."""
         cost = np.zeros(len(self.z))
@@ -140,8 +147,20 @@ class Linearisation:
     def gradient_at(self, z: FloatArray, cuts: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the gradient (n,) of the sum of all constraints with weights (rows,), as of ``evaluate_at``."""
         if self.outside_cuts is not None:
-            return np.asarray(weights @ self.evaluate_at(z, cuts)[1])
+            moved, used = cuts.copy(), np.flatnonzero(weights[self.cut_indices])
+            moved[used] = self._followed(z, cuts[used])
+            return np.asarray(weights @ self.evaluate_at(z, moved)[1])
         return self.functions.gradient(z, self._with_directions(cuts), weights)
+
+    def _followed(self, z: FloatArray, cuts: FloatArray, settled: float = 1e-7) -> FloatArray:
+        """Return the minimisers of the support ratio at variables z that are near given ones (m, d)."""
+        compiled = self.compiled
+        budget, task = compiled.budget(self.candidate_at(z)), compiled.problem.task
+        problem, _ = make_containment(WrenchSet.of(self.grasp_at(z), budget), task)
+        if problem is None or not (self.has_kinks and len(cuts)):
+            return cuts
+        tight = tight_wrenches(problem, to_coordinates(problem, cuts), settled=settled)
+        return scale_to_unit_support(task, tight.directions @ problem.matrix) if len(tight) == len(cuts) else cuts
 
     def _with_directions(self, cuts: FloatArray) -> FloatArray:
         """Return the program's parameters with other cuts."""
@@ -277,10 +296,13 @@ def reduced_hessian(
     rows = linear.rows
     basis = _tangents(rows.jacobian[rows.lower == rows.upper], linear.beta)
     gradient = multipliers @ rows.jacobian
-    displaced = [linear.gradient_at(linear.z + DIFFERENCE * direction, cuts, multipliers) for direction in basis.T]
-    hessian = np.array([(g - gradient) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
+    difference = COARSE_DIFFERENCE if linear.has_kinks else DIFFERENCE
+    displaced = [linear.gradient_at(linear.z + difference * direction, cuts, multipliers) for direction in basis.T]
+    hessian = np.array([(g - gradient) @ basis / difference for g in displaced]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
-    hessian = 0.5 * (hessian + hessian.T) + _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
+    hessian = 0.5 * (hessian + hessian.T)
+    if not linear.has_kinks:
+        hessian += _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
     values, vectors = np.linalg.eigh(hessian)
     vectors = basis @ vectors
     return np.asarray((vectors * np.maximum(values, LEAST_CURVATURE)) @ vectors.T)

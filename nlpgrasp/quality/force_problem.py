@@ -7,6 +7,7 @@ The grasp force optimisation problem (Boyd and Wegbreit 2007, doi:10.1109/TRO.20
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import overload
 
 import clarabel
@@ -152,7 +153,7 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
         return _least_norm_forces(wrench_set, reduced, basis, w)
     x, directions = np.full((len(w), wrench_set.G.shape[1]), np.nan), np.full_like(w, np.nan)
     in_range = np.flatnonzero(np.linalg.norm(w - local @ basis.T, axis=1) <= PRODUCED)
-    x[in_range] = _feasible_forces(reduced, _solve_conic_programs(reduced, local[in_range])[0], local[in_range])
+    x[in_range] = _feasible_forces(reduced, LeastForces(reduced).variables(local[in_range])[0], local[in_range])
     residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     others = np.flatnonzero(~(residual <= PRODUCED))  # true for NaN
     x[others], residual[others], directions[others] = _least_norm_forces(wrench_set, reduced, basis, w[others])
@@ -188,7 +189,7 @@ def _least_norm_forces(
     unsettled = unsettled[~proven]
     if unsettled.size:  # narrow cones are hard for Newton's method: use a conic solver
         l2_set = replace(reduced, force_set=L2Set(reduced.contacts, reduced.space))
-        forces = _feasible_forces(reduced, _solve_conic_programs(l2_set, local[unsettled])[0], local[unsettled])
+        forces = _feasible_forces(reduced, LeastForces(l2_set).variables(local[unsettled])[0], local[unsettled])
         conic_residual = np.linalg.norm(forces @ reduced.G.T - local[unsettled], axis=1)
         is_produced = conic_residual <= PRODUCED  # false for NaN
         x[unsettled[is_produced]] = forces[is_produced]
@@ -240,41 +241,46 @@ def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> BoolA
     return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))
 
 
-def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
+class LeastForces:
+    """Least forces of a wrench set for wrenches, one conic program each, with dual directions.
 
-    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
+    Parameters
+    ----------
+    wrench_set : WrenchSet
     """
-    u, directions = _solve_conic_programs(wrench_set, wrenches)
-    return u @ wrench_set.force_set.lift.T, directions
 
+    def __init__(self, wrench_set: WrenchSet) -> None:
+        lift, matrices = wrench_set.force_set.conic
+        self._lift, self._dimension, n = lift, len(wrench_set.G), lift.shape[1]
+        rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
+        matrices = [np.pad(M, [(0, 0), (0, 1)]) for M in matrices]
+        matrices += [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrench_set.force_set.cones()]
+        self._cones = [clarabel.ZeroConeT(self._dimension), *map(cone_of, matrices)]
+        self._A = sparse.csc_matrix(np.concatenate([*rows, *(-M for M in matrices)]))
+        self._cost, self._no_cost = np.append(np.zeros(n), 1.0), sparse.csc_matrix((n + 1, n + 1))
 
-def _solve_conic_programs(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the variables (m, l) of ``conic_lift`` with the least forces for wrenches (m, d), and dual directions."""
-    d = len(wrench_set.G)
-    lift, matrices = wrench_set.force_set.conic
-    n = lift.shape[1]
-    rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
-    cones = [clarabel.ZeroConeT(d)]
-    matrices = [np.pad(M, [(0, 0), (0, 1)]) for M in matrices]
-    matrices += [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrench_set.force_set.cones()]
-    rows += [-M for M in matrices]
-    cones += [cone_of(M) for M in matrices]
-    A = sparse.csc_matrix(np.concatenate(rows))
-    cost = np.zeros(n + 1)
-    cost[n] = 1.0
-    settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
-    u, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
-    no_cost = sparse.csc_matrix((n + 1, n + 1))
-    for i, w in enumerate(wrenches):
-        b = np.zeros(A.shape[0])
-        b[:d] = w
-        for options in settings:
-            solution = clarabel.DefaultSolver(no_cost, cost, A, b, cones, options).solve()
-            if str(solution.status) == "Solved":
-                u[i] = solution.x[:n]
-                directions[i] = -np.array(solution.z)[:d]
-                break
-            if "Infeasible" in str(solution.status):
-                break
-    return u, directions
+    def variables(self, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the variables (m, l) of ``conic_lift`` with the least forces for wrenches (m, d), and dual directions.
+
+        A dual direction (m, d) is the gradient of the least amount with respect to the wrench. NaN where the solver
+        fails.
+        """
+        u, directions = np.full((len(wrenches), self._lift.shape[1]), np.nan), np.full_like(wrenches, np.nan)
+        b = np.zeros(self._A.shape[0])
+        for i, w in enumerate(wrenches):
+            b[: self._dimension] = w
+            for tolerance, step in product(TOLERANCES, (LONG, SHORT)):
+                options = quiet_settings(tolerance, step)
+                solution = clarabel.DefaultSolver(self._no_cost, self._cost, self._A, b, self._cones, options).solve()
+                if str(solution.status) == "Solved":
+                    u[i] = solution.x[:-1]
+                    directions[i] = -np.array(solution.z)[: self._dimension]
+                    break
+                if "Infeasible" in str(solution.status):
+                    break
+        return u, directions
+
+    def solve(self, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return least forces (m, n) in units of the budget for wrenches (m, d), and dual directions (m, d)."""
+        u, directions = self.variables(wrenches)
+        return u @ self._lift.T, directions

@@ -19,7 +19,7 @@ from nlpgrasp.contacts.base import upper_triangle
 from nlpgrasp.contacts.product import derivative_entries, project
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
-from nlpgrasp.quality.force_closure import planar_facets, turned_to_task
+from nlpgrasp.quality.force_closure import normals_to_pairs, planar_facets, turned_to_task
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
 from nlpgrasp.tasks import Task
@@ -35,10 +35,11 @@ LEAST_WEIGHT = 1e-2  # least relative weight of a contact in the quadratic model
 def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "l2") -> FloatArray:
     """Return an upper bound on each grasp's mu, for ranking thousands of grasps.
 
-    With the L2 budget it is mostly mu itself; with the other budgets some 5 % above on average, and far above for some
-    grasps that barely exert the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and minimised
-    locally from the weakest; in the plane also along the normals of the cone of all wrenches, where descents miss that
-    a task leaves it. A value of 0 proves that a grasp cannot exert the task; any other value proves nothing.
+    With the L2 budget it is mostly mu itself, and in the plane with limits on normal forces as well, where the wrench
+    set has facets; in space some 5 % above on average with the other budgets, and far above for some grasps that barely
+    exert the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and minimised locally from the
+    weakest; in the plane also beside the normals of the cone of all wrenches, where descents miss that a task leaves
+    it. A value of 0 proves that a grasp cannot exert the task; any other value proves nothing.
 
     Parameters
     ----------
@@ -60,11 +61,10 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     force_set = fixed_force_set(stack, _budget(stack, force_budget))
     if not len(stack):
         return np.zeros(0)
-    least = least_ratios(stack, task, force_set)
-    if stack.dimension == 3 and all(contact.unilateral for contact in stack.contacts):
-        beside, lack = planar_ratios(stack, task, force_set)
-        least = np.where(lack > 0.0, 0.0, np.minimum(least, beside))
-    return least
+    if stack.dimension > 3:
+        return least_ratios(stack, task, force_set)
+    least, lack = planar_ratios(stack, task, force_set)
+    return np.where(lack > 0.0, 0.0, least)
 
 
 def least_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> FloatArray:
@@ -75,23 +75,49 @@ def least_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> FloatArr
 
 
 def planar_ratios(stack: GraspStack, task: Task, force_set: ForceSet) -> tuple[FloatArray, FloatArray]:
-    """Return the least ratios beside the facets of each planar grasp's cone of wrenches, and the task's share outside.
+    """Return the least ratios found of planar grasps, and the share of the task outside their cones of wrenches.
 
-    Both are (b,). The share is that of the support along a facet's normal, 0 where the task is in the cone; in the
-    plane the cone has finitely many facets.
+    Both are (b,). The share is that of the support along a facet's normal of the cone, 0 where the task is inside;
+    where it is not, the ratios are about what mu would be if it were. A wrench set with finitely many facets, each
+    through two of its edges, has its least ratio, which is mu, along one of their normals. Others have narrow minima
+    beside those of the cone, which descents miss.
     """
     normals, is_facet = planar_facets(stack.G, stack.contacts)
     moment = second_moment(stack, task)
     reach = task.support(normals.reshape(-1, 3))[0].reshape(is_facet.shape)
     size = np.sqrt(np.einsum("bmi,ij,bmj->bm", normals, moment, normals))
     shares = np.max(np.where(is_facet, reach / np.maximum(size, 1e-300), 0.0), axis=1, initial=0.0)
-    least = np.full(len(stack), np.inf)
-    for turned in turned_to_task(normals, task, moment, (1.02, 1.1, 1.5, 3.0)):
-        reach = task.support(turned.reshape(-1, 3))[0].reshape(is_facet.shape)
-        is_asked = is_facet & (reach > 1e-12)
-        ratios = GraspBatch(stack.G, force_set).support(turned) / np.where(is_asked, reach, 1.0)
-        least = np.minimum(least, np.min(ratios, axis=1, initial=np.inf, where=is_asked))
-    return least, np.where(shares > 1e-9, shares, 0.0)
+    lack, edges = np.where(shares > 1e-9, shares, 0.0), force_set.edges
+    if edges is not None:
+        normals, lengths = normals_to_pairs(edges @ stack.G.transpose(0, 2, 1))
+        chosen = lengths > 1e-12 * np.max(lengths, axis=1)[:, None]
+        return _least_along(stack, task, force_set, normals, chosen, lack > 0.0), lack
+    least = least_ratios(stack, task, force_set)
+    beside = [
+        _least_along(stack, task, force_set, turned, is_facet)
+        for turned in turned_to_task(normals, task, moment, (1.02, 1.1, 1.5, 3.0))
+    ]
+    return np.where(lack > 0.0, least, np.minimum(least, np.min(beside, axis=0))), lack
+
+
+def _least_along(
+    stack: GraspStack,
+    task: Task,
+    force_set: ForceSet,
+    y: FloatArray,
+    chosen: BoolArray,
+    is_outside: BoolArray | None = None,
+) -> FloatArray:
+    """Return the least ratio (b,) along chosen ones, (b, m), of directions y (b, m, 3) along which the task pushes.
+
+    Of grasps whose cone of wrenches the task leaves, mask (b,), along those in which contacts push as well.
+    """
+    reach = task.support(y.reshape(-1, 3))[0].reshape(chosen.shape)
+    is_asked = chosen & (reach > 1e-12)
+    ratios = GraspBatch(stack.G, force_set).support(y) / np.where(is_asked, reach, 1.0)
+    if is_outside is not None:
+        is_asked &= (ratios > 1e-9 * np.max(ratios, axis=1)[:, None]) | ~is_outside[:, None]
+    return np.asarray(np.min(ratios, axis=1, initial=np.inf, where=is_asked))
 
 
 def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:

@@ -404,7 +404,7 @@ def _gauge(whitened: WrenchSet) -> Gauge:
             is_produced = np.linalg.norm(unit - x @ whitened.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
             divisor = np.where(is_produced & (force > 0.0), force, 1.0)
             return np.where(is_produced, force * size, np.inf), y / divisor[:, None]
-        x, y = conic.solve_least_forces(whitened, unit)
+        x, y = conic.LeastForces(whitened).solve(unit)
         amount = whitened.force_set.gauge(x) * size
         return np.where(np.isfinite(amount), amount, np.inf), y
 

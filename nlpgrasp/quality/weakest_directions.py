@@ -132,10 +132,9 @@ def _weakest(problem: Containment, task: Task, directions: FloatArray, values: F
 
 def facet_directions(problem: Containment) -> FloatArray:
     """Return directions near the facets of a planar cone of wrenches, (m, 3); none of other wrench sets."""
-    contacts = problem.wrenches.contacts
-    if problem.rank != 3 or problem.wrenches.space != 2 or not all(contact.unilateral for contact in contacts):
+    if problem.rank != 3 or problem.wrenches.space != 2:
         return np.zeros((0, problem.rank))
-    normals, is_facet = planar_facets(problem.wrenches.G[None], contacts)
+    normals, is_facet = planar_facets(problem.wrenches.G[None], problem.wrenches.contacts)
     return turned_to_task(normals[0, is_facet[0]], problem.task, np.eye(3)).reshape(-1, 3)
 
 

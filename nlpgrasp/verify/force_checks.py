@@ -22,7 +22,7 @@ from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.quality.force_problem import solve_least_forces
+from nlpgrasp.quality.force_problem import LeastForces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.other_measures import pyramid_wrenches
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -146,7 +146,7 @@ def _listing_errors(
     if listed < len(wrenches):
         yield f"wrench {listed} is not the stated lower bound times the next one that the task asks for"
     elif omitted and factor > 0.0:
-        forces = solve_least_forces(WrenchSet(grasp.G, force_set), ends[omitted])[0]
+        forces = LeastForces(WrenchSet(grasp.G, force_set)).solve(ends[omitted])[0]
         if np.any(np.all(np.isfinite(forces), axis=1)):
             yield f"no forces for {len(omitted)} of {len(ends)} wrenches that the task asks for"
 
@@ -285,7 +285,7 @@ class _BudgetBounds:
         scaled = wrenches / self._units
         size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
         scaled /= size[:, None]
-        directions = solve_least_forces(self._set, scaled)[1]
+        directions = LeastForces(self._set).solve(scaled)[1]
         directions[~np.all(np.isfinite(directions), axis=1)] = 0.0
         reach = self._set.support(directions)[0]
         work = np.sum(scaled * directions, axis=1)

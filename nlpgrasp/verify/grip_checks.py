@@ -16,7 +16,7 @@ from nlpgrasp.common.formatting import format_percent
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.confirmation import USUAL_RTOL, RecomputedBounds, are_confirmed, recompute_bounds
-from nlpgrasp.quality.force_problem import solve_least_forces
+from nlpgrasp.quality.force_problem import LeastForces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_friction import can_press
 from nlpgrasp.quality.least_grip import BUDGET
@@ -129,7 +129,7 @@ def _hardest_grip(grasp: Grasp, task: Task) -> float:
     directions: FloatArray = np.random.default_rng(OTHER_SEED).normal(size=(DIRECTIONS, grasp.dimension))
     wrenches = np.concatenate([task.ends().reshape(-1, grasp.dimension), task.support(directions)[1]])
     wrench_set = WrenchSet.of(grasp, BUDGET)
-    forces = solve_least_forces(wrench_set, wrenches)[0]
+    forces = LeastForces(wrench_set).solve(wrenches)[0]
     solved = np.all(np.isfinite(forces), axis=1)
     if not solved.any():
         raise NotCheckedError("the solver finished no conic program of the task's wrenches")

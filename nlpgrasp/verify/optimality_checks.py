@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.force_problem import finger_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -72,7 +74,15 @@ def _contact_errors(
     """Yield an error for each free contact that would change mu to first order by moving along its face."""
     if solution.surface is not None and np.any(solution.surface.angles > EDGE_DISTANCE):
         return  # an optimum on the solver's smooth surface, whose normals differ there from the mesh's
-    weights = np.array(kkt.weights)
+    weights, forces = np.array(kkt.weights), _tight_forces(solution, grasp, kkt)
+
+    def work(moved: Grasp) -> float:
+        """Return the mean of the ratios; with given forces where the support has a kink."""
+        if forces is None:
+            return float(weights @ _recomputed_ratios(solution, moved, kkt))
+        y = np.array(kkt.directions)
+        return float(weights @ (np.sum((y @ moved.G) * forces, axis=1) / solution.task.support(y)[0]))
+
     tolerance = SLOPE_TOLERANCE * solution.mu.upper
     for i in range(len(grasp)):
         normal = _normal_near(solution, grasp, surface, i, size)
@@ -80,7 +90,7 @@ def _contact_errors(
             continue
         for tangent in grasp.frames[i][:, 1:].T:
             forward, backward = (
-                float(weights @ _recomputed_ratios(solution, _displace_contact(grasp, i, step * tangent, normal), kkt))
+                work(_displace_contact(grasp, i, step * tangent, normal))
                 for step in (DIFFERENCE_STEP * size, -DIFFERENCE_STEP * size)
             )
             slope = (forward - backward) / (2.0 * DIFFERENCE_STEP)
@@ -145,6 +155,22 @@ def _recomputed_ratios(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Float
     """Return the ratio of wrench-set support to task support along each direction, (m,)."""
     y = np.array(kkt.directions)
     return np.asarray(WrenchSet.of(grasp, solution.budget).support(y)[0] / solution.task.support(y)[0])
+
+
+def _tight_forces(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray | None:
+    """Return forces (m, n) that exert what the task asks for along each direction; None where maximisers are unique.
+
+    Under budgets whose support has kinks several forces do the most work along a weakest direction. mu changes as the
+    work of those does that exert the tight wrench: the task's maximiser times the ratio.
+    """
+    budget, y = solution.budget, np.array(kkt.directions)
+    if isinstance(budget, L2Budget) or budget.depends_on_frames:
+        return None
+    wrenches = solution.task.support(y)[1] * _recomputed_ratios(solution, grasp, kkt)[:, None]
+    exerted = finger_forces(grasp, wrenches, force_budget=budget)
+    is_tight = exerted.feasible & (np.abs(exerted.used - 1.0) < BINDING_TOLERANCE)
+    maximisers = WrenchSet.of(grasp, budget).forces(y)[1]
+    return np.where(is_tight[:, None], exerted.forces, maximisers)
 
 
 def _displace_contact(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[FloatArray], FloatArray]) -> Grasp:

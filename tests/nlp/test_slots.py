@@ -18,8 +18,8 @@ PROBLEMS = {
     "plane": lambda: ng.GraspProblem(
         ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1, 1, 1])
     ),
-    "pieces and a hand": lambda: ng.GraspProblem(
-        BODY, ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), force_budget="shared"
+    "a hand": lambda: ng.GraspProblem(
+        BODY, ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), force_budget="per_finger"
     ),
 }
 
@@ -33,7 +33,7 @@ def expand_slots(slots, z, theta):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_rows_and_derivatives(name, rng):
     problem = PROBLEMS[name]()
-    program = optimal_grasp_program(problem, "support", SLOTS, eliminated=True, pieces=problem.hand is not None)
+    program = optimal_grasp_program(problem, "support", SLOTS, eliminated=True)
     slots, functions = program.slots, ProgramFunctions(program)
     assert isinstance(slots, ConstraintSlots)
     assert slots.count == SLOTS == len(program.constraint_indices("support"))

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -144,7 +145,8 @@ def test_grippers_with_impossible_forces_are_refused(field, value):
 
 
 def test_a_force_that_no_conic_program_confirms_is_not_verified(solution, monkeypatch):
-    monkeypatch.setattr(grip_checks, "solve_least_forces", lambda _, wrenches: [np.full((len(wrenches), 6), np.nan)])
+    unsolved = SimpleNamespace(solve=lambda wrenches: [np.full((len(wrenches), 6), np.nan)])
+    monkeypatch.setattr(grip_checks, "LeastForces", lambda _: unsolved)
     check = next(check for check in ng.verify(solution).checks if check.name == "grip force")
     assert not check.made
     assert check.detail == "not made: the solver finished no conic program of the task's wrenches"
