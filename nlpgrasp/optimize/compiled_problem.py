@@ -140,18 +140,6 @@ class CompiledProblem:
         return result
 
     @cached_property
-    def l2_variant(self) -> CompiledProblem | None:
-        """The compiled problem under the L2 force budget.
-
-        Candidates are first refined under it. None where the problem's budget is L2 or depends on the hand's posture.
-        Only the cutting-plane program differs.
-        """
-        problem, budget = self.problem, self.problem.budget
-        if isinstance(budget, L2Budget) or budget.follows_hand:
-            return None
-        return self._share_with(CompiledProblem(problem.unchecked(force_budget=L2Budget()), self.options))
-
-    @cached_property
     def handless_variant(self) -> CompiledProblem:
         """The compiled problem without its hand and the constraints on the hand, over the same surface samples."""
         problem, depends_on_hand = self.problem, self.rows.dependence_mask[:, -1]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import IntArray
 from nlpgrasp.hands.moving_links import HandState
@@ -68,10 +69,9 @@ def raced_candidates(
     points, normals = (np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ("points", "normals"))
     chosen = rng.integers(len(points), size=1500)
     places = BodyPlaces.of(compiled.problem.body, grid, points[chosen], -normals[chosen])
-    budget = (compiled.l2_variant or compiled).screening_budget
     limits = RaceLimits(compiled)
     solids, body_edges = compiled.solids, compiled.body_edges
-    steps = RaceSteps(compiled.problem, shapes, grid, solids, body_edges, budget, limits, rng)
+    steps = RaceSteps(compiled.problem, shapes, grid, solids, body_edges, L2Budget(), limits, rng)
     library = posture_library(shapes)
     _warn_of_openings(compiled, library, places)
     finalists = list[Racer]()

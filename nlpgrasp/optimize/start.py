@@ -110,18 +110,16 @@ def _best_of_candidates(
     origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
     if compiled.problem.objective == "nu":
         return _best_by_volume(compiled, index, candidates or propose(compiled, rng), rng, deadline, clock)
-    # hand poses are scored under the L2 budget
-    comparing = compiled if compiled.follows_contacts else compiled.l2_variant or compiled
     proposed = candidates or propose(compiled, rng, known_contacts)
     refinement = _Refinement(compiled, index, origin, deadline, clock, rtol)
     clock.mark("propose")
     if not compiled.follows_contacts:
-        values = [weakest_directions_of(comparing, raced, rng).value for raced in proposed]
+        values = [weakest_directions_of(compiled, raced, rng).value for raced in proposed]
         # a millimetre that a posture lacks counts as all of mu
         scored = [ScoredCandidate(c, (1.0 - 1e3 * c.lack) * value) for c, value in zip(proposed, values, strict=True)]
         return _best_of_results(refinement.best_first(sorted(scored, key=lambda raced: -raced.score)))
     results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
-    initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
+    initial_grasps = (solve_initial_nlp(compiled, candidate, rng) for candidate in proposed)
     batch = list[ScoredCandidate]()
     for count, initial in enumerate(initial_grasps, 1):
         initial_effort += initial.effort
@@ -129,7 +127,7 @@ def _best_of_candidates(
         (batch if initial.score > 0.0 else unpromising).append(initial)
         if len(batch) < COMPARED and count < len(proposed) and not deadline.should_stop():
             continue
-        results += refinement.best_first(_sort_by_promise(comparing, batch, deadline))
+        results += refinement.best_first(_sort_by_promise(compiled, batch, deadline))
         if deadline.should_stop() or _can_stop(results):
             break
         batch = []
@@ -178,20 +176,6 @@ def _sort_by_promise(
         replace(initial, candidate=advanced.point.candidate, score=advanced.point.value)
         for initial, advanced in advanced_grasps
     ]
-
-
-def _refined_grasp(
-    compiled: CompiledProblem, index: int, candidate: GraspCandidate, deadline: Deadline
-) -> tuple[GraspOnBody, RefinementResult]:
-    """Return the refined grasp of a candidate; every other start is first refined under the L2 budget.
-
-    The support under L2, a root of a sum of squares over the contacts, is smooth where those of other budgets have
-    edges.
-    """
-    under_l2 = compiled.l2_variant if index % 2 else None
-    if under_l2 is not None:
-        candidate = refine_on_body(under_l2, candidate, deadline)[1].point.candidate
-    return refine_on_body(compiled, candidate, deadline)
 
 
 def _grasp_of_program(
@@ -269,7 +253,7 @@ class _Refinement:
         if compiled.options.method == "program":
             on_body, refined = _grasp_of_program(compiled, initial.candidate, self.deadline)
         else:
-            on_body, refined = _refined_grasp(compiled, self.index, initial.candidate, self.deadline)
+            on_body, refined = refine_on_body(compiled, initial.candidate, self.deadline)
         self.clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:

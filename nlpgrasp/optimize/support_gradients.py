@@ -28,10 +28,11 @@ from nlpgrasp.quality.containment import make_containment
 from nlpgrasp.quality.force_problem import LeastForces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task
 
 
 def support_gradients(
-    compiled: CompiledProblem, candidate: GraspCandidate, z: FloatArray, cuts: FloatArray
+    compiled: CompiledProblem, candidate: GraspCandidate, z: FloatArray, cuts: FloatArray, task: Task | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return a candidate's support function along cuts (m, d), and its gradients in the program's variables.
 
@@ -45,6 +46,8 @@ def support_gradients(
         Variables of the cutting-plane program at the candidate.
     cuts : (m, d) array
         Directions.
+    task : Task, optional
+        Of whose support ratio the cuts are minimisers: at a kink the gradient is that of the least ratio nearby.
     """
     grasp, budget = compiled.grasp(candidate), compiled.budget(candidate)
     work = cuts @ grasp.G
@@ -53,7 +56,7 @@ def support_gradients(
         x, prices = force_set.maximise_with_prices(work)
         rates = _joint_rates(budget, prices)
     else:
-        x = _tight_forces(compiled, WrenchSet.of(grasp, budget), cuts)
+        x = _tight_forces(WrenchSet.of(grasp, budget), cuts, task)
     forces, moments = _contact_wrenches(grasp, x)
     support = compiled.scaling.beta * np.sum(work * x, axis=1)
     if compiled.problem.budget.follows_hand:
@@ -68,18 +71,18 @@ def support_gradients(
     return support, compiled.scaling.beta * gradients
 
 
-def _tight_forces(compiled: CompiledProblem, wrenches: WrenchSet, cuts: FloatArray, exact: float = 1e-6) -> FloatArray:
+def _tight_forces(wrenches: WrenchSet, cuts: FloatArray, task: Task | None, exact: float = 1e-6) -> FloatArray:
     """Return forces (m, n) that maximise the work along cuts (m, d), and exert the task's tight wrench if some do.
 
     None do where a cut is no minimiser of the support ratio; the wrench then is outside the set by ``exact`` at least.
     """
     support, x = wrenches.forces(cuts)
-    if isinstance(wrenches.force_set, L2Set):
+    if task is None or isinstance(wrenches.force_set, L2Set):
         return x
-    problem, _ = make_containment(wrenches, compiled.problem.task)
+    problem, _ = make_containment(wrenches, task)
     if problem is None or not len(cuts):
         return x
-    reach, demands = compiled.problem.task.support(cuts)
+    reach, demands = task.support(cuts)
     demands = demands * (support / np.maximum(reach, 1e-300))[:, None]
     found, _ = LeastForces(problem.wrenches).solve(demands @ problem.matrix.T)
     amount = wrenches.force_set.gauge(found)

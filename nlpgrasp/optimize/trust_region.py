@@ -10,7 +10,8 @@ A cut ``phi_G(y_j; p) >= beta`` touches ``psi_j(p) = min over y near y_j of phi_
 two have the same gradient, but not the same curvature, and at most local optima the cuts alone curve the wrong way.
 Derivatives of the reduced functions psi_j make Newton's method (local reduction of semi-infinite programs, Hettich and
 Kortanek 1993, doi:10.1137/1035089). As g_y = 0 at a minimiser, the implicit function theorem gives their Hessian:
-``g_zz - g_zy g_yy^-1 g_yz``.
+``g_zz - g_zy g_yy^-1 g_yz``. Under budgets other than L2 the minimisers are at kinks of phi_G. Gradients of psi_j are
+then those of the forces that exert the tight wrench, and their differences the Hessian (``tight_wrenches``).
 """
 
 from __future__ import annotations
@@ -48,7 +49,6 @@ RELATIVE_RADII = {"normal": 4.0, "hand": 3.0}  # trust-region radius of other va
 CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
 BETA_STEP = 10.0  # solver units, effectively unbounded
 DIFFERENCE = 1e-5  # step of finite differences, solver units or radians
-COARSE_DIFFERENCE = 1e-4  # the same where weakest directions are found again after it
 ACTIVE = 1e-7  # multipliers below count as zero
 INDEPENDENT = 1e-9  # relative singular value below which constraints are dependent
 LEAST_SUPPORT = 1e-300  # lower bound on the task's support, against division by zero
@@ -104,7 +104,7 @@ class Linearisation:
         # supports and gradients of the cuts that the program does not hold
         self.outside_cuts: tuple[FloatArray, FloatArray] | None = None
         if not compiled.cutting_planes.holds_supports:
-            support, slopes = support_gradients(compiled, candidate, self.z, cuts)
+            support, slopes = support_gradients(compiled, candidate, self.z, cuts, compiled.problem.task)
             slopes[:, self.beta] = -1.0
             self.outside_cuts = support, slopes
         else:
@@ -138,7 +138,9 @@ class Linearisation:
     def evaluate_at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the values (rows,) and Jacobian (rows, n) of all constraints at variables z with given cuts."""
         if self.outside_cuts is not None:
-            support, slopes = support_gradients(self.compiled, self.candidate_at(z), z, cuts)
+            support, slopes = support_gradients(
+                self.compiled, self.candidate_at(z), z, cuts, self.compiled.problem.task
+            )
             slopes[:, self.beta] = -1.0
             g, J = self.functions.linearise(z, self.theta)
             return np.concatenate([g, support - z[self.beta]]), np.concatenate([J, slopes])
@@ -146,21 +148,24 @@ class Linearisation:
 
     def gradient_at(self, z: FloatArray, cuts: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the gradient (n,) of the sum of all constraints with weights (rows,), as of ``evaluate_at``."""
-        if self.outside_cuts is not None:
-            moved, used = cuts.copy(), np.flatnonzero(weights[self.cut_indices])
-            moved[used] = self._followed(z, cuts[used])
-            return np.asarray(weights @ self.evaluate_at(z, moved)[1])
-        return self.functions.gradient(z, self._with_directions(cuts), weights)
+        if self.outside_cuts is None:
+            return self.functions.gradient(z, self._with_directions(cuts), weights)
+        if not self.has_kinks:
+            return np.asarray(weights @ self.evaluate_at(z, cuts)[1])
+        return self.functions.gradient(z, self.theta, weights[: self.cut_indices[0]])
 
-    def _followed(self, z: FloatArray, cuts: FloatArray, settled: float = 1e-7) -> FloatArray:
-        """Return the minimisers of the support ratio at variables z that are near given ones (m, d)."""
+    def followed_gradient(
+        self, z: FloatArray, cuts: FloatArray, weights: FloatArray, settled: float = 1e-7
+    ) -> FloatArray:
+        """Return the gradient (n,) of least ratios near cuts (m, d), summed with weights (m,)."""
         compiled = self.compiled
-        budget, task = compiled.budget(self.candidate_at(z)), compiled.problem.task
-        problem, _ = make_containment(WrenchSet.of(self.grasp_at(z), budget), task)
-        if problem is None or not (self.has_kinks and len(cuts)):
-            return cuts
-        tight = tight_wrenches(problem, to_coordinates(problem, cuts), settled=settled)
-        return scale_to_unit_support(task, tight.directions @ problem.matrix) if len(tight) == len(cuts) else cuts
+        candidate, task = self.candidate_at(z), compiled.problem.task
+        problem, _ = make_containment(WrenchSet.of(self.grasp_at(z), compiled.budget(candidate)), task)
+        if problem is not None:
+            tight = tight_wrenches(problem, to_coordinates(problem, cuts), settled=settled)
+            if len(tight) == len(cuts):
+                cuts = scale_to_unit_support(task, tight.directions @ problem.matrix)
+        return np.asarray(weights @ support_gradients(compiled, candidate, z, cuts, task)[1])
 
     def _with_directions(self, cuts: FloatArray) -> FloatArray:
         """Return the program's parameters with other cuts."""
@@ -296,16 +301,42 @@ def reduced_hessian(
     rows = linear.rows
     basis = _tangents(rows.jacobian[rows.lower == rows.upper], linear.beta)
     gradient = multipliers @ rows.jacobian
-    difference = COARSE_DIFFERENCE if linear.has_kinks else DIFFERENCE
-    displaced = [linear.gradient_at(linear.z + difference * direction, cuts, multipliers) for direction in basis.T]
-    hessian = np.array([(g - gradient) @ basis / difference for g in displaced]).reshape(basis.shape[1], -1)
+    base = linear.gradient_at(linear.z, cuts, multipliers) if linear.has_kinks else gradient
+    displaced = [linear.gradient_at(linear.z + DIFFERENCE * direction, cuts, multipliers) for direction in basis.T]
+    hessian = np.array([(g - base) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
     hessian = 0.5 * (hessian + hessian.T)
-    if not linear.has_kinks:
+    if linear.has_kinks:
+        hessian += _followed_part(linear, cuts, multipliers, basis)
+    else:
         hessian += _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
     values, vectors = np.linalg.eigh(hessian)
     vectors = basis @ vectors
     return np.asarray((vectors * np.maximum(values, LEAST_CURVATURE)) @ vectors.T)
+
+
+def _followed_part(
+    linear: Linearisation, cuts: FloatArray, multipliers: FloatArray, basis: FloatArray, difference: float = 1e-4
+) -> FloatArray:
+    """Return the part (s, s) of the Hessian, in a basis (n, s), of least ratios at kinks of the support function.
+
+    By differences along the motions of contacts and normals alone, which are fewer than those of a hand. Weakest
+    directions are found again after each.
+    """
+    weights = multipliers[linear.cut_indices]
+    used, program = np.flatnonzero(np.abs(weights) > ACTIVE), linear.functions.program
+    blocks = [*program.blocks("position"), *program.blocks("normal")]
+    rows = np.concatenate([np.arange(block.start, block.stop) for block in blocks])
+    U, sizes, V = np.linalg.svd(basis[rows], full_matrices=False)
+    rank = int(np.sum(sizes > INDEPENDENT * max(float(sizes[0]), 1e-300)))
+    motions = np.zeros((len(basis), rank))
+    motions[rows] = U[:, :rank]
+    chosen = cuts[used], weights[used]
+    first = linear.followed_gradient(linear.z, *chosen)
+    moved = [linear.followed_gradient(linear.z + difference * motion, *chosen) for motion in motions.T]
+    curvature = np.array([(g - first) @ motions / difference for g in moved]).reshape(rank, -1)
+    back = sizes[:rank, None] * V[:rank]
+    return np.asarray(back.T @ (0.5 * (curvature + curvature.T)) @ back)
 
 
 def _moving_minimiser_part(

@@ -1,4 +1,4 @@
-"""Refinement: agreement with certificates, and refinement under L2 first for other budgets."""
+"""Refinement: agreement with certificates."""
 
 import numpy as np
 import pytest
@@ -79,11 +79,3 @@ def test_a_search_misled_by_descents_restarts():
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, task)
     solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, global_bound=False, rank="mu"))
     assert solution.mu.lower >= 0.6
-
-
-def test_only_other_budgets_have_a_compiled_problem_under_l2():
-    shared = compiled_problem("shared")
-    assert compiled_problem("l2").l2_variant is None
-    assert shared.l2_variant.problem.budget == ng.GraspProblem.budget.fget(compiled_problem("l2").problem)
-    assert shared.l2_variant.rows is shared.rows
-    assert shared.l2_variant.surface is shared.surface
