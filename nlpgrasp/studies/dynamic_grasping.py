@@ -43,8 +43,9 @@ from nlpgrasp.tasks import Task
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
 RECENT_GRASPS = 16  # latest grasps near whose contacts candidates are proposed
-STARTS_SHARE = {2: 1.0 / 4.0, 3: 1.0 / 12.0}  # starts granted for a step over those of a cold solve, by dimension
+STARTS_SHARE = 0.125  # starts granted for a step over those of a cold solve
 GROWTH = 1.02  # growth of bound over quality since the last start from which a step is solved anew at once
+FALL = 1.1  # the same from which it is solved with all starts
 LEAST_SAVED = 2  # starts that are saved before a step is solved anew without such growth
 PATIENCE = 3  # successive starts without a gain after which a step ends
 OWN_TASK = "task"  # the step's own task holds while fingers move to its grasp
@@ -179,11 +180,11 @@ def follow_task(
     parameters : (m,) array, optional
         At least 2, in the order in which the task changes; 0, 1, 2, ... by default for a sequence of problems.
     starts : int
-        Most starts of a step: those of a cold solve at the first one, and where the previous grasp does not hold. A
-        quarter of them is allowed for each other step, a twelfth in space, and what the steps before have left: a step
-        that the bound does not prove to be within a percent of the best is solved anew by as many, at least one. While
-        the gap to the bound does not grow, two are saved first. After the first step, three starts in a row that gain
-        nothing are the last ones.
+        Most starts of a step: those of a cold solve at the first one, and where the previous grasp does not hold. An
+        eighth of them is allowed for each other step, and what the steps before have left: a step that the bound does
+        not prove to be within a percent of the best is solved anew by as many, at least one. While the gap to the bound
+        does not grow, two are saved first; where bound over quality grows by a tenth, all are allowed. After the first
+        step, three starts in a row that gain nothing are the last ones.
     seed : int
         Of the starts.
     options : SolveOptions, optional
@@ -358,12 +359,13 @@ class _StartBudget:
         A step without a grasp has all starts of a cold solve.
         """
         is_lost, count = search.best is None, 0
-        self._available += STARTS_SHARE[search.runner.problem.body.space] * self._starts
+        self._available += STARTS_SHARE * self._starts
         is_proved = search.prove(rtol)
         if is_lost and not is_proved:
             count = search.run_until_proved(self._starts, rtol, None, None if is_first else PATIENCE)
         elif not is_proved and (self._available >= LEAST_SAVED or 1.0 + search.gap > GROWTH * (1.0 + self._gap)):
-            most = min(max(int(self._available), 1), self._starts)
+            has_fallen = 1.0 + search.gap > FALL * (1.0 + self._gap)
+            most = self._starts if has_fallen else min(max(int(self._available), 1), self._starts)
             count = search.run_until_proved(most, rtol, self._contacts, PATIENCE)
             self._available = max(self._available - count, 0.0)
         if count or is_proved:
