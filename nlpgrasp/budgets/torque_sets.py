@@ -20,10 +20,10 @@ from itertools import combinations
 import clarabel
 import numpy as np
 from scipy import sparse
-from scipy.optimize import nnls
 from scipy.sparse.csgraph import connected_components
 
 from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.common.least_squares import nonnegative_least_squares
 from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray, IntArray
@@ -208,7 +208,9 @@ class EnumeratedTorqueSet:
                 size = float(np.linalg.norm(y[1:]))
                 if size >= (1.0 - ACTIVE) * y[0] > 0.0:
                     gradients = np.concatenate([gradients, [(y[1:] / size) @ self._cone[1:] - self._cone[0]]])
-            multipliers = nnls(gradients.T, cost)[0][: len(active)] if len(gradients) else np.zeros(0)
+            multipliers = (
+                nonnegative_least_squares(gradients.T, cost)[0][: len(active)] if len(gradients) else np.zeros(0)
+            )
             by_limit = np.zeros(len(self._linear))  # upper torque limits, lower ones, flat cones
             by_limit[active] = multipliers
             prices[i] = by_limit[: self._count] - by_limit[self._count : 2 * self._count]
@@ -369,7 +371,7 @@ def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: 
     produced = np.concatenate(parts, axis=1)
     scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
     system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
-    residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]
+    residual = nonnegative_least_squares(system, np.append(np.zeros(len(torques)), 1.0))[1]
     if residual <= 1e-6:
         raise InputError(
             name,

@@ -11,9 +11,9 @@ from itertools import product
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.least_squares import nonnegative_least_squares
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
@@ -304,7 +304,7 @@ def _is_balanced(points: FloatArray, normals: FloatArray) -> bool:
     torques = np.cross(points - points.mean(axis=0), forces) / HALF_LENGTH
     wrenches = np.concatenate([forces, torques], axis=2).reshape(-1, 6).T
     matrix = np.vstack([wrenches, np.ones(wrenches.shape[1])])  # the normal forces add up to one
-    return bool(nnls(matrix, np.array([*np.zeros(6), 1.0]))[1] <= BALANCED)
+    return bool(nonnegative_least_squares(matrix, np.array([*np.zeros(6), 1.0]))[1] <= BALANCED)
 
 
 def _inscribed_balls(shape: CollisionShape) -> tuple[FloatArray, FloatArray]:

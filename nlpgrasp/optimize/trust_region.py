@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import nnls
 
+from nlpgrasp.common.least_squares import nonnegative_least_squares
 from nlpgrasp.common.quadratic_program import (
     Linearised,
     NewtonRules,
@@ -236,7 +236,8 @@ class Linearisation:
         signs = np.concatenate([-np.ones(len(at_least)), np.ones(len(at_most))])
         index, limits = np.concatenate([at_least, at_most]), np.concatenate([low[at_least], high[at_most]])
         conditions = np.concatenate([(signs[:, None] * slopes[index]).T, np.diag(limits - values[index])])
-        solution, _ = nnls(conditions, np.concatenate([-self.cost, np.zeros(len(index))]), maxiter=10 * len(index))
+        target = np.concatenate([-self.cost, np.zeros(len(index))])
+        solution, _ = nonnegative_least_squares(conditions, target)
         multipliers = np.zeros(len(values))
         np.add.at(multipliers, index, signs * solution)
         return multipliers[:-n], multipliers[-n:]

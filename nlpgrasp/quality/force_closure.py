@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import nnls
 
+from nlpgrasp.common.least_squares import nonnegative_least_squares
 from nlpgrasp.common.validation import BoolArray, FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import planar_edges
@@ -78,7 +78,7 @@ def separate_wrench(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) 
     direction, least_share = target / size, np.inf
     for _ in range(rounds):
         columns = np.concatenate(rays, axis=1)
-        weights, distance = nnls(columns, target, maxiter=50 * columns.shape[1])
+        weights, distance = nonnegative_least_squares(columns, target)
         if distance <= EXACT * size:
             return None
         y = (target - columns @ weights) / distance

@@ -22,6 +22,7 @@ from nlpgrasp.bodies.mesh.signed_distance import (
     smooth_offset,
     wall_thickness,
 )
+from nlpgrasp.common.least_squares import nonnegative_least_squares
 from nlpgrasp.common.meshes.intersections import is_covered, normals_of
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh, scale_mesh
@@ -431,11 +432,9 @@ def _angle_to_cone(normals: FloatArray, normal: FloatArray, in_cone: bool) -> fl
 
     With ``in_cone``, also the vectors of their convex cone count.
     """
-    from scipy.optimize import nnls
-
     smallest = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(normals - normal, axis=1) / 2.0, 0.0, 1.0))))
     if not in_cone or len(normals) == 1:
         return smallest
     # the distance of a unit vector from a cone is the sine of the angle, below 90 degrees; without weights it is 1
-    weights, residual = nnls(np.unique(normals, axis=0).T, normal)
+    weights, residual = nonnegative_least_squares(np.unique(normals, axis=0).T, normal)
     return min(smallest, float(np.arcsin(min(residual, 1.0)))) if np.any(weights) else smallest
