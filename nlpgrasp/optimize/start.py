@@ -181,9 +181,10 @@ def _sort_by_promise(
 def _grasp_of_program(
     compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline
 ) -> tuple[GraspOnBody, RefinementResult]:
-    """Return the grasp at which the program (3.5-4) ends from a candidate, and a search there without steps.
+    """Return the grasp at which the program (3.5-4) ends from a candidate, and a search from there.
 
-    Directions join until its beta is certified. On a mesh the contacts stay on their triangles.
+    Directions join until its beta is certified. On a mesh the contacts stay on their triangles. Steps follow under
+    budgets other than L2: along fixed directions the program is loose at kinks of the support, where optima are.
     """
     on_faces, snapped = fix_to_faces(compiled, candidate)
     program = formulate(on_faces.problem, forces=not has_closed_form(on_faces.problem))
@@ -193,7 +194,8 @@ def _grasp_of_program(
     moved = follow_with_hand(on_faces, replace(snapped, points=solved.grasp.points))
     if on_faces.violation(moved) > FEASIBLE:  # IPOPT has left the constraints
         moved = snapped
-    return put_on_body(compiled, on_faces, moved), refine(on_faces, moved, deadline, rounds=0)
+    refined = refine(on_faces, moved, deadline, rounds=0 if compiled.cutting_planes.holds_supports else None)
+    return put_on_body(compiled, on_faces, refined.point.candidate), refined
 
 
 def _can_stop(results: Sequence[StartGrasp]) -> bool:

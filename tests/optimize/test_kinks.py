@@ -110,3 +110,16 @@ def test_default_starts_agree_at_a_local_optimum(budget):
         for signs in product((-1.0, 0.0, 1.0), repeat=2):
             moved = solution.grasp.points + 5e-6 * (np.array(signs) * free)[:, None] * tangents
             assert mu_by_hull(moved, solution.grasp.normals, frictions, task, budget) <= (1.0 + 1e-6) * value
+
+
+@pytest.mark.parametrize("budget", BUDGETS)
+def test_the_program_alone_ends_at_the_same_optimum(budget):
+    task = ng.TaskEllipsoid([2.0711, 1.8175, 0.013889])
+    models = [ng.FrictionContact(0.3037)] * 2
+    problem = ng.GraspProblem(PENTAGON, models, task, force_budget=budget, torque_origin=[0.0, 0.0], edge_margin=0.0)
+    steps, program = (
+        ng.solve(problem, 4, 0, ng.SolveOptions(workers=1, rank="mu", extras=False, method=method))
+        for method in ("steps", "program")
+    )
+    assert program.mu.lower >= 0.99 * steps.mu.lower
+    assert program.kkt.locally_optimal
