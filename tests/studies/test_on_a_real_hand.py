@@ -151,7 +151,9 @@ def test_fingertips_slide_by_two_millimetres_unless_joints_or_links_do_not_allow
         paths[finger][1] = PathStation(target, grasp.normals[finger], solution.faces[finger])
         motion, _ = LinkedMotions(picked, hand, values, paths, 0.005).move(values, finger, True)
         if not motion.feasible:
-            assert motion.reason.startswith(("joint ", "link ", "the posture would have to jump")), motion.reason
+            assert motion.reason.startswith(
+                ("joint ", "link ", "the posture would have to jump", "out of the finger's reach")
+            ), motion.reason
             continue
         move = FingerMove(finger, motion.points, True, ng.Bounds(0.0, 0.0), motion)
         assert move.length == pytest.approx(0.002)
