@@ -160,6 +160,14 @@ class ForceBudget(ABC):
         """
         return None
 
+    @property
+    def has_kinks(self) -> bool:
+        """Whether supports have kinks at most weakest directions, so that forces there decide how mu changes.
+
+        Not said of budgets that depend on the contacts' frames, whose prices change as well.
+        """
+        return not self.depends_on_frames
+
     def force_scale(self) -> float:
         """Return a typical force within the budget, newtons, as the NLP's unit of force."""
         return 1.0

@@ -49,6 +49,11 @@ class L2Budget(ForceBudget):
     bounds_fingers: ClassVar[bool] = True
     largest: ClassVar[float] = 1.1
 
+    @property
+    def has_kinks(self) -> bool:
+        """False: the support is a root of a sum of squares."""
+        return False
+
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> L2Set:
         """Return the force set for given contact frames."""
         return L2Set(contacts, frames.shape[1])

@@ -31,7 +31,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.moving_links import Frames, HandState
 from nlpgrasp.motion.distance_fields import Distance, build_distance_fields
-from nlpgrasp.motion.link_parts import LinkParts, SampleTable, sharp_edge_points
+from nlpgrasp.motion.link_parts import BinnedPoints, LinkParts, sharp_edge_points
 from nlpgrasp.problem.problem import GraspProblem
 
 TOLERANCE = 1e-3  # tolerated penetration of a link, as a share of the hand's span
@@ -248,11 +248,11 @@ class HandClearance:
         return result
 
     @cached_property
-    def body_edges(self) -> SampleTable:
+    def body_edges(self) -> BinnedPoints:
         """Points of the body's sharp edges, some 1.5 mm apart, metres: links meet them between samples of their own."""
         points = self._edge_points
         _, first = np.unique(np.floor(points / 1.5e-3), axis=0, return_index=True)
-        return SampleTable.of([points[first]])
+        return BinnedPoints.of([points[first]])
 
     @cached_property
     def _edge_points(self) -> FloatArray:

@@ -292,8 +292,8 @@ class LinkParts:
         return result, nearest
 
     @cached_property
-    def _samples(self) -> SampleTable:
-        return SampleTable.of([part.points for part in self.parts])
+    def _samples(self) -> BinnedPoints:
+        return BinnedPoints.of([part.points for part in self.parts])
 
     def points(self, part: int, frame: FloatArray) -> FloatArray:
         """Return the samples (m, 3) of a part whose link has the given frame (4, 4)."""
@@ -440,8 +440,8 @@ class LinkParts:
 
 
 @dataclass(frozen=True)
-class SampleTable:
-    """Samples of all parts in cells of 6 mm.
+class BinnedPoints:
+    """Points of several sets, as of the samples of parts, in cells of 6 mm.
 
     Parameters
     ----------
@@ -464,7 +464,7 @@ class SampleTable:
     reaches: FloatArray
 
     @classmethod
-    def of(cls, samples: Sequence[FloatArray]) -> SampleTable:
+    def of(cls, samples: Sequence[FloatArray]) -> BinnedPoints:
         """Return the table of the samples of each part, (m, 3) each."""
         points = np.concatenate([np.zeros((0, 3)), *samples])
         parts = np.repeat(np.arange(len(samples)), [len(part) for part in samples])

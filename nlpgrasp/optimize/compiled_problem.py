@@ -14,7 +14,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.motion.clearance import HandClearance
-from nlpgrasp.motion.link_parts import LinkParts, SampleTable
+from nlpgrasp.motion.link_parts import BinnedPoints, LinkParts
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
 from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
@@ -99,10 +99,10 @@ class CompiledProblem:
         return HandClearance(self.problem, hand, depths.parts) if depths and isinstance(hand, URDFHand) else None
 
     @property
-    def body_edges(self) -> SampleTable:
+    def body_edges(self) -> BinnedPoints:
         """Points of the body that links may meet between samples of theirs; none for hands without links."""
         model = self.collision_model
-        return SampleTable.of([]) if model is None else model.body_edges
+        return BinnedPoints.of([]) if model is None else model.body_edges
 
     @property
     def link_rows(self) -> LinkRows | None:

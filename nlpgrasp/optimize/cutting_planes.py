@@ -97,7 +97,7 @@ def _minimisers_at_kinks(
     near = select_separated(known, np.argsort(problem.ratio(known)[0]), SEPARATION, most)
     new = select_separated(y, np.argsort(values), SEPARATION, fresh)
     tight = tight_wrenches(problem, np.concatenate([known[near], y[new]]))
-    return (y, values) if not len(tight.ratios) else (tight.directions, tight.ratios)
+    return (y, values) if not len(tight) else (tight.directions, tight.ratios)
 
 
 def directions_around(

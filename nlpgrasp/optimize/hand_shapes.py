@@ -16,7 +16,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.moving_links import Frames, HandState, LinkPoints, MovingLinks
 from nlpgrasp.hands.tips import CapsuleTip
-from nlpgrasp.motion.link_parts import LinkParts, SampleTable, first_of_each, ranges
+from nlpgrasp.motion.link_parts import BinnedPoints, LinkParts, first_of_each, ranges
 from nlpgrasp.optimize.joint_margins import JointLimitMargins
 from nlpgrasp.optimize.solids import HasDistance
 
@@ -178,7 +178,7 @@ class HandShapes:
         return table[order, 1:4], whole[:, 0], bins[order], whole[:, 4]
 
     def nearest_body_edges(
-        self, points: SampleTable, frames: Frames, reach: float
+        self, points: BinnedPoints, frames: Frames, reach: float
     ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
         """Return, of each cell of points of the body, the one nearest to each part's hull, within ``reach``, metres.
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.scalar_constraints import CLEARANCE
 from nlpgrasp.common.validation import FloatArray
@@ -113,9 +112,7 @@ def optimum_near(compiled: CompiledProblem, refined: RefinementResult, deadline:
         radius = min(max(LEAST_RADIUS, RADIUS * refined.length), WIDE)
     if refined.point.value <= 0.0:
         return None
-    if not (
-        isinstance(budget, L2Budget) or budget.depends_on_frames
-    ):  # at kinks a program of fixed directions is loose
+    if budget.has_kinks:  # at which a program along fixed directions is loose
         return point_with_multipliers(compiled, refined.point)
     return _solve_program(compiled, refined.point, radius, np.random.default_rng(0), deadline)
 

@@ -20,7 +20,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.spatial import cross
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.hands.moving_links import Frames, HandState
-from nlpgrasp.motion.link_parts import SampleTable
+from nlpgrasp.motion.link_parts import BinnedPoints
 from nlpgrasp.optimize.hand_shapes import HandShapes
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
 from nlpgrasp.optimize.solids import HasDistance
@@ -145,7 +145,7 @@ class RaceSteps:
         Of the body.
     solids : HasDistance
         Body and surroundings.
-    body_edges : SampleTable
+    body_edges : BinnedPoints
         Points of the body's sharp edges, which are kept outside links.
     budget : ForceBudget
         One that does not depend on the contacts' frames.
@@ -161,7 +161,7 @@ class RaceSteps:
 
     def __init__(
         self, problem: GraspProblem, shapes: HandShapes, grid: DistanceGrid, solids: HasDistance,
-        body_edges: SampleTable, budget: ForceBudget, limits: RaceLimits, rng: np.random.Generator,
+        body_edges: BinnedPoints, budget: ForceBudget, limits: RaceLimits, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.problem, self.shapes, self.grid, self._budget, self._rng = problem, shapes, grid, budget, rng
         self.limits, self.solids, self.body_edges = limits, solids, body_edges

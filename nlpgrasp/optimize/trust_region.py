@@ -118,7 +118,7 @@ class Linearisation:
     @property
     def has_kinks(self) -> bool:
         """Whether weakest directions are at kinks of the support function, where it has no Hessian."""
-        return self.outside_cuts is not None and not self.compiled.problem.budget.depends_on_frames
+        return self.compiled.problem.budget.has_kinks
 
     @property
     def cost(self) -> FloatArray:

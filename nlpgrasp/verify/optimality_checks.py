@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.force_problem import finger_forces
 from nlpgrasp.quality.grasp import Grasp
@@ -164,7 +163,7 @@ def _tight_forces(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray
     work of those does that exert the tight wrench: the task's maximiser times the ratio.
     """
     budget, y = solution.budget, np.array(kkt.directions)
-    if isinstance(budget, L2Budget) or budget.depends_on_frames:
+    if not budget.has_kinks:
         return None
     wrenches = solution.task.support(y)[1] * _recomputed_ratios(solution, grasp, kkt)[:, None]
     exerted = finger_forces(grasp, wrenches, force_budget=budget)
