@@ -39,6 +39,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
+CLIMBING = 3  # candidates of which the volume is maximised
 PROMISE = 0.8  # share of the mu before refinement on the body that a candidate is taken to keep at least
 MOST_COLLIDING = 4  # candidates that end in link collisions before a start gives up
 
@@ -149,15 +150,18 @@ def _best_by_volume(
 ) -> StartGrasp:
     """Return the result of largest nu from the most promising of given and random candidates."""
     results = list[StartGrasp]()
-    for candidate in largest_volumes(compiled, candidates, rng, COMPARED):
+    for candidate in largest_volumes(compiled, candidates, rng, CLIMBING):
         on_faces, snapped = fix_to_triangles(compiled, candidate)
         moved = maximise_volume(on_faces, snapped, deadline)
         on_body, refined = put_on_body(compiled, on_faces, moved), refine(on_faces, moved, deadline, rounds=0)
         clock.mark("refine")
-        bounds = _certify_grasp(compiled, on_body, refined, deadline)
+        bounds = _certify_grasp(compiled, on_body, refined, deadline, compiled.options.final_rtol)
         clock.mark("certificate")
         origin = CandidateOrigin.RANDOM
         result = StartGrasp.of(compiled, index, on_body, bounds, refined.state(), origin.value, origin=origin)
+        if bounds.lower < (compiled.problem.least_mu or 0.0):
+            record = replace(result.record, status=Status.NO_GRASP, message=f"mu in {bounds}, below its floor")
+            result = replace(result, record=record)
         results.append(replace(result, volume=float(np.exp(sampled_volume(compiled, on_body.grasp)))))
         if deadline.should_stop():
             break

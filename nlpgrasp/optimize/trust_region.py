@@ -186,7 +186,11 @@ class Linearisation:
         return self.compiled.grasp_at(contact_points(self.compiled, self.functions.program, z), normals / lengths)
 
     def quadratic_step(
-        self, radius: float, curvature: FloatArray | None = None, cost: FloatArray | None = None
+        self,
+        radius: float,
+        curvature: FloatArray | None = None,
+        cost: FloatArray | None = None,
+        least_beta: float = -np.inf,
     ) -> QuadraticStep | None:
         """Return the solution of the quadratic program inside a trust region; None if infeasible.
 
@@ -198,8 +202,11 @@ class Linearisation:
             Positive semidefinite curvature of the Lagrangian.
         cost : (n,) array, optional
             Gradient of another objective than ``-beta``.
+        least_beta : float
+            Least beta after the step, solver units.
         """
         least, most = step_bounds(self.z, self.functions.program.bounds, self._largest_step(radius))
+        least[self.beta] = max(least[self.beta], least_beta - self.z[self.beta])
         rows = replace(self.rows, least=least, most=most)
         damping = DAMPING if curvature is None else CURVED_DAMPING
         return quadratic_step(rows, self.cost if cost is None else cost, damping, curvature=curvature)

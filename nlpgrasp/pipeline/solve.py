@@ -119,6 +119,8 @@ def solve(
     known_grasps = check_warm_starts(problem, warm_starts)
     check_objective(problem, options, keep, len(known_grasps))
     check_method(problem, options)
+    if problem.objective == "nu" and problem.least_mu is None:
+        problem = _with_floor_of_mu(problem, starts, seed, options)
     runner = StartRunner.with_kept_programs(problem, options.narrow(), starts)
     solution = _run(runner, seed, keeping, callback, known_grasps)
     runner.keep_programs()
@@ -150,6 +152,15 @@ def _run(
             search.choose()
             solution = search.certify(search.bound())
             return search.analyse(solution)
+
+
+def _with_floor_of_mu(
+    problem: GraspProblem, starts: int, seed: int, options: SolveOptions, share: float = 0.1
+) -> GraspProblem:
+    """Return a problem of the objective nu with a share of the largest mu that a search finds as its floor of mu."""
+    by_mu = replace(problem, task=problem.stated_task, objective="mu", torque_scale=None)
+    largest = solve(by_mu, starts, seed, replace(options, rank="mu", global_bound=False)).mu.lower
+    return replace(problem, least_mu=share * largest) if largest > 0.0 else problem
 
 
 def check_objective(problem: GraspProblem, options: SolveOptions, keep: int, warm_starts: int) -> None:

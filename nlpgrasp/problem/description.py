@@ -123,6 +123,10 @@ class ProblemView(Protocol):
     def torque_scale(self) -> float | None:
         """Length that converts torques to forces in the objectives delta and nu, metres, or None."""
 
+    @property
+    def least_mu(self) -> float | None:
+        """Least mu of a grasp for the objective nu, or None."""
+
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return the names of a contact's allowed faces."""
 
@@ -171,7 +175,8 @@ def _describe_task(problem: ProblemView) -> DescribedPart:
         return DescribedPart("Task", exert, (origin,))
     meaning = {"delta": "mu of the unit ball of wrenches", "nu": "the volume of the wrench set"}[problem.objective]
     scale = f"torque scale {format_number(problem.torque_scale or 0.0)} m"
-    return DescribedPart("Objective", f"{problem.objective}, {meaning}, {scale}", (f"{exert}; {origin}",))
+    floor = "" if problem.least_mu is None else f" with mu of at least {format_number(problem.least_mu)}"
+    return DescribedPart("Objective", f"{problem.objective}, {meaning}{floor}, {scale}", (f"{exert}; {origin}",))
 
 
 def task_range(problem: ProblemView) -> str:

@@ -90,10 +90,13 @@ class GraspProblem(DisplayedProblem):
         task stays within it. It does not affect the search.
     objective : {"mu", "delta", "nu"}
         What a solve maximises: mu of the task; delta (3.1-1b), which is mu of the unit ball of wrenches; or the volume
-        nu (3.2-1), among grasps that exert the task, by default that ball.
+        nu (3.2-1), among grasps of at least ``least_mu`` for the task, by default that ball.
     torque_scale : float, optional
         For delta and nu, metres: a torque counts as the force ``torque / torque_scale``. By default half the diagonal
         of the body's bounding box.
+    least_mu : float, optional
+        For nu, above 0: the least mu of the task of a grasp. Without it the largest volumes are often of grasps that
+        hold nothing. By default a tenth of the largest mu that ``ng.solve`` finds, which its solution's problem states.
 
     Attributes
     ----------
@@ -127,6 +130,7 @@ class GraspProblem(DisplayedProblem):
     max_force: float | None = None
     objective: str = "mu"
     torque_scale: float | None = None
+    least_mu: float | None = None
     margin: float = field(init=False, default=0.0)
     stated_task: Task = field(init=False, default=NO_TASK, repr=False, compare=False)
 
@@ -179,6 +183,10 @@ class GraspProblem(DisplayedProblem):
         """Validate the objective; set a missing task for delta or nu to the unit ball of wrenches."""
         if self.objective not in OBJECTIVES:
             raise InputError("GraspProblem.objective", self.objective, " or ".join(map(repr, OBJECTIVES)))
+        if self.least_mu is not None:
+            if self.objective != "nu":
+                raise InputError("GraspProblem.least_mu", self.least_mu, 'None, except for objective="nu"')
+            self._set("least_mu", number("GraspProblem.least_mu", self.least_mu, above=0.0))
         if self.objective == "mu":
             if self.torque_scale is not None:
                 expected = 'None, except for objective="delta" or "nu"'
@@ -320,7 +328,7 @@ class GraspProblem(DisplayedProblem):
         """Return the problem as JSON data (docs/json.md)."""
         optional: dict[str, object] = {"max_force": self.max_force}
         if self.objective != "mu":
-            optional |= {"objective": self.objective, "torque_scale": self.torque_scale}
+            optional |= {"objective": self.objective, "torque_scale": self.torque_scale, "least_mu": self.least_mu}
         return {
             "body": self.body.to_dict(),
             "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],
@@ -366,6 +374,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
         max_force=data.get("max_force"),
         objective=data.get("objective", "mu"),
         torque_scale=data.get("torque_scale"),
+        least_mu=data.get("least_mu"),
     )
 
 

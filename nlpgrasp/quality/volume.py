@@ -4,11 +4,17 @@ With bilateral contacts only, ``G(B_1^n)`` is an ellipsoid and its volume a clos
 points span an inner polytope P, cut into simplices with their apex c inside. On the cone of a cell with plane
 ``<a, x - c> = 1`` the set W extends at most ``r = phi_W(a) - <a, c>`` times as far as P, so
 
-    ``sum_cells vol  <=  nu  <=  sum_cells r^d vol``,
+    ``sum_cells vol  <=  nu  <=  U = sum_cells r^d vol``,
 
-both certified. Between these bounds ``estimate_volume`` samples ``vol(W) = vol(P) E[t^d]`` for points x uniform over
-P's surface (by cones about c), with ``c + t (x - c)`` on the boundary of W: t is close to 1, so its mean needs few
-samples. On the boundary the least force that produces a wrench is 1.
+both certified. In the plane they meet. In six dimensions they are far apart, and rays narrow them: for a cell drawn
+with probability ``r^d vol / U`` and x uniform on its facet, with ``c + t x`` on the boundary of W, nu is
+``U E[(t / r)^d]``, the mean of independent variables between 0 and 1. Forces that exert a wrench and a plane that W is behind bound t
+from below and above, and the empirical Bernstein inequality (Maurer and Pontil 2009, theorem 4, arXiv:0907.3740)
+bounds the mean: with n values of variance V it is less than
+
+    ``(2 V L / n)^(1/2) + 7 L / (3 (n - 1))``,    ``L = log(2 / chance)``,
+
+above their average, but for that chance. Bounds so found say in ``trust`` that they rest on it.
 """
 
 from __future__ import annotations
@@ -41,16 +47,18 @@ SHRINK = 1e-5  # largest relative shrinking of support points towards the origin
 MARGIN = 1e-5  # relative guard against rounding of volumes
 ROUNDING = 1e-9  # relative guard against rounding of the closed form, and of the heights of flat cells
 
-# estimate
-GROUPS = 16  # independent groups of samples, whose scatter gives the error
+# bounds and estimate by rays
+CHANCE = 1e-9  # that a bound by rays is wrong
+WIDTH = 5.0  # of the certified interval, over the tolerance of the estimate, at which no further rays are drawn
+FIRST_RAYS, MOST_RAYS = 1000, 256_000
 ERRORS = 3.0  # standard errors in the error bar
-MOST_SAMPLES = 400_000  # of all groups
-MOST_STEPS = 30  # most Newton steps per ray
-GAUGE_CLOSE = 1e-3  # tolerance of the gauge on the boundary
-BRACKET = 5e-3  # width of a bracket whose midpoint is accepted (its errors average out)
+MOST_STEPS = 8  # most Newton steps per ray: the few that are left near the sides of the cone of wrenches take long
+BRACKET = 2e-3  # relative width of a bracket of a ray's end that is narrow enough
 GAUGE_TOLERANCE = 1e-8  # residual of the least forces
+CLOSED = 0.55  # share of rays into W above which a grasp is closed; of others W is within a half space
 MOST_FORCE = 200.0  # least force of a unit ray in whitened coordinates above which the ray counts as outside
-POINT_LIMIT = "the inner polytope has its most vertices"  # reason of a wide certified interval
+RAY_LIMIT = f"its {MOST_RAYS} rays do not narrow it further"  # reason of a wide certified interval
+SAMPLED = f"random rays, which mislead in less than one of {1.0 / CHANCE:.0e} runs"
 FORCE_LIMIT = 4.0  # least force above which a wrench is certainly outside the set
 
 Gauge = Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # wrenches (m, d) to least forces (m,), gradients (m, d)
@@ -161,19 +169,19 @@ def nu(
             exact * (1.0 - ROUNDING), exact * (1.0 + ROUNDING), torque_scale=scale, value=exact, error=exact * ROUNDING
         )
     whitened = wrench_set.transformed((vectors / values).T)
-    lower, upper, value, error = _certify_volume(whitened, rtol, np.random.default_rng(seed))
+    volume = _certify_volume(whitened, rtol, np.random.default_rng(seed))
     factor = float(np.prod(values))
-    return Volume(
-        lower * factor,
-        upper * factor,
+    return replace(
+        volume,
+        lower=volume.lower * factor,
+        upper=volume.upper * factor,
         torque_scale=scale,
-        value=value * factor,
-        error=error * factor,
-        limit="" if upper <= lower * (1.0 + rtol) else POINT_LIMIT,
+        value=volume.value * factor,
+        error=volume.error * factor,
     )
 
 
-def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
+def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) -> Volume:
     """Return certified bounds, estimate and error bar for a set in well-conditioned coordinates."""
     d = len(whitened.G)
     inner, points = _initial_wrench_hull(whitened, rng)
@@ -183,11 +191,10 @@ def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) 
         loosest = np.argsort(-inner.missing)[:count]
         points = np.concatenate([points, _shrunk_points(whitened.support(inner.planes[loosest])[1], rng)])
         inner = _InnerPolytope(whitened, points)
-    middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
     if inner.upper <= inner.lower * (1.0 + rtol):
-        return inner.lower, inner.upper, middle, half
-    value, error = estimate_volume(whitened, inner.cells, rtol, rng)
-    return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
+        middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
+        return Volume(inner.lower, inner.upper, value=middle, error=half)
+    return _volume_by_rays(whitened, inner, rtol, rng)
 
 
 def _initial_wrench_hull(whitened: WrenchSet, rng: np.random.Generator) -> tuple[_InnerPolytope, FloatArray]:
@@ -279,70 +286,64 @@ def _filled_hull(points: FloatArray) -> tuple[ConvexHull, FloatArray, FloatArray
     raise NlpgraspError("nu: no hull of this grasp's support points is filled by its simplices")
 
 
-def estimate_volume(
-    whitened: WrenchSet, cells: PolytopeCells, rtol: float, rng: np.random.Generator
-) -> tuple[float, float]:
-    """Estimate the volume of a wrench set and its error bar by stratified sampling over the cells.
+def _volume_by_rays(whitened: WrenchSet, inner: _InnerPolytope, rtol: float, rng: np.random.Generator) -> Volume:
+    """Return bounds, estimate and error bar by rays from the inner polytope's centre through its cells.
 
-    Parameters
-    ----------
-    whitened : WrenchSet
-        W, in well-conditioned coordinates.
-    cells : PolytopeCells
-    rtol : float
-        Target relative error bar.
-    rng : numpy.random.Generator
+    Rays are added, each time as many as there are, until the error bar is ``rtol`` and the interval ``WIDTH`` times as
+    wide; the chance of a wrong bound is divided over these times.
     """
-    gauge = _gauge(whitened)
-    d = len(cells.centre)
-    cumulative = np.cumsum(cells.sizes)
-    count, total = 100, float(cumulative[-1])
-    means: list[FloatArray] = []
-    weights: list[int] = []
+    cells, d = inner.cells, len(whitened.G)
+    parts = cells.reach**d * cells.sizes
+    total, likelihoods = float(np.sum(parts)), parts / np.sum(parts)
+    shares, chance, volume = np.zeros((0, 2)), CHANCE, Volume(inner.lower, inner.upper)
     while True:
-        group, high = [], []
-        for _ in range(GROUPS):
-            positions = (np.arange(count) + rng.random(count)) / count * total
-            chosen = np.minimum(np.searchsorted(cumulative, positions), len(cumulative) - 1)
-            barycentric = rng.dirichlet(np.ones(d), count)
-            high.append(cells.reach[chosen])
-            group.append(np.einsum("mi,mid->md", barycentric, cells.corners[chosen]))
-        t = _radial_reach(gauge, cells.centre, np.concatenate(group), np.concatenate(high)) ** d
-        means.append(t.reshape(GROUPS, count).mean(axis=1))
-        weights.append(count)
-        group_means = np.average(np.array(means), axis=0, weights=weights)
-        value, error = float(group_means.mean()), ERRORS * float(group_means.std(ddof=1)) / GROUPS**0.5
-        if error <= rtol * value or GROUPS * sum(weights) >= MOST_SAMPLES:
-            return total * value, total * error
-        count = int(np.clip(sum(weights) * ((error / (rtol * value)) ** 2 - 0.8), 50, MOST_SAMPLES / GROUPS))
+        count = len(shares) or FIRST_RAYS
+        chosen = rng.choice(len(parts), size=count, p=likelihoods)
+        rays = np.einsum("mi,mid->md", rng.dirichlet(np.ones(d), count), cells.corners[chosen])
+        ends = _ends_of_rays(whitened, cells.centre, rays, cells.reach[chosen])
+        shares = np.concatenate([shares, (ends / cells.reach[chosen, None]) ** d])
+        chance, count = 0.5 * chance, len(shares)
+        log = np.log(4.0 / chance)  # either end may be wrong
+        doubt = np.sqrt(2.0 * shares.var(axis=0, ddof=1) * log / count) + 7.0 * log / (3.0 * (count - 1))
+        low, high = total * np.clip(shares.mean(axis=0) + [-1.0, 1.0] * doubt, 0.0, 1.0)
+        lower, upper = max(volume.lower, low * (1.0 - MARGIN)), min(volume.upper, high * (1.0 + MARGIN))
+        values = shares.mean(axis=1)
+        value = min(max(total * float(values.mean()), lower), upper)
+        error = ERRORS * total * float(values.std(ddof=1)) / count**0.5
+        volume = Volume(lower, upper, value=value, error=min(error, 0.5 * (upper - lower)), trust=SAMPLED)
+        if error <= rtol * value and upper <= lower * (1.0 + WIDTH * rtol):
+            return volume
+        if count >= MOST_RAYS:
+            return replace(volume, limit=RAY_LIMIT)
 
 
-def _radial_reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatArray) -> FloatArray:
-    """Solve ``gauge(centre + t x) = 1`` for t between 1 and ``high``, by bracketed Newton's method.
+def _ends_of_rays(whitened: WrenchSet, centre: FloatArray, x: FloatArray, high: FloatArray) -> FloatArray:
+    """Return bounds (m, 2) on the largest t with ``centre + t x`` in W, for t between 1 and ``high``.
 
-    The gauge is convex along the ray, at most 1 at t = 1 and at least 1, perhaps infinite, at ``high``.
+    By Newton's method from outside: planes of W are crossed at upper bounds. The gauge is convex along the ray, so that
+    a secant between a wrench inside and one outside crosses 1 at a lower bound.
     """
-    t, low, high = np.ones(len(x)), np.ones(len(x)), high.copy()
-    active = np.arange(len(x))
+    gauge, low, high = _gauge(whitened), np.ones(len(x)), high.copy()
+    inside = np.minimum(gauge(centre + x)[0], 1.0)  # of the wrench at low; x is on the inner polytope
+    t, active = high.copy(), np.arange(len(x))
     for _ in range(MOST_STEPS):
-        value, gradient = gauge(centre + t[active, None] * x[active])
-        is_finite = np.isfinite(value)
-        slope = np.maximum(np.sum(np.where(is_finite[:, None], gradient, 0.0) * x[active], axis=1), 1e-9)
-        is_inside = value <= 1.0
-        low[active] = np.where(is_inside, t[active], low[active])
-        high[active] = np.where(is_inside, high[active], t[active])
-        newton = t[active] + (1.0 - np.where(is_finite, value, 1.0)) / slope
-        middle = 0.5 * (low[active] + high[active])
-        t[active] = np.where(is_finite, np.clip(newton, low[active], high[active]), middle)
-        # t is a Newton step past value: its error is quadratic in GAUGE_CLOSE
-        active = active[~is_finite | (np.abs(value - 1.0) > GAUGE_CLOSE)]
+        now = t[active]
+        value, y = gauge(centre + now[:, None] * x[active])
+        slope = np.sum(y * x[active], axis=1)
+        room = whitened.support(y)[0] - y @ centre
+        crossing = np.divide(room, slope, out=np.full(len(slope), np.inf), where=slope > 0.0)
+        high[active] = np.minimum(high[active], crossing)
+        is_inside, is_finite = value <= 1.0, np.isfinite(value)
+        excess = np.where(is_finite & ~is_inside, value - inside[active], np.inf)
+        secant = low[active] + (now - low[active]) * (1.0 - inside[active]) / excess
+        inside[active] = np.where(is_inside, value, np.where(secant > low[active], 1.0, inside[active]))
+        low[active] = np.maximum(low[active], np.where(is_inside, now, secant))
         # at a side of the cone G K of all wrenches the gauge jumps from below 1 to infinity: bisection alone ends
-        is_bracketed = high[active] - low[active] <= BRACKET
-        t[active[is_bracketed]] = 0.5 * (low[active[is_bracketed]] + high[active[is_bracketed]])
-        active = active[~is_bracketed]
+        t[active] = np.where(is_finite, high[active], 0.5 * (low[active] + high[active]))
+        active = active[high[active] > low[active] * (1.0 + BRACKET)]
         if not active.size:
             break
-    return t
+    return np.stack([np.minimum(low, high), high], axis=1)
 
 
 @dataclass(frozen=True)
@@ -358,8 +359,8 @@ class RadialVolume:
     Parameters
     ----------
     log : float
-        ``log nu`` at a torque scale of 1 m; minus infinity where a ray leaves W at the origin, as in a grasp without
-        force closure.
+        ``log nu`` at a torque scale of 1 m; minus infinity without force closure: then half of all rays leave W at the
+        origin.
     weights : (m,) array
     normals : (m, d) array
         The maximisers y.
@@ -376,10 +377,12 @@ class RadialVolume:
         y, x = dual_newton(whitened, rays, GAUGE_TOLERANCE, MOST_FORCE)
         force = np.linalg.norm(x, axis=1)
         is_produced = np.linalg.norm(rays - x @ whitened.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
-        if not np.all(is_produced & (force > 0.0)):
+        is_produced &= force > 0.0
+        if np.mean(is_produced) < CLOSED:
             return cls(-np.inf, np.zeros(len(rays)), y)
-        powers = (np.min(force) / force) ** rays.shape[1]
         d = rays.shape[1]
+        force = np.where(is_produced, force, np.inf)  # the others are abandoned: W is thinner along them
+        powers = (np.min(force) / force) ** d
         ball = pi ** (d / 2) / gamma(d / 2 + 1) / abs(float(np.linalg.det(matrix)))
         log = float(np.log(ball * np.mean(powers)) - d * np.log(np.min(force)))
         return cls(log, powers / np.sum(powers), (y / force[:, None]) @ matrix)
@@ -401,7 +404,7 @@ def _gauge(whitened: WrenchSet) -> Gauge:
         if isinstance(whitened.force_set, L2Set):
             y, x = dual_newton(whitened, unit, GAUGE_TOLERANCE, FORCE_LIMIT / float(np.min(size)))
             force = np.linalg.norm(x, axis=1)
-            is_produced = np.linalg.norm(unit - x @ whitened.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
+            is_produced = np.linalg.norm(unit - x @ whitened.G.T, axis=1) <= 1e1 * GAUGE_TOLERANCE
             divisor = np.where(is_produced & (force > 0.0), force, 1.0)
             return np.where(is_produced, force * size, np.inf), y / divisor[:, None]
         x, y = conic.LeastForces(whitened).solve(unit)

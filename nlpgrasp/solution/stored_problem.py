@@ -46,7 +46,8 @@ def objective_text(problem: Json) -> str:
     """Return a text on an objective other than mu, with its torque scale."""
     meaning = "mu of the unit ball of wrenches"
     if problem["objective"] == "nu":
-        meaning = "the volume of the wrench set, among grasps that exert the task"
+        floor = "that exert the task" if problem.get("least_mu") is None else f"with mu >= {problem['least_mu']:.4g}"
+        meaning = f"the volume of the wrench set, among grasps {floor}"
     return f"the objective: {problem['objective']}, {meaning} (torque scale {problem['torque_scale']:.4g} m)"
 
 

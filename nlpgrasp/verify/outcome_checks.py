@@ -28,9 +28,9 @@ DISTANCE_TOLERANCE = 1e-9  # relative tolerance of the least distance of kept gr
 # options of a solve that say what its claims mean
 DECIDING_OPTIONS = (
     *("final_rtol", "link_tolerance", "pregrasp_clearance", "robust_offset", "robust_friction"),
-    *("joint_margin", "room_price", "maximise_robust", "rank", "gap"),
+    *("joint_margin", "room_price", "maximise_robust", "rank", "gap", "method"),
 )
-RANKED_BY = ("robust", "mu")  # values of the option rank
+CHOICES = {"rank": ("robust", "mu"), "method": ("steps", "program")}  # values of options
 # reasons for which an alternative ranks before another, the weightiest first
 RANKS = (
     "without a link inside anything",
@@ -55,8 +55,9 @@ def _option_errors(solution: GraspSolution) -> Iterator[str]:
     missing = [name for name in DECIDING_OPTIONS if name not in solution.solver.get("options", {})]
     if solution.starts and missing:
         yield f"no {', '.join(missing)} among the options"
-    if solution.starts and solution.solver.get("options", {}).get("rank") not in RANKED_BY:
-        yield f"options.rank is none of {', '.join(RANKED_BY)}"
+    for name, values in CHOICES.items() if solution.starts else ():
+        if solution.solver.get("options", {}).get(name) not in values:
+            yield f"options.{name} is none of {', '.join(values)}"
 
 
 def _status_errors(solution: GraspSolution) -> Iterator[str]:

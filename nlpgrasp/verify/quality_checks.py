@@ -305,7 +305,11 @@ def _objective_checks(solution: GraspSolution, task: Task) -> list[Check]:
     agrees = stated is None or stated.torque_scale == scale
     is_its_task = name != "delta" or (scale is not None and task == unit_ball(task.dimension, scale))
     text = f"{name} at a torque scale of {scale} m, {'' if is_its_task else 'not '}by its task"
-    return [Check("objective", agrees and is_its_task, text)]
+    checks = [Check("objective", agrees and is_its_task, text)]
+    floor = solution.problem.get("least_mu")
+    if floor is not None and solution.grasp is not None:
+        checks.append(Check("floor of mu", solution.mu.lower >= floor, f"mu in {solution.mu}, at least {floor:.4g}"))
+    return checks
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:

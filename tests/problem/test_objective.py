@@ -52,8 +52,27 @@ def test_nu_is_no_less_than_at_the_best_mu_and_at_random_placements(tmp_path):
         grasp = ng.Grasp(points, normals, asked.contacts, [0, 0])
         if ng.is_stable(grasp):  # the volume of others does not count
             assert ng.nu(grasp, 0.04, 0.05).lower <= 1.01 * solution.nu.upper
-    assert "the objective: nu, the volume of the wrench set, among grasps that exert the task" in str(solution)
-    assert ng.verify(solution.save(tmp_path / "nu.json"))
+    floor = solution.known_problem.least_mu
+    assert floor == pytest.approx(0.1 * by_mu.mu.lower, rel=0.03)
+    assert f"the objective: nu, the volume of the wrench set, among grasps with mu >= {floor:.4g}" in str(solution)
+    file = solution.save(tmp_path / "nu.json")
+    assert ng.verify(file)
+    data = json.loads(file.read_text())
+    data["problem"]["least_mu"] = 1.01 * solution.mu.lower
+    file.write_text(json.dumps(data))
+    assert [check.name for check in ng.verify(file).checks if check.failed] == ["floor of mu"]
+
+
+def test_more_mu_costs_volume_and_a_floor_that_is_not_reached_is_said():
+    largest = ng.solve(problem(task=ng.TaskEllipsoid([1, 1, SQUARE.size])), 2, options=FAST).mu.lower
+    floors = 0.05, 0.95 * largest
+    low, high = (ng.solve(problem(objective="nu", least_mu=floor), 2, options=FAST) for floor in floors)
+    assert low.nu.upper > high.nu.upper
+    assert low.mu.lower >= floors[0]
+    assert high.mu.lower >= floors[1]
+    none = ng.solve(problem(objective="nu", least_mu=0.9), 1, options=FAST)
+    assert none.grasp is None
+    assert "GraspProblem.least_mu is 0.9; the largest mu that the starts found is 0." in str(none)
 
 
 def test_what_nu_does_not_have_is_refused():
@@ -88,6 +107,8 @@ def test_a_unit_ball_given_as_the_task_states_the_torque_scale():
         ({"task": ng.TaskEllipsoid([1, 1, 1]), "torque_scale": 0.1}, 'None, except for objective="delta" or "nu"'),
         ({"objective": "nu", "force_budget": "shared"}, 'nu with force_budget="shared", expected force_budget="l2"'),
         ({"objective": "nu", "force_budget": "hand_torques"}, "of which the volume is maximised"),
+        ({"objective": "nu", "least_mu": 0.0}, "GraspProblem.least_mu"),
+        ({"objective": "delta", "least_mu": 0.1}, 'got 0.1, expected None, except for objective="nu"'),
         ({}, "GraspProblem.task: got None, expected a task"),
     ],
 )

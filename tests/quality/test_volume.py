@@ -28,9 +28,10 @@ def test_the_estimate_agrees_with_the_closed_form(seed):
     rng = np.random.default_rng(seed)
     grasp = ng.Grasp(*(getattr(ellipsoid_grasp(rng), n) for n in ("points", "normals")), CONTACTS["bilateral"])
     vectors, values, _ = np.linalg.svd(grasp.G)
-    lower, upper, value, error = _certify_volume(WrenchSet.of(grasp).transformed((vectors / values).T), 0.01, rng)
-    assert lower <= np.pi**3 / 6.0 <= upper
-    assert abs(value - np.pi**3 / 6.0) <= error <= 0.01 * value
+    volume = _certify_volume(WrenchSet.of(grasp).transformed((vectors / values).T), 0.01, rng)
+    assert np.pi**3 / 6.0 in volume
+    assert volume.upper <= 1.05 * volume.lower
+    assert abs(volume.value - np.pi**3 / 6.0) <= volume.error <= 0.01 * volume.value
 
 
 @pytest.mark.parametrize("budget", ["l2", "per_finger", "shared", "per_finger_size"])
@@ -62,6 +63,25 @@ def test_certified_bounds_contain_the_estimate_and_a_hull(seed):
         np.concatenate([WrenchSet.of(grasp).support(rng.standard_normal((150, 6)))[1], np.zeros((1, 6))])
     )
     assert inner.volume <= volume.upper
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_interval_contains_a_volume_known_by_its_hull(seed):
+    """Normal forces that add up to one: the hull of their wrenches and the origin."""
+    rng = np.random.default_rng(seed)
+    points, normals = rng.standard_normal((2, 14, 3))
+    grasp = ng.Grasp(points, normals / np.linalg.norm(normals, axis=1, keepdims=True), ng.PointContact())
+    volume = ng.nu(grasp, rtol=0.02, force_budget="shared", seed=seed)
+    exact = ConvexHull(np.concatenate([grasp.G.T, np.zeros((1, 6))])).volume
+    assert exact in volume
+    assert volume.upper <= 1.1 * volume.lower
+    assert volume.value == pytest.approx(exact, rel=0.02)
+
+
+def test_rays_say_by_what_chance_they_mislead(rng):
+    volume = ng.nu(closed_ellipsoid_grasp(rng, k=4), rtol=0.02)
+    assert volume.upper <= 1.1 * volume.lower
+    assert volume.trust == "random rays, which mislead in less than one of 1e+09 runs"
 
 
 @pytest.mark.slow

@@ -77,7 +77,8 @@ def test_a_solve_with_flat_fingertips_says_what_verify_says(tmp_path):
     solution.save(tmp_path / "grasp.json")
     angles = solution.surface.kept
     assert set(angles) == {0, 1}
-    assert all(np.radians(0.1) < angle < np.radians(5.0) for angle in angles.values())
+    turns = trimesh.load(tmp_path / "egg.stl").face_adjacency_angles
+    assert all(np.radians(0.1) < angle < np.max(turns) for angle in angles.values())
     message = f"the normals stated at contacts 0 and 1 are not the mesh's: they are {np.degrees(angles[0]):.2g} and "
     assert message in str(solution)
     checks = ng.verify(tmp_path / "grasp.json", folders=[FOLDER]).checks
