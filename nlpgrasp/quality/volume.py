@@ -8,9 +8,9 @@ points span an inner polytope P, cut into simplices with their apex c inside. On
 
 both certified. In the plane they meet. In six dimensions they are far apart, and rays narrow them: for a cell drawn
 with probability ``r^d vol / U`` and x uniform on its facet, with ``c + t x`` on the boundary of W, nu is
-``U E[(t / r)^d]``, the mean of independent variables between 0 and 1. Forces that exert a wrench and a plane that W is behind bound t
-from below and above, and the empirical Bernstein inequality (Maurer and Pontil 2009, theorem 4, arXiv:0907.3740)
-bounds the mean: with n values of variance V it is less than
+``U E[(t / r)^d]``, the mean of independent variables between 0 and 1. Forces that exert a wrench and a plane that W is
+behind bound t from below and above, and the empirical Bernstein inequality (Maurer and Pontil 2009, theorem 4,
+arXiv:0907.3740) bounds the mean: with n values of variance V it is less than
 
     ``(2 V L / n)^(1/2) + 7 L / (3 (n - 1))``,    ``L = log(2 / chance)``,
 
