@@ -264,9 +264,9 @@ class Manipulability:
 
 
 def manipulability(
-    solution: GraspSolution, hand: HandWithJacobians, torque_scale: float | None = None
+    solution: GraspSolution, hand: HandWithJacobians | None = None, torque_scale: float | None = None
 ) -> Manipulability:
-    """Return the manipulability of the body in a grasp by a hand.
+    """Return the manipulability of the body in a grasp by a hand, or by free fingertips.
 
     Contacts stay fixed on their links and on the body, to first order; contact models determine the transmitted
     components: one for a frictionless point, three with friction, four for a soft finger.
@@ -275,8 +275,9 @@ def manipulability(
     ----------
     solution : GraspSolution
         A solution with this hand.
-    hand : URDFHand
-        The problem's hand: a file does not contain all of it.
+    hand : URDFHand, optional
+        The problem's hand: a file does not contain all of it. Without one each fingertip moves freely, and its rates
+        are the velocities along its contact's force components: the body's twists are those with ``|G^T nu| <= 1``.
     torque_scale : float, optional
         Metres: the length that makes angular velocities comparable with velocities; the mean distance of the contacts
         from the torque origin when left out. Ranks and ratios of single directions do not depend on it.
@@ -284,18 +285,24 @@ def manipulability(
     Raises
     ------
     InputError
-        Without a grasp, a hand with joints, or as many fingertips as contacts.
+        Without a grasp; with a hand without joints, or without as many fingertips as contacts.
     """
     if not isinstance(solution, GraspSolution):
         raise InputError("solution", solution, "a GraspSolution")
     grasp = solution.require_grasp()
+    scale = grasp.mean_arm if torque_scale is None else number("torque_scale", torque_scale, above=0.0)
+    if hand is None:
+        free = np.eye(grasp.G.shape[1])
+        components = tuple(
+            f"contact {i}, axis {axis}" for i, model in enumerate(grasp.contacts) for axis in model.axes(grasp.space)
+        )
+        return Manipulability((), free, components, body_transmission(grasp, free, scale))
     if not isinstance(hand, PosedHand) or not hand.loaded_joints:
         raise InputError("hand", hand, "a hand with joints, such as ng.URDFHand")
     if hand.count != len(grasp):
         raise InputError("hand", f"{hand.count} fingertips", f"{len(grasp)}, one a contact")
     if solution.hand is None:
         raise InputError("solution", "no hand in its grasp", "a solution found with the hand")
-    scale = grasp.mean_arm if torque_scale is None else number("torque_scale", torque_scale, above=0.0)
     jacobians = hand.contact_jacobians(hand.values_of(solution.hand), grasp.points)
     names = tuple(hand.loaded_joints)
     fingers = tuple(_finger(i, J[:3], names, scale) for i, J in enumerate(jacobians))

@@ -1,7 +1,8 @@
 """Studies that solve several problems: changing tasks, numbers and types of contacts, fine manipulation."""
 
 from nlpgrasp.analysis.manipulability import FingerManipulability, Manipulability, Transmission, manipulability
-from nlpgrasp.analysis.sensitivity import Rate, Sensitivity, sensitivity
+from nlpgrasp.analysis.mu_rates import MuRates, Rate, mu_rates
+from nlpgrasp.analysis.sensitivity import Sensitivity, sensitivity
 from nlpgrasp.motion.approach_path import BlockedDirection
 from nlpgrasp.motion.finger_motion import FingerPath
 from nlpgrasp.motion.palm_path import PalmPath, palm_path
@@ -24,6 +25,7 @@ __all__ = [
     "FingerPath",
     "FirstChoice",
     "Manipulability",
+    "MuRates",
     "PalmPath",
     "PurposeComparison",
     "Rate",
@@ -39,6 +41,7 @@ __all__ = [
     "follow_task",
     "how_many_contacts",
     "manipulability",
+    "mu_rates",
     "palm_path",
     "sensitivity",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TypeAlias
 
@@ -74,7 +74,8 @@ def how_many_contacts(
         ``ng.best_possible(problem_with(k)).upper`` of a longer search.
     weights : mapping of str to float, optional
         Weights, at least 0, of the purposes by which the grasps are compared: ``"mu"``, ``"sensitivity"``,
-        ``"manipulability"``, ``"contacts"`` and ``"force"``, as ``nlpgrasp.studies.PurposeComparison`` defines them.
+        ``"manipulability"``, ``"fragility"``, ``"contacts"`` and ``"force"``, as
+        ``nlpgrasp.studies.PurposeComparison`` defines them.
         The curve then has ``purposes``, ``front`` and ``best_weighted``. Each number's grasp is the one with the
         largest mu: weights choose among the numbers, not among the placements of one number.
 
@@ -82,8 +83,8 @@ def how_many_contacts(
     ------
     InputError
         Without counts, on problems with another number of contacts, different tasks, or invalid bounds; on unknown
-        purposes, weights below 0, not finite or all 0, manipulability without a hand with joints, and sensitivity under
-        a budget that depends on the posture.
+        purposes, weights below 0, not finite or all 0, manipulability with a hand
+        without joints, and fragility under a budget that depends on the posture.
     """
     if not callable(problem_with):
         raise InputError("problem_with", problem_with, "a function of the number of contacts")
@@ -226,7 +227,7 @@ class ContactCurve:
         """
         return tuple(self.solutions[i][0] for i in require_comparison(self.purposes).front)
 
-    def best_weighted(self, weights: Mapping[str, float] | None = None) -> int | None:
+    def best_weighted(self, weights: Mapping[str, float] | None = None, force: float | None = None) -> int | None:
         """Return the number of contacts with the largest score by weights, or ``None`` if no number has a grasp.
 
         Of equal ones it is the least. ``nlpgrasp.studies.PurposeComparison`` defines the score.
@@ -235,13 +236,21 @@ class ContactCurve:
         ----------
         weights : mapping of str to float, optional
             Other weights of purposes that the study measured; those of the study when left out.
+        force : float, optional
+            Only among grasps that exert the whole task within this limit, in units of the force budget.
 
         Raises
         ------
         InputError
             If the study had no weights; on purposes that it did not measure and invalid weights.
         """
-        best = best_by_weights(self.purposes, weights)
+        comparison = require_comparison(self.purposes)
+        if force is not None:
+            limit = number("force", force, above=0.0)
+            values = zip(comparison.values, self.solutions, strict=True)
+            within = tuple(value if solution.mu.lower * limit >= 1.0 else None for value, (_, solution) in values)
+            comparison = replace(comparison, values=within)
+        best = best_by_weights(comparison, weights)
         return None if best is None else self.solutions[best][0]
 
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:

@@ -74,7 +74,8 @@ def choose_contact_types(
         Cost of a contact of each type, at least 0, in any unit; 0 for all when left out.
     weights : mapping of str to float, optional
         Weights, at least 0, of the purposes by which the assignments are compared: ``"mu"``, ``"sensitivity"``,
-        ``"manipulability"``, ``"contacts"`` and ``"force"``, as ``nlpgrasp.studies.PurposeComparison`` defines them.
+        ``"manipulability"``, ``"fragility"``, ``"contacts"`` and ``"force"``, as
+        ``nlpgrasp.studies.PurposeComparison`` defines them.
         ``"contacts"`` is the assignment's cost; without costs it is the number of contacts, equal for all. The result
         then has ``purposes``, ``front`` and ``best_weighted``. Each assignment's grasp is the one with the largest mu:
         weights choose among the assignments, not among the placements of one assignment.
@@ -89,8 +90,8 @@ def choose_contact_types(
     InputError
         On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
         are missing or below zero, or zero where weights have ``"contacts"``; on unknown purposes, weights below 0, not
-        finite or all 0, manipulability without a hand with joints, and sensitivity under a budget that depends on the
-        posture.
+        finite or all 0, manipulability with a hand
+        without joints, and fragility under a budget that depends on the posture.
     """
     menu = AllowedTypes.of(problem, types)
     starts, seed, options = check_solve_arguments(starts, seed, options)

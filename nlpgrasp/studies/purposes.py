@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlpgrasp.analysis.manipulability import manipulability
+from nlpgrasp.analysis.mu_rates import mu_rates
 from nlpgrasp.analysis.sensitivity import sensitivity
 from nlpgrasp.common.formatting import columns, format_number
 from nlpgrasp.common.types import Json
@@ -38,8 +39,9 @@ class Purpose:
 
 PURPOSES: Mapping[str, Purpose] = {
     "mu": Purpose("", True),
-    "sensitivity": Purpose("1/m", False),
+    "sensitivity": Purpose("N", True),
     "manipulability": Purpose("m/s", True),
+    "fragility": Purpose("1/m", False),
     "contacts": Purpose("", False),
     "force": Purpose("N", False),
 }
@@ -54,19 +56,22 @@ class PurposeComparison:
     ``"mu"``
         Certified lower bound on mu; larger is better.
     ``"sensitivity"``
-        Largest relative rate at which mu falls as one contact slides over the body, 1/m: of
-        ``ng.sensitivity(solution)``, ``worst_contact.worst / mu``; smaller is better.
+        Least force that the fingers feel of a wrench of the task's size, N: ``ng.sensitivity(grasp, task).felt``;
+        larger is better. It falls with every added contact.
     ``"manipulability"``
-        Geometric mean of the semi-axes of the body's velocity ellipsoid, m/s for joint rates of norm 1: of
-        ``ng.manipulability(solution, hand)``, ``measure ** (1 / d)`` with d = 6. All grasps have one torque scale, the
-        mean of their mean arms, and ratios do not depend on it. Larger is better.
+        Geometric mean of the semi-axes of the body's velocity ellipsoid, m/s for rates of norm 1 of the joints, or of
+        free fingertips: of ``ng.manipulability(solution, hand)``, ``measure ** (1 / d)``. All grasps have one torque
+        scale, the mean of their mean arms, and ratios do not depend on it. Larger is better.
+    ``"fragility"``
+        Largest relative rate at which mu falls as one contact slides over the body, 1/m: of ``ng.mu_rates(solution)``,
+        ``worst_contact.worst / mu``; smaller is better.
     ``"contacts"``
         Number of contacts, or their total cost if types have costs; smaller is better.
     ``"force"``
         Largest force of a finger that the task at full size needs, N: ``solution.needed.largest``; smaller is better.
 
     The units differ, so each value v counts by a ratio r to the best value among the grasps, from 0 to 1: v / best if
-    larger is better, best / v otherwise, and 1 for a value equal to the best. A sensitivity may be 0, so its ratio is
+    larger is better, best / v otherwise, and 1 for a value equal to the best. A fragility may be 0, so its ratio is
     ``(1 + best h) / (1 + v h)`` with the displacement h: to first order the ratio of the shares of mu that remain when
     the worst contact is off by h. The score is the weighted geometric mean of the ratios,
 
@@ -74,7 +79,7 @@ class PurposeComparison:
 
     Another unit, or another best value, adds the same number to the logarithms of all grasps. Hence the order of two
     grasps depends neither on units nor on the grasps they are compared with, which does not hold for sums of ratios.
-    With weights 1 for mu and sensitivity, grasps are ordered by the mu that remains, to first order, when the worst
+    With weights 1 for mu and fragility, grasps are ordered by the mu that remains, to first order, when the worst
     contact is off by h. A grasp with ratio 0 for a purpose of positive weight has score 0, for example if the hand
     cannot make some motion.
 
@@ -90,7 +95,7 @@ class PurposeComparison:
     values : tuple of n mappings of str to float, or None
         Values of each grasp by purpose; ``None`` where there is no grasp.
     displacement : float
-        h, metres: ``SolveOptions.robust_offset`` of a study. With 0, the sensitivity counts in the front alone.
+        h, metres: ``SolveOptions.robust_offset`` of a study. With 0, fragility counts in the front alone.
     """
 
     names: tuple[str, ...]
@@ -147,7 +152,7 @@ class PurposeComparison:
             return ratios
         for j, name in enumerate(self.weights):
             column = np.array([values[name] for values in self.values if values is not None])
-            if name == "sensitivity":
+            if name == "fragility":
                 column = 1.0 + self.displacement * column
             larger_is_better = PURPOSES[name].larger_is_better
             best = np.max(column) if larger_is_better else np.min(column)
@@ -222,7 +227,7 @@ def check_purposes(weights: Mapping[str, float] | None, problems: Sequence[Grasp
     Raises
     ------
     InputError
-        As ``check_weights``; on manipulability without a hand with joints, and sensitivity under a budget that depends
+        As ``check_weights``; on manipulability with a hand without joints, and fragility under a budget that depends
         on the posture.
     """
     if weights is None:
@@ -230,11 +235,12 @@ def check_purposes(weights: Mapping[str, float] | None, problems: Sequence[Grasp
     checked = check_weights(weights)
     for problem in problems:
         hand, budget = problem.hand, problem.budget
-        if "manipulability" in checked and not (isinstance(hand, PosedHand) and hand.loaded_joints):
-            given = "free contacts" if hand is None else f"hand {type(hand).__name__}"
-            raise InputError("weights", f"'manipulability' for {given}", "a hand with joints, such as ng.URDFHand")
-        if "sensitivity" in checked and budget.depends_on_frames:
-            given = f"'sensitivity' under force budget {budget.kind!r}"
+        has_joints = isinstance(hand, PosedHand) and hand.loaded_joints
+        if "manipulability" in checked and hand is not None and not has_joints:
+            given = f"'manipulability' for hand {type(hand).__name__}"
+            raise InputError("weights", given, "free contacts, or a hand with joints, such as ng.URDFHand")
+        if "fragility" in checked and budget.depends_on_frames:
+            given = f"'fragility' under force budget {budget.kind!r}"
             raise InputError("weights", given, "a budget that does not depend on the posture")
     return checked
 
@@ -297,10 +303,13 @@ def _measure(name: str, solution: GraspSolution, problem: GraspProblem, cost: fl
     if name == "mu":
         return solution.mu.lower
     if name == "sensitivity":
-        rates = sensitivity(solution, problem.body, step=None)
+        return sensitivity(solution.require_grasp(), solution.task).felt
+    if name == "fragility":
+        rates = mu_rates(solution, problem.body, step=None)
         return rates.worst_contact.worst / rates.mu
-    if name == "manipulability" and isinstance(problem.hand, PosedHand):
-        body = manipulability(solution, problem.hand, torque_scale).body
+    if name == "manipulability":
+        hand = problem.hand if isinstance(problem.hand, PosedHand) else None
+        body = manipulability(solution, hand, torque_scale).body
         return float(body.measure ** (1.0 / len(body.matrix)))
     if name == "force":
         return np.inf if solution.needed is None else float(np.max(solution.needed.largest))

@@ -140,12 +140,22 @@ def test_single_directions_do_not_depend_on_the_torque_scale(hand_and_solution):
     assert small.isotropy != large.isotropy
 
 
+def test_free_fingertips_move_the_body_as_far_as_their_rates_allow(hand_and_solution):
+    """Twists with ``|G^T nu| <= 1``: the polar of the ellipsoid of wrenches of (3.2-2)."""
+    _, solution = hand_and_solution
+    free = ng.manipulability(solution, torque_scale=0.05)
+    assert free.manipulable
+    assert (free.fingers, free.internal, len(free.joints)) == ((), 0, 12)
+    scaled = np.diag([1, 1, 1, 20, 20, 20]) @ solution.grasp.G
+    np.testing.assert_allclose(free.body.singular_values, 1.0 / np.linalg.svd(scaled)[1][::-1], rtol=1e-9)
+
+
 def test_bad_input_is_one_sentence(hand_and_solution):
     hand, solution = hand_and_solution
     with pytest.raises(ng.InputError, match="solution: got 3, expected a GraspSolution"):
         ng.manipulability(3, hand)
-    with pytest.raises(ng.InputError, match="hand: got None, expected a hand with joints"):
-        ng.manipulability(solution, None)
+    with pytest.raises(ng.InputError, match=r"hand: got ParallelJaw.* expected a hand with joints"):
+        ng.manipulability(solution, ng.ParallelJaw(0.08))
     with pytest.raises(ng.InputError, match="torque_scale: got 0"):
         ng.manipulability(solution, hand, torque_scale=0)
     without = GraspSolution(ng.Status.SOLVED, "held", {}, solution.grasp)
