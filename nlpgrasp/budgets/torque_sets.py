@@ -162,12 +162,12 @@ class EnumeratedTorqueSet:
         self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
         self._scale = np.maximum(np.linalg.norm(self._linear, axis=1), 1e-300)
         self._cone = round_cones[0] if round_cones else None
-        points = [np.zeros(n)]
-        sections: list[Section] = []
+        points, sections = [np.zeros((1, n))], list[Section]()
         for count in range(1, n + 1):
-            for active in combinations(range(len(self._linear)), count):
-                self._add_extreme_points(list(active), n, points, sections)
-        extreme_points = np.array(points)
+            found, through = self._extreme_points(np.array(list(combinations(range(len(self._linear)), count))))
+            points.append(found)
+            sections += through
+        extreme_points = np.concatenate(points)
         self._points = extreme_points[self._is_admissible(extreme_points)]
         sizes = sorted({basis.shape[1] for _, basis, *_ in sections})
         by_dimension = [[section for section in sections if section[1].shape[1] == size] for size in sizes]
@@ -236,40 +236,43 @@ class EnumeratedTorqueSet:
         best, indices = np.argmax(admissible, axis=1), np.arange(len(z))
         return admissible[indices, best], x[indices, best]
 
-    def _add_extreme_points(self, active: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
-        """Append the extreme points at which given linear conditions are active to ``points`` or to ``sections``.
+    def _extreme_points(self, active: IntArray) -> tuple[FloatArray, list[Section]]:
+        """Return the extreme points (p, n) at which given sets (c, r) of linear conditions are active.
 
-        Single points are appended to ``points``; a conic section of extreme points is appended to ``sections``.
+        Where r leaves more than one dimension, they are conic sections.
         """
         A, b = self._linear[active] / self._scale[active, None], self._limits[active] / self._scale[active]
-        if not np.any(b):
-            return  # a face of the cone: its only extreme point is 0
+        n, r = A.shape[2], A.shape[1]
         u, s, vt = np.linalg.svd(A)
-        if s[-1] <= 1e-9:
-            return  # dependent conditions: another set of rows is equivalent
-        origin = vt[: len(active)].T @ ((u.T @ b) / s)
-        if len(active) == n:
-            points.append(origin)
-            return
+        # without a limit: a face of the cone, whose only extreme point is 0; dependent: others are equivalent
+        kept = np.any(b, axis=1) & (s[:, -1] > 1e-9)
+        u, s, vt, b = u[kept], s[kept], vt[kept], b[kept]
+        origins = np.einsum("crn,cr->cn", vt[:, :r], np.einsum("crs,cr->cs", u, b) / s)
+        if r == n:
+            return origins, []
         if self._cone is None:
-            return
-        basis = vt[len(active) :].T
+            return np.zeros((0, n)), []
         sign = np.diag([1.0] + [-1.0] * (len(self._cone) - 1))
         Q = self._cone.T @ sign @ self._cone
-        curve, slope, constant = basis.T @ Q @ basis, basis.T @ Q @ origin, float(origin @ Q @ origin)
-        if len(active) == n - 1:
-            points.extend(origin + w * basis[:, 0] for w in _roots(float(curve[0, 0]), float(slope[0]), constant))
-            return
-        values, vectors = np.linalg.eigh(curve)
-        size = max(float(np.max(np.abs(values))), 1e-300)
-        least = int(np.argmin(np.abs(values)))
-        if abs(values[least]) <= 1e-9 * size:
-            if np.linalg.norm(Q @ basis @ vectors[:, least]) <= 1e-7 * size:
-                return  # ruled: its extreme points have more active conditions
-            curve = curve + 1e-9 * size * np.eye(len(curve))  # a parabola, as a very long ellipse
-        inverse = np.linalg.inv(curve)
-        offset = inverse @ slope
-        sections.append((origin, basis, inverse, offset, float(slope @ offset) - constant))
+        if r == n - 1:
+            along = vt[:, -1]
+            pairs = (along, along), (along, origins), (origins, origins)
+            w, index = _roots(*(np.sum(x @ Q * y, axis=1) for x, y in pairs))
+            return origins[index] + w[:, None] * along[index], []
+        sections = list[Section]()
+        for origin, basis in zip(origins, vt[:, r:].transpose(0, 2, 1), strict=True):
+            curved, tilt, height = basis.T @ Q @ basis, basis.T @ Q @ origin, float(origin @ Q @ origin)
+            values, vectors = np.linalg.eigh(curved)
+            size = max(float(np.max(np.abs(values))), 1e-300)
+            least = int(np.argmin(np.abs(values)))
+            if abs(values[least]) <= 1e-9 * size:
+                if np.linalg.norm(Q @ basis @ vectors[:, least]) <= 1e-7 * size:
+                    continue  # ruled: its extreme points have more active conditions
+                curved = curved + 1e-9 * size * np.eye(len(curved))  # a parabola, as a very long ellipse
+            inverse = np.linalg.inv(curved)
+            offset = inverse @ tilt
+            sections.append((origin, basis, inverse, offset, float(tilt @ offset) - height))
+        return np.zeros((0, n)), sections
 
     def _is_admissible(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """Return whether each force (m, n) is in the force set, within a tolerance."""
@@ -282,12 +285,14 @@ class EnumeratedTorqueSet:
         return np.asarray(is_inside)
 
 
-def _roots(a: float, b: float, c: float) -> list[float]:
-    """Return the real roots of ``a w^2 + 2 b w + c``."""
-    if abs(a) <= 1e-14 * max(abs(b), abs(c), 1e-300):
-        return [] if b == 0.0 else [-0.5 * c / b]
+def _roots(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the real roots of each ``a w^2 + 2 b w + c``, and the index of the equation of each."""
+    is_linear = np.abs(a) <= 1e-14 * np.maximum(np.maximum(np.abs(b), np.abs(c)), 1e-300)
     inner = b * b - a * c
-    return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
+    linear, quadratic = np.flatnonzero(is_linear & (b != 0.0)), np.flatnonzero(~is_linear & (inner >= 0.0))
+    root = np.sqrt(inner[quadratic])
+    found = -0.5 * c[linear] / b[linear], (-b[quadratic] + root) / a[quadratic], (-b[quadratic] - root) / a[quadratic]
+    return np.concatenate(found), np.concatenate([linear, quadratic, quadratic])
 
 
 class ConicTorqueSet:

@@ -51,12 +51,10 @@ def support_gradients(
     """
     grasp, budget = compiled.grasp(candidate), compiled.budget(candidate)
     work = cuts @ grasp.G
-    force_set, rates = budget.at(grasp.frames, grasp.contacts), list[FloatArray]()
-    if isinstance(force_set, TorqueSet):
-        x, prices = force_set.maximise_with_prices(work)
-        rates = _joint_rates(budget, prices)
-    else:
-        x = _tight_forces(WrenchSet.of(grasp, budget), cuts, task)
+    wrenches, rates = WrenchSet.of(grasp, budget), list[FloatArray]()
+    x = _tight_forces(wrenches, cuts, task)
+    if isinstance(wrenches.force_set, TorqueSet):  # its prices are the same at all maximisers
+        rates = _joint_rates(budget, wrenches.force_set.maximise_with_prices(work)[1])
     forces, moments = _contact_wrenches(grasp, x)
     support = compiled.scaling.beta * np.sum(work * x, axis=1)
     if compiled.problem.budget.follows_hand:

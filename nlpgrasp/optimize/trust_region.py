@@ -117,8 +117,12 @@ class Linearisation:
 
     @property
     def has_kinks(self) -> bool:
-        """Whether weakest directions are at kinks of the support function, where it has no Hessian."""
-        return self.compiled.problem.budget.has_kinks
+        """Whether weakest directions are at kinks of the support function, where it has no Hessian.
+
+        Under joint-torque limits they are, too, but following them would take longer than the steps that it saves.
+        """
+        budget = self.compiled.problem.budget
+        return budget.has_kinks or budget.depends_on_frames
 
     @property
     def cost(self) -> FloatArray:
@@ -314,9 +318,9 @@ def reduced_hessian(
     hessian = np.array([(g - base) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
     hessian = 0.5 * (hessian + hessian.T)
-    if linear.has_kinks:
+    if linear.compiled.problem.budget.has_kinks:
         hessian += _followed_part(linear, cuts, multipliers, basis)
-    else:
+    elif not linear.has_kinks:
         hessian += _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
     values, vectors = np.linalg.eigh(hessian)
     vectors = basis @ vectors
