@@ -18,12 +18,14 @@ from nlpgrasp.optimize.kkt_point import (
     reason_against_optimum,
     residuals_at,
 )
+from nlpgrasp.optimize.polish import polish
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import fix_to_triangles, put_on_body
 from nlpgrasp.optimize.refine_on_body import PASSES
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import NEWTON, STEP, StartGrasp, attempt
 from nlpgrasp.quality.measures import certify
+from nlpgrasp.solution.records import CandidateOrigin
 
 MOST_UNSETTLED = 2  # attempts that end without small residuals, at most
 LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
@@ -43,11 +45,25 @@ def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: D
         The best start.
     deadline : Deadline
     """
-    if not best.solved or best.kkt is not None or deadline.should_stop():
+    if not best.solved or (best.kkt is not None and best.is_settled) or deadline.should_stop():
         return best
     with single_thread():
-        result, message = attempt(lambda: _converge(compiled, best, deadline))
+        if not best.is_settled:
+            result, message = attempt(lambda: _settle(compiled, best, deadline))
+        else:
+            result, message = attempt(lambda: _converge(compiled, best, deadline))
     return best.with_message(message and f"no last step: {message}") if result is None else result
+
+
+def _settle(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
+    """Return a start of a hand polished to its local optimum; unchanged where that is no better."""
+    polished = polish(compiled, best.on_body.candidate, deadline, compiled.options.final_rtol)
+    before, origin = best.record, best.record.origin or CandidateOrigin.RANDOM
+    result = StartGrasp.at_optimum(compiled, before.index, polished, before.message, origin, before.seconds)
+    if not result.solved or result.record.mu.upper < best.record.mu.upper:
+        return replace(best, is_settled=True)
+    record = replace(result.record, history=before.history + result.record.history)
+    return replace(result, record=record, total_effort=best.total_effort + result.effort)
 
 
 def keep_unconverged(compiled: CompiledProblem, start: StartGrasp, reason: str) -> StartGrasp:

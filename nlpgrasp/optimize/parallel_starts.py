@@ -25,6 +25,7 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.global_search import root_branch_and_bound
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import Processes, WorkerPayload, cores
+from nlpgrasp.optimize.propose import BATCH
 from nlpgrasp.optimize.start import failed_start, run_start
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
@@ -91,12 +92,18 @@ class StartRunner:
         for _ in range(self.workers):
             processes.submit(_compile_in_worker, payload)
 
-    def run_starts(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Run starts from their indices and candidates, and yield each result as it completes."""
+    def run_starts(
+        self, candidates: StartCandidates, seed: int, deadline: Deadline, settled: int = BATCH
+    ) -> Iterator[StartResult]:
+        """Run starts from their indices and candidates, and yield each result as it completes.
+
+        Of each batch of a hand's starts the first ``settled``, the best ones of the race, are polished to their local
+        optimum. Others are a few percent below theirs, where a race ends; it follows where one of them is the answer.
+        """
         if self.workers == 1:
-            yield from self._run_in_process(candidates, seed, deadline)
+            yield from self._run_in_process(candidates, seed, deadline, settled)
         else:
-            yield from self._run_in_workers(candidates, seed, deadline)
+            yield from self._run_in_workers(candidates, seed, deadline, settled)
 
     def run_warm_starts(self, grasps: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
         """Yield two results for each known grasp, unchanged and refined, with indices from ``first`` on."""
@@ -133,7 +140,7 @@ class StartRunner:
         return self._programs.compiled
 
     def _run_in_process(
-        self, candidates: StartCandidates, seed: int, deadline: Deadline, rough: float = 0.1
+        self, candidates: StartCandidates, seed: int, deadline: Deadline, settled: int, rough: float = 0.1
     ) -> Iterator[StartResult]:
         """Yield the results of starts that run in this process, one after another.
 
@@ -146,19 +153,23 @@ class StartRunner:
         for index, proposed in candidates:
             if deadline.should_stop() and index:
                 break
-            yield run_start(self.compiled, index, seed, deadline, candidates=proposed, rtol=rtol)
+            settles = index % BATCH < settled
+            yield run_start(self.compiled, index, seed, deadline, candidates=proposed, rtol=rtol, settles=settles)
 
-    def _run_in_workers(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
+    def _run_in_workers(
+        self, candidates: StartCandidates, seed: int, deadline: Deadline, settled: int
+    ) -> Iterator[StartResult]:
         """Run starts in workers and yield their results; after a stop request they have ``GRACE`` seconds to end."""
         payload, processes = self._programs.payload, Processes(self.workers)
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:
             for index, proposed in islice(waiting, max(0, WAITING * self.workers - len(pending))):
+                work = index, proposed, seed, deadline, index % BATCH < settled
                 try:
-                    future = processes.submit(_run_start_in_worker, payload, index, proposed, seed, deadline)
+                    future = processes.submit(_run_start_in_worker, payload, *work)
                 except BrokenProcessPool:  # a worker has died: the remaining starts run in new ones
                     processes = Processes(self.workers)
-                    future = processes.submit(_run_start_in_worker, payload, index, proposed, seed, deadline)
+                    future = processes.submit(_run_start_in_worker, payload, *work)
                 pending[future] = index
             if not pending:
                 break
@@ -269,12 +280,12 @@ def _compile_in_worker(payload: _Payload) -> None:
 
 
 def _run_start_in_worker(
-    payload: _Payload, index: int, candidates: Sequence[GraspCandidate], seed: int, deadline: Deadline
+    payload: _Payload, index: int, candidates: Sequence[GraspCandidate], seed: int, deadline: Deadline, settles: bool
 ) -> StartResult:
     """Return the result of one start; after a stop request only the first start is still run."""
     if deadline.should_stop() and index:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
-    return run_start(payload.unpack().compiled, index, seed, deadline, candidates=candidates)
+    return run_start(payload.unpack().compiled, index, seed, deadline, candidates=candidates, settles=settles)
 
 
 def _run_known_grasp(compiled: CompiledProblem, item: tuple[int, KnownGrasp], deadline: Deadline) -> list[StartGrasp]:

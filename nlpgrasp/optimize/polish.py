@@ -84,9 +84,15 @@ class PolishedGrasp:
 
 
 def polish(
-    compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rtol: float | None = None
+    compiled: CompiledProblem,
+    candidate: GraspCandidate,
+    deadline: Deadline,
+    rtol: float | None = None,
+    settles: bool = True,
 ) -> PolishedGrasp:
     """Return the certified grasp at the local optimum near a candidate of a hand with links, which nearly touches.
+
+    Unless it ``settles`` the candidate is only brought onto the body and its constraints.
 
     Parameters
     ----------
@@ -95,10 +101,14 @@ def polish(
     deadline : Deadline
     rtol : float, optional
         Relative gap of the certificate; that of the options if not given.
+    settles : bool
     """
     rtol = rtol or compiled.options.rtol
     settled, passes = list[_PlacedGrasp](), PASSES - 1
-    placed = [_PolishProgram.of(compiled, candidate).search(deadline).place()]
+    program = _PolishProgram.of(compiled, candidate)
+    if not settles:
+        return program.refine(deadline, 0).place().certify(deadline, rtol)
+    placed = [program.search(deadline).place()]
     while True:
         before = None if len(placed) < 2 else placed[-2]
         while passes and (corrected := placed[-1].corrected(before, deadline)) is not None:

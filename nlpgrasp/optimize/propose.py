@@ -12,6 +12,8 @@ from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import PROPOSED, exchanged_candidates
 from nlpgrasp.optimize.hand_race import raced_candidates
 
+BATCH = 8  # starts whose candidates are proposed together
+
 
 def propose(
     compiled: CompiledProblem,

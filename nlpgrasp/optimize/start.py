@@ -52,6 +52,7 @@ def run_start(
     known_contacts: Sequence[FloatArray] = (),
     candidates: Sequence[GraspCandidate] = (),
     rtol: float | None = None,
+    settles: bool = True,
 ) -> StartResult:
     """Run one start from given candidates, or from candidates proposed with the start's index and seed.
 
@@ -69,12 +70,16 @@ def run_start(
         The most promising first.
     rtol : float, optional
         Relative gap of certificates; that of the options if not given.
+    settles : bool
+        Whether a hand's candidates are polished to their local optimum.
     """
     clock = Stopwatch()
     with single_thread():
         try:
             rng = np.random.default_rng([seed, index])
-            result = _best_of_candidates(compiled, index, rng, deadline, clock, known_contacts, candidates, rtol)
+            result = _best_of_candidates(
+                compiled, index, rng, deadline, clock, known_contacts, candidates, rtol, settles
+            )
         except SOLVER_ERRORS as error:
             return failed_start(index, error, clock.seconds)
     return replace(result, record=replace(result.record, seconds=clock.seconds))
@@ -106,13 +111,14 @@ def _best_of_candidates(
     known_contacts: Sequence[FloatArray],
     candidates: Sequence[GraspCandidate],
     rtol: float | None,
+    settles: bool,
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
     origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
     if compiled.problem.objective == "nu":
         return _best_by_volume(compiled, index, candidates or propose(compiled, rng), rng, deadline, clock)
     proposed = candidates or propose(compiled, rng, known_contacts)
-    refinement = _Refinement(compiled, index, origin, deadline, clock, rtol)
+    refinement = _Refinement(compiled, index, origin, deadline, clock, rtol, settles)
     clock.mark("propose")
     if not compiled.follows_contacts:
         values = [weakest_directions_of(compiled, raced, rng).value for raced in proposed]
@@ -226,6 +232,7 @@ class _Refinement:
     clock : Stopwatch
     rtol : float, optional
         Relative gap of certificates; that of the options if not given.
+    settles : bool
     """
 
     compiled: CompiledProblem
@@ -234,6 +241,7 @@ class _Refinement:
     deadline: Deadline
     clock: Stopwatch
     rtol: float | None = None
+    settles: bool = True
 
     def best_first(self, candidates: Sequence[ScoredCandidate]) -> list[StartGrasp]:
         """Return the results of candidates, sorted by their scores, until one is solved and no other promises more."""
@@ -251,11 +259,11 @@ class _Refinement:
         """Return the grasp of a candidate, refined on the body, certified and measured."""
         compiled, message = self.compiled, initial.message or self.origin.value
         if not compiled.follows_contacts:
-            polished = polish(compiled, initial.candidate, self.deadline, self.rtol)
+            polished = polish(compiled, initial.candidate, self.deadline, self.rtol, self.settles)
             self.clock.mark("refine")
             result = StartGrasp.at_optimum(compiled, self.index, polished, message, self.origin)
             self.clock.mark("link depth")
-            return result
+            return replace(result, is_settled=self.settles)
         if compiled.options.method == "program":
             on_body, refined = _grasp_of_program(compiled, initial.candidate, self.deadline)
         else:

@@ -83,6 +83,8 @@ class StartGrasp(StartResult):
         Record of the hand with its approach and pregrasp, where these were computed.
     volume : float or None
         Sampled nu at a torque scale of 1 m, for the objective nu.
+    is_settled : bool
+        False where the search ended before the local optimum, which then follows if this is the best start.
     """
 
     on_body: GraspOnBody
@@ -97,6 +99,7 @@ class StartGrasp(StartResult):
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
     volume: float | None = None
+    is_settled: bool = True
 
     @classmethod
     def of(

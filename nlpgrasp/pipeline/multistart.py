@@ -38,7 +38,7 @@ from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approac
 from nlpgrasp.optimize.local_convergence import converge_to_optimum
 from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, StartRunner
 from nlpgrasp.optimize.processes import single_thread
-from nlpgrasp.optimize.propose import deal_candidates, propose
+from nlpgrasp.optimize.propose import BATCH, deal_candidates, propose
 from nlpgrasp.optimize.start import failed_start, run_start
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
@@ -62,7 +62,6 @@ STATUS_TEXT = {
     Status.TIME_LIMIT: "out of time",
     Status.LOCALLY_INFEASIBLE: "constraints not kept",
 }  # end of a start in progress messages, where it differs from the name of its status
-BATCH = 8  # starts whose candidates are proposed together
 ALTERNATIVES = 6  # grasps tried in place of an answer whose gripper is blocked, or whose pad overhangs
 Progress = Callable[[StartRecord, Bounds], None]
 
@@ -184,7 +183,10 @@ class Multistart:
         self.run_candidates(self.propose(), warm_starts)
 
     def run_candidates(
-        self, candidates: Iterable[tuple[int, Sequence[GraspCandidate]]], warm_starts: Sequence[KnownGrasp] = ()
+        self,
+        candidates: Iterable[tuple[int, Sequence[GraspCandidate]]],
+        warm_starts: Sequence[KnownGrasp] = (),
+        settled: int = 3,
     ) -> None:
         """Refine and certify the candidates of each start, then each warm start unchanged and refined.
 
@@ -194,9 +196,12 @@ class Multistart:
             Index of each start and its candidates.
         warm_starts : sequence of Grasp, FoundGrasp or GraspSolution
             Known grasps.
+        settled : int
+            Starts of a race that are polished to their local optimum, of each batch, where one grasp is asked for.
         """
         runner, deadline = self.runner, self.deadline
-        starts = runner.run_starts(candidates, self.seed, deadline)
+        settled = settled if self._keeping.count == 1 else BATCH
+        starts = runner.run_starts(candidates, self.seed, deadline, settled)
         for result in chain(starts, runner.run_warm_starts(warm_starts, self.next_index, deadline)):
             self.results.append(result)
             if self._progress is not None:
