@@ -59,7 +59,7 @@ def _settle(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> 
     """Return a start of a hand polished to its local optimum; unchanged where that is no better."""
     polished = polish(compiled, best.on_body.candidate, deadline, compiled.options.final_rtol)
     before, origin = best.record, best.record.origin or CandidateOrigin.RANDOM
-    result = StartGrasp.at_optimum(compiled, before.index, polished, before.message, origin, before.seconds)
+    result = StartGrasp.at_optimum(compiled, before.index, polished, origin.value, origin, before.seconds)
     if not result.solved or result.record.mu.upper < best.record.mu.upper:
         return replace(best, is_settled=True)
     record = replace(result.record, history=before.history + result.record.history)

@@ -41,6 +41,7 @@ from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
 CLIMBING = 3  # candidates of which the volume is maximised
 PROMISE = 0.8  # share of the mu before refinement on the body that a candidate is taken to keep at least
+AS_RACED = "not polished"  # message of a start that is left where its race ended
 MOST_COLLIDING = 4  # candidates that end in link collisions before a start gives up
 
 
@@ -263,7 +264,7 @@ class _Refinement:
             self.clock.mark("refine")
             result = StartGrasp.at_optimum(compiled, self.index, polished, message, self.origin)
             self.clock.mark("link depth")
-            return replace(result, is_settled=self.settles)
+            return result if self.settles else replace(result.with_message(AS_RACED), is_settled=False)
         if compiled.options.method == "program":
             on_body, refined = _grasp_of_program(compiled, initial.candidate, self.deadline)
         else:
