@@ -6,7 +6,7 @@ price of violations, go on to the next, where violations cost more and steps are
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from nlpgrasp.hands.moving_links import HandState
 from nlpgrasp.hands.opposition import opposition
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.hand_placements import BodyPlaces, in_contact, placements
 from nlpgrasp.optimize.hand_postures import Postures, largest_opening, overhang, posture_library
 from nlpgrasp.optimize.race_limits import PosedContacts, RaceLimits
@@ -47,10 +48,10 @@ def raced_candidates(
     compiled: CompiledProblem, rng: np.random.Generator, count: int, drawn: int = 6000, kept: int = 120,
     heats: int = 3, in_order: float = 3e-4,
 ) -> list[GraspCandidate]:  # fmt: skip
-    """Return the best ``count`` candidates of a race, the best first, at least one.
+    """Return the best ``count`` candidates of a race, the most promising first, at least one.
 
     It is held again, up to ``heats`` times, each at twice the price of violations, as long as none touches with its
-    links free. Those that do come first.
+    links free. The race compares by bounds on mu under the L2 budget; those that it leaves by mu itself.
 
     Parameters
     ----------
@@ -80,7 +81,10 @@ def raced_candidates(
         if any(racer.lack < in_order for racer in finalists):
             break
     ordered = sorted(_best(steps, finalists, 1e3 * steps.unit), key=lambda racer: racer.lack >= in_order)
-    return [_candidate(compiled, racer) for racer in ordered[:count]]
+    left = [_candidate(compiled, racer) for racer in ordered[:count]]
+    values = [weakest_directions_of(compiled, candidate, rng).value for candidate in left]
+    promising = [replace(c, promise=(1.0 - 1e3 * c.lack) * value) for c, value in zip(left, values, strict=True)]
+    return sorted(promising, key=lambda candidate: -candidate.promise)
 
 
 def _raced(steps: RaceSteps, kinds: list[HandState], count: int, harder: float) -> list[Racer]:

@@ -20,7 +20,6 @@ from nlpgrasp.nlp import formulate
 from nlpgrasp.nlp.formulation import has_closed_form
 from nlpgrasp.optimize.candidate import GraspCandidate, SolverEffort
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
-from nlpgrasp.optimize.cutting_planes import weakest_directions_of
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.initial_nlp import ScoredCandidate, solve_initial_nlp
 from nlpgrasp.optimize.local_search import RefinementResult, refine
@@ -122,10 +121,7 @@ def _best_of_candidates(
     refinement = _Refinement(compiled, index, origin, deadline, clock, rtol, settles)
     clock.mark("propose")
     if not compiled.follows_contacts:
-        values = [weakest_directions_of(compiled, raced, rng).value for raced in proposed]
-        # a millimetre that a posture lacks counts as all of mu
-        scored = [ScoredCandidate(c, (1.0 - 1e3 * c.lack) * value) for c, value in zip(proposed, values, strict=True)]
-        return _best_of_results(refinement.best_first(sorted(scored, key=lambda raced: -raced.score)))
+        return _best_of_results(refinement.best_first([ScoredCandidate(raced, raced.promise) for raced in proposed]))
     results, unpromising, initial_effort = list[StartGrasp](), list[ScoredCandidate](), SolverEffort()
     initial_grasps = (solve_initial_nlp(compiled, candidate, rng) for candidate in proposed)
     batch = list[ScoredCandidate]()

@@ -186,7 +186,7 @@ class Multistart:
         self,
         candidates: Iterable[tuple[int, Sequence[GraspCandidate]]],
         warm_starts: Sequence[KnownGrasp] = (),
-        settled: int = 3,
+        settled: int = 4,
     ) -> None:
         """Refine and certify the candidates of each start, then each warm start unchanged and refined.
 
