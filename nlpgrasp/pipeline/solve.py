@@ -57,11 +57,12 @@ def solve(
     """Find the best grasp over several seeded starts and certify it.
 
     Candidates come from coordinate exchange over surface samples; for a hand with a pose of its own, from a race of its
-    postures. Each start refines its candidates by cutting planes in
-    a trust region and certifies the result on the body itself. The answer is the start with the best certified bounds
-    whose hand and its approach are free of collision, if there is one. A branch and bound, where it covers the problem,
-    bounds mu over all placements: ``solution.gap`` is the relative distance of the answer from the best possible, at
-    most, and with ``SolveOptions(gap=...)`` the search continues until it is that small.
+    postures. Each start refines its candidates by cutting planes in a trust region and certifies the result on the body
+    itself; of eight starts of such a hand the four most promising are refined, unless several grasps are kept, and the
+    others where they become the answer. That is the start with the best certified bounds whose hand and its approach
+    are free of collision, if there is one. A branch and bound, where it covers the problem, bounds mu over all
+    placements: ``solution.gap`` is the relative distance of the answer from the best possible, at most, and with
+    ``SolveOptions(gap=...)`` the search continues until it is that small.
     The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
