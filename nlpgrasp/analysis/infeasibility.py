@@ -62,7 +62,8 @@ def diagnose_on_one_thread(
 
 def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline) -> WhyNot:
     """Return the infeasibility diagnosis of a problem whose starts found no grasp."""
-    floor, reached = compiled.problem.least_mu, max((result.record.mu.upper for result in results), default=0.0)
+    floor, kept = compiled.problem.least_mu, (r for r in results if isinstance(r, StartGrasp) and r.on_body.is_feasible)
+    reached = max((result.record.mu.upper for result in kept), default=0.0)
     if floor is not None and reached > 0.0:
         reason = f"GraspProblem.least_mu is {floor:.4g}; the largest mu that the starts found is {reached:.4g}."
         return WhyNot(reasons=(reason,), advice=("A lower least_mu, more friction or further contacts may do.",))

@@ -21,6 +21,7 @@ from scipy.spatial import ConvexHull
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, integer
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.grasp import Grasp
@@ -95,7 +96,9 @@ def sensitivity(grasp: Grasp, task: Task, starts: int = 30, most_corners: int = 
     basis = axes[: len(sizes)][sizes > 1e-9 * max(sizes[0], 1e-300)] * units  # (r, d)
     if not sizes[0] > 0.0:
         raise InputError("task", task, "a task of more than one wrench")
-    responses = np.linalg.pinv(grasp.G) @ basis.T  # finger forces (n, r) of unit wrenches
+    dual = basis / units**2  # of the basis: directions y = z dual have <y, w> = <z, v> for wrenches w = v basis
+    least_forces = np.linalg.pinv(grasp.G)
+    responses = least_forces @ basis.T  # finger forces (n, r) of unit wrenches
     missed = basis.T - grasp.G @ responses
     if np.max(np.abs(missed / units[:, None])) > 1e-9 or np.linalg.svd(responses)[1][-1] <= 0.0:
         y = np.linalg.svd((missed / units[:, None]).T)[2][0] / units
@@ -105,8 +108,8 @@ def sensitivity(grasp: Grasp, task: Task, starts: int = 30, most_corners: int = 
     corners = list[FloatArray]()  # wrenches of the task's boundary, as r coordinates, that were found on the way
 
     def ratio(z: FloatArray) -> tuple[float, FloatArray]:
-        reach, wrench = half_width((basis / units**2).T @ z)
-        corners.append((basis / units**2) @ wrench)
+        reach, wrench = half_width(z @ dual)
+        corners.append(dual @ wrench)
         norm = float(np.sqrt(z @ felt_by_one @ z))
         return reach / norm, corners[-1] / norm - reach * (felt_by_one @ z) / norm**3
 
@@ -120,6 +123,6 @@ def sensitivity(grasp: Grasp, task: Task, starts: int = 30, most_corners: int = 
     best = min(found, key=lambda z: ratio(z)[0])
     felt = ratio(best)[0]
     wrench = felt * (felt_by_one @ best) / np.sqrt(best @ felt_by_one @ best) @ basis
-    forces = np.linalg.pinv(grasp.G) @ wrench
-    ends = np.cumsum([model.basis(grasp.space).shape[1] for model in grasp.contacts])[:-1]
-    return Sensitivity(felt, wrench, np.array([np.linalg.norm(part) for part in np.split(forces, ends)]))
+    forces = least_forces @ wrench
+    parts = component_slices(grasp.contacts, grasp.space)
+    return Sensitivity(felt, wrench, np.array([np.linalg.norm(forces[part]) for part in parts]))

@@ -27,16 +27,13 @@ class GraspCandidate:
         Metres, body frame.
     hand : dict
         Values of the hand's variables, in the hand's units; empty without a hand.
-    lack : float
-        What a race left of gaps and penetrations, metres.
     promise : float
-        Of a race's candidate: mu, less all of it for a millimetre that it lacks.
+        Of a race's candidate: mu, less all of it for a millimetre of gaps and penetrations that the race left.
     """
 
     faces: tuple[str, ...]
     points: FloatArray
     hand: Values = field(default_factory=dict)
-    lack: float = 0.0
     promise: float = 0.0
 
     def is_near(self, other: GraspCandidate) -> bool:

@@ -81,10 +81,8 @@ def raced_candidates(
         if any(racer.lack < in_order for racer in finalists):
             break
     ordered = sorted(_best(steps, finalists, 1e3 * steps.unit), key=lambda racer: racer.lack >= in_order)
-    left = [_candidate(compiled, racer) for racer in ordered[:count]]
-    values = [weakest_directions_of(compiled, candidate, rng).value for candidate in left]
-    promising = [replace(c, promise=(1.0 - 1e3 * c.lack) * value) for c, value in zip(left, values, strict=True)]
-    return sorted(promising, key=lambda candidate: -candidate.promise)
+    left = [_candidate(compiled, racer, rng) for racer in ordered[:count]]
+    return sorted(left, key=lambda candidate: -candidate.promise)
 
 
 def _raced(steps: RaceSteps, kinds: list[HandState], count: int, harder: float) -> list[Racer]:
@@ -160,7 +158,7 @@ def _best(steps: RaceSteps, racers: list[Racer], price: float, least: float = 4e
     return [ordered[i] for i in chosen]
 
 
-def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
+def _candidate(compiled: CompiledProblem, racer: Racer, rng: np.random.Generator) -> GraspCandidate:
     """Return a racer as a candidate, with its contacts on the faces nearest to them."""
     hand = {name: value[0] for name, value in racer.state.values.items()}
     linked = compiled.hand_functions.linked_hand
@@ -173,4 +171,6 @@ def _candidate(compiled: CompiledProblem, racer: Racer) -> GraspCandidate:
     clouds = [compiled.surface.cloud(i) for i in range(len(racer.points))]
     faces = tuple(str(c.faces[c.tree.query(p)[1]]) for c, p in zip(clouds, racer.points, strict=True))
     hand |= {"slides": np.array(slides)} if slides else {}
-    return GraspCandidate(faces, racer.points, hand, racer.lack)
+    candidate = GraspCandidate(faces, racer.points, hand)
+    mu = weakest_directions_of(compiled, candidate, rng).value
+    return replace(candidate, promise=(1.0 - 1e3 * racer.lack) * mu)

@@ -47,11 +47,9 @@ def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: D
     """
     if not best.solved or (best.kkt is not None and best.is_settled) or deadline.should_stop():
         return best
+    last_step = _converge if best.is_settled else _settle
     with single_thread():
-        if not best.is_settled:
-            result, message = attempt(lambda: _settle(compiled, best, deadline))
-        else:
-            result, message = attempt(lambda: _converge(compiled, best, deadline))
+        result, message = attempt(lambda: last_step(compiled, best, deadline))
     return best.with_message(message and f"no last step: {message}") if result is None else result
 
 

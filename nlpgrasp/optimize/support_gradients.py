@@ -52,9 +52,13 @@ def support_gradients(
     grasp, budget = compiled.grasp(candidate), compiled.budget(candidate)
     work = cuts @ grasp.G
     wrenches, rates = WrenchSet.of(grasp, budget), list[FloatArray]()
-    x = _tight_forces(wrenches, cuts, task)
     if isinstance(wrenches.force_set, TorqueSet):  # its prices are the same at all maximisers
-        rates = _joint_rates(budget, wrenches.force_set.maximise_with_prices(work)[1])
+        x, prices = wrenches.force_set.maximise_with_prices(work)
+        rates = _joint_rates(budget, prices)
+    else:
+        x = wrenches.force_set.support(work)[1]
+    if task is not None:
+        x = _tight_forces(wrenches, cuts, task, x)
     forces, moments = _contact_wrenches(grasp, x)
     support = compiled.scaling.beta * np.sum(work * x, axis=1)
     if compiled.problem.budget.follows_hand:
@@ -69,19 +73,18 @@ def support_gradients(
     return support, compiled.scaling.beta * gradients
 
 
-def _tight_forces(wrenches: WrenchSet, cuts: FloatArray, task: Task | None, exact: float = 1e-6) -> FloatArray:
-    """Return forces (m, n) that maximise the work along cuts (m, d), and exert the task's tight wrench if some do.
+def _tight_forces(wrenches: WrenchSet, cuts: FloatArray, task: Task, x: FloatArray, exact: float = 1e-6) -> FloatArray:
+    """Return maximisers (m, n) of the work along cuts (m, d) that exert the task's tight wrench, or those given.
 
     None do where a cut is no minimiser of the support ratio; the wrench then is outside the set by ``exact`` at least.
     """
-    support, x = wrenches.forces(cuts)
-    if task is None or isinstance(wrenches.force_set, L2Set):
+    if isinstance(wrenches.force_set, L2Set):
         return x
     problem, _ = make_containment(wrenches, task)
     if problem is None or not len(cuts):
         return x
     reach, demands = task.support(cuts)
-    demands = demands * (support / np.maximum(reach, 1e-300))[:, None]
+    demands = demands * (np.sum((cuts @ wrenches.G) * x, axis=1) / np.maximum(reach, 1e-300))[:, None]
     found, _ = LeastForces(problem.wrenches).solve(demands @ problem.matrix.T)
     amount = wrenches.force_set.gauge(found)
     is_tight = np.all(np.isfinite(found), axis=1) & (np.abs(amount - 1.0) < exact)

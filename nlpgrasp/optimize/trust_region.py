@@ -318,7 +318,7 @@ def reduced_hessian(
     hessian = np.array([(g - base) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (linear.cut_multipliers(multipliers) > ACTIVE))
     hessian = 0.5 * (hessian + hessian.T)
-    if linear.compiled.problem.budget.has_kinks:
+    if linear.has_kinks and not linear.compiled.problem.budget.depends_on_frames:
         hessian += _followed_part(linear, cuts, multipliers, basis)
     elif not linear.has_kinks:
         hessian += _moving_minimiser_part(linear, cuts, moving, multipliers, basis)

@@ -24,7 +24,7 @@ from nlpgrasp.optimize.support_gradients import support_gradients
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.ratio_minimisation import random_directions
-from nlpgrasp.quality.screening import GraspBatch, fixed_force_set
+from nlpgrasp.quality.screening import sampled_supports
 from nlpgrasp.quality.volume import RadialVolume, whitening
 from nlpgrasp.quality.wrench_set import WrenchSet, wrench_rank
 
@@ -88,8 +88,7 @@ def largest_volumes(
     stack = GraspStack(drawn.points, drawn.normals, compiled.problem.models, compiled.problem.origin)
     random = random_directions(PLANES, compiled.problem.dimension, rng) * compiled.scaling.wrench
     y = np.concatenate([screening_directions(compiled), random])
-    view = GraspBatch(stack.G, fixed_force_set(stack, compiled.screening_budget))
-    supports, reach = view.support(np.broadcast_to(y, (len(stack), *y.shape))), compiled.problem.task.support(y)[0]
+    supports, reach = sampled_supports(stack, y, compiled.screening_budget), compiled.problem.task.support(y)[0]
     qualities = np.min(supports[:, reach > 0.0] / reach[reach > 0.0], axis=1)
     promises = _outer_volumes(supports, y / compiled.scaling.wrench, rng)
     closed = np.argsort(np.where(qualities >= least, -promises, np.inf), kind="stable")[:SCREENED]
@@ -100,12 +99,15 @@ def largest_volumes(
     scored.sort(key=lambda pair: -pair[0])
     chosen = list[GraspCandidate]()
     for _, candidate in scored:
+        if len(chosen) == count:
+            break
         moves = (np.max(np.abs(candidate.points - other.points)) for other in chosen if candidate.faces == other.faces)
-        if len(chosen) == count or min(moves, default=np.inf) < APART * compiled.scaling.length:
-            continue
-        if compiled.violation(candidate) > FEASIBLE:
-            continue
-        if weakest_directions_of(compiled, candidate, rng).value >= least:
+        is_distinct = min(moves, default=np.inf) >= APART * compiled.scaling.length
+        if (
+            is_distinct
+            and compiled.violation(candidate) <= FEASIBLE
+            and weakest_directions_of(compiled, candidate, rng).value >= least
+        ):
             chosen.append(candidate)
     return chosen or [candidates[0]]
 

@@ -181,8 +181,13 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     """
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
+    return np.asarray(sampled_supports(stack, y, budget) / reach)
+
+
+def sampled_supports(stack: GraspStack, y: FloatArray, budget: ForceBudget) -> FloatArray:
+    """Return the supports (b, m) of each grasp along directions (m, d), under a budget as of ``sampled_ratios``."""
     view = GraspBatch(stack.G, fixed_force_set(stack, budget))
-    return np.asarray(view.support(np.broadcast_to(y, (len(stack), *y.shape))) / reach)
+    return view.support(np.broadcast_to(y, (len(stack), *y.shape)))
 
 
 def screening_score(ratios: FloatArray) -> FloatArray:

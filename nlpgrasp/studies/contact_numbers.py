@@ -83,8 +83,8 @@ def how_many_contacts(
     ------
     InputError
         Without counts, on problems with another number of contacts, different tasks, or invalid bounds; on unknown
-        purposes, weights below 0, not finite or all 0, manipulability with a hand
-        without joints, and fragility under a budget that depends on the posture.
+        purposes, weights below 0, not finite or all 0, manipulability with a hand without joints, and fragility under a
+        budget that depends on the posture.
     """
     if not callable(problem_with):
         raise InputError("problem_with", problem_with, "a function of the number of contacts")
@@ -179,8 +179,8 @@ class ContactCurve:
         force : float
             In units of the force budget: the grasp with so many contacts has ``1 / mu.lower`` at most this.
         """
-        limit = number("force", force, above=0.0)
-        return next((k for k, solution in self.solutions if solution.mu.lower * limit >= 1.0), None)
+        held = zip(self.solutions, self._hold_with(force), strict=True)
+        return next((k for (k, _), is_enough in held if is_enough), None)
 
     def fewest_possible(self, force: float) -> int | None:
         """Return the least number of contacts whose upper bound on mu admits the task within a force limit, or None.
@@ -246,12 +246,15 @@ class ContactCurve:
         """
         comparison = require_comparison(self.purposes)
         if force is not None:
-            limit = number("force", force, above=0.0)
-            values = zip(comparison.values, self.solutions, strict=True)
-            within = tuple(value if solution.mu.lower * limit >= 1.0 else None for value, (_, solution) in values)
-            comparison = replace(comparison, values=within)
+            held = zip(comparison.values, self._hold_with(force), strict=True)
+            comparison = replace(comparison, values=tuple(value if is_enough else None for value, is_enough in held))
         best = best_by_weights(comparison, weights)
         return None if best is None else self.solutions[best][0]
+
+    def _hold_with(self, force: float) -> list[bool]:
+        """Return for each number whether its grasp exerts the whole task within a force limit."""
+        limit = number("force", force, above=0.0)
+        return [solution.mu.lower * limit >= 1.0 for _, solution in self.solutions]
 
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:
         """Return bounds on mu minus penalty for each number of contacts.

@@ -90,8 +90,8 @@ def choose_contact_types(
     InputError
         On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
         are missing or below zero, or zero where weights have ``"contacts"``; on unknown purposes, weights below 0, not
-        finite or all 0, manipulability with a hand
-        without joints, and fragility under a budget that depends on the posture.
+        finite or all 0, manipulability with a hand without joints, and fragility under a budget that depends on the
+        posture.
     """
     menu = AllowedTypes.of(problem, types)
     starts, seed, options = check_solve_arguments(starts, seed, options)
