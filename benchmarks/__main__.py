@@ -33,6 +33,7 @@ from benchmarks import (
     simulation,
     tables,
     tasks,
+    thin,
 )
 from nlpgrasp.optimize.processes import single_thread
 
@@ -55,6 +56,7 @@ BENCHMARKS = {
     "tables": tables,
     "sets": sets,
     "tasks": tasks,
+    "thin": thin,
     "following": following,
     "fuzz_files": fuzz_files,
     "fault_injection": fault_injection,

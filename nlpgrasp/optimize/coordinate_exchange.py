@@ -37,8 +37,6 @@ from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screeni
 from nlpgrasp.quality.weakest_directions import weakest_in_polytope
 
 POPULATION = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many at first
-DRAWN = 2048  # random tuples, the best of which are half of the initial ones
-PERTURBATIONS = 6  # rounds of random perturbation and exchange for one start; one more for each further start
 SWEEPS = 4  # sweeps of exchanges over all contacts, at most
 WEAK = 24  # directions in which all samples are compared: the weakest of the remaining contacts
 SHORTLISTED = 16  # samples of a shortlist, compared in all directions
@@ -47,6 +45,7 @@ MOVES = 8  # perturbations tried where coupled constraints are broken
 GAIN = 1e-3  # least relative gain of an exchange
 TIE, LAST_TIE = 0.2, 0.01  # weight of the mean over weak directions against the least support; in the last exchange
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # per candidate: descents, steps of each, directions added
+JUDGED = 4  # descents of a tuple that is judged by what it holds
 CERTIFIED, LAST_CERTIFIED = 2, 8  # certificates per round, at most; in the last round
 LOOSE = 0.2  # relative width of these certificates
 FROM_CERTIFICATE = 8  # directions added from a certificate, at most
@@ -79,21 +78,25 @@ def exchanged_candidates(
     tables = compiled.sample_tables
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
-    planar = None
-    if compiled.problem.dimension == 3 and not (has_jaws or compiled.problem.budget.depends_on_frames):
+    knows_mu = not (has_jaws or compiled.problem.budget.depends_on_frames)
+    planar, is_moved = None, knows_mu and compiled.problem.dimension > 3
+    if knows_mu and compiled.problem.dimension == 3:
         distinct = partial(select_incongruent, compiled)
         planar = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng)
     if planar is not None and planar.share_that_holds() < THIN:
         visited = planar.best(tables.nearest(known))
     else:
-        tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))
+        tuples = search.search(2 + count // 3, tables.nearest(known))
         visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)
+        visited = search.sorted_by_judgement(visited) if is_moved else visited
     if has_jaws:
         tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
-        tuples = visited[select_incongruent(compiled, tables.contacts_of(visited)[0])[: PER_CANDIDATE * count]]
+        tuples = search.unlike(visited)[: PER_CANDIDATE * count]
     if isinstance(compiled.problem.body, Mesh):
         search, tuples = exchange_nearby(compiled, tables.contacts_of(tuples)[0], search.directions, rng)
+    if is_moved:
+        tuples = search.moved(tuples)
     candidates = [search.candidate(samples) for samples in tuples]
     if tables.coupled:
         repairs = (_repair(compiled, candidate) for candidate in candidates)
@@ -164,11 +167,55 @@ class CoordinateExchange:
             best = self.update_population(best, self.exchange(self.perturb(best), LAST_TIE if number % 2 else TIE))
         return self.update_population(best, self.exchange(best, LAST_TIE), certified=LAST_CERTIFIED)
 
-    def draw(self) -> IntArray:
-        """Return initial tuples (b, k), half of them random and half the best of ``DRAWN`` random tuples."""
-        drawn = self.tables.random(DRAWN, self.rng)
-        chosen = self.best(drawn, self._population)
-        return np.concatenate([chosen, drawn[: 2 * self._population - len(chosen)]])
+    def draw(self, drawn: int = 8192, judged: int = 400) -> IntArray:
+        """Return initial tuples (b, k): the best of many random ones that are not alike, and some at random.
+
+        Those of the ``drawn`` ones that hold most along the known directions are ``judged``.
+        """
+        tuples = self.tables.random(drawn, self.rng)
+        best = self.unlike(self.sorted_by_judgement(self.best(tuples, judged)))[: self._population]
+        return np.concatenate([best, tuples[: 2 * self._population - len(best)]])
+
+    def judged(self, tuples: IntArray) -> FloatArray:
+        """Return about mu of tuples (b, k), (b,), by descents from their weakest known directions.
+
+        For a violation that is not repairable it is minus one minus the violation.
+        """
+        return self.merit(np.min(self._weakest(tuples, JUDGED, STEPS)[1], axis=1), tuples)
+
+    def sorted_by_judgement(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k) by ``judged``, best first."""
+        return np.asarray(tuples[np.argsort(-self.judged(tuples), kind="stable")])
+
+    def unlike(self, tuples: IntArray) -> IntArray:
+        """Return the tuples (b, k) that are not congruent to an earlier one."""
+        return np.asarray(tuples[select_incongruent(self.compiled, self.tables.contacts_of(tuples)[0])])
+
+    def moved(self, tuples: IntArray, widths: Sequence[int] = (300, 100, 40, 15), trials: int = 40) -> IntArray:
+        """Return tuples (b, k), moved by a race in which each moves to the best of trials around it, best first.
+
+        Trials are compared by what they hold; the field halves after the first two rounds. What a tuple is chosen for
+        may be a narrow minimum that descents have missed: from round to round all directions that are known at first
+        are descended from, and the weakest are added.
+
+        Parameters
+        ----------
+        tuples : (b, k) int array
+        widths : sequence of int
+            Numbers of samples around a contact among which it moves, the others with it, from one round to the next.
+        trials : int
+            In each round.
+        """
+        task, spread, left = self.compiled.problem.task, self.tables.directions, list[IntArray]()
+        for number, width in enumerate(widths):
+            around = np.concatenate([tuples[:, None], self.tables.around(tuples, width, trials, self.rng)], axis=1)
+            values = self.judged(around.reshape(-1, tuples.shape[1])).reshape(around.shape[:2])
+            tuples = around[np.arange(len(tuples)), np.argmax(values, axis=1)]
+            all_directions = np.broadcast_to(spread, (len(tuples), *spread.shape))
+            self._learn(*minimise_locally(self.tables.grasps(tuples), task, all_directions, self.tables.budget))
+            tuples, kept = self.sorted_by_judgement(tuples), len(tuples) if number > 1 else (len(tuples) + 1) // 2
+            tuples, left = tuples[:kept], [tuples[kept:], *left]
+        return np.concatenate([tuples, *left])
 
     def perturb(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k) with one or two contacts moved to random samples.
@@ -257,13 +304,22 @@ class CoordinateExchange:
 
     def add_weakest_directions(self, tuples: IntArray) -> None:
         """Add the weakest directions of tuples (b, k), found by local descents."""
+        self._learn(*self._weakest(tuples, DESCENTS, STEPS))
+
+    def _weakest(self, tuples: IntArray, descents: int, steps: int) -> tuple[FloatArray, FloatArray]:
+        """Return directions (b, m, d) and support ratios (b, m) of descents from tuples' weakest known directions."""
         ratios = self.tables.combine.reduce(self._powers_of(tuples), axis=2)
-        count = min(DESCENTS, len(ratios) - 1)
+        count = min(descents, len(ratios) - 1)
         initial = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
-        stack = GraspStack(*self.tables.contacts_of(tuples), self.compiled.problem.models, self.compiled.problem.origin)
-        minimisers, values = minimise_locally(stack, self.compiled.problem.task, initial, self.tables.budget, STEPS)
+        grasps, task = self.tables.grasps(tuples), self.compiled.problem.task
+        return minimise_locally(grasps, task, initial, self.tables.budget, steps)
+
+    def _learn(self, minimisers: FloatArray, values: FloatArray) -> None:
+        """Add the weakest of directions (b, m, d) of tuples with support ratios (b, m)."""
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
-        self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
+        self.add_directions(
+            np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, minimisers.shape[2])
+        )
 
     def exchange_by_certificates(self, tuples: IntArray, most: int) -> IntArray:
         """Return tuples (b, k), best first, after exchanges with weak directions added by certificates.

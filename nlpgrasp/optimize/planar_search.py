@@ -15,10 +15,7 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.optimize.surface_samples import SampleTables
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import fixed_force_set, planar_ratios
-
-WIDTHS = 400, 150, 60, 25, 10  # samples
 
 
 class PlanarSearch:
@@ -59,9 +56,8 @@ class PlanarSearch:
         There the value is minus the share of the task that is out of reach; up to a ``promising`` share it is what mu
         would be with it. It is less than -1 where constraints on several contacts are broken.
         """
-        problem = self._problem
-        stack = GraspStack(*self._tables.contacts_of(tuples), problem.models, problem.origin)
-        mu, lack = planar_ratios(stack, problem.task, fixed_force_set(stack, self._tables.budget))
+        stack = self._tables.grasps(tuples)
+        mu, lack = planar_ratios(stack, self._problem.task, fixed_force_set(stack, self._tables.budget))
         return self._merit(np.where(lack > promising, -np.minimum(lack, 0.99), mu), tuples)
 
     def share_that_holds(self, drawn: int = 400) -> float:
@@ -69,7 +65,14 @@ class PlanarSearch:
         tuples = self._tables.random(drawn, np.random.default_rng(0))
         return float(np.mean(self.values(tuples) > 0.0))
 
-    def best(self, known: IntArray, kept: int = 24, drawn: int = 3000, widths: Sequence[int] = WIDTHS) -> IntArray:
+    def best(
+        self,
+        known: IntArray,
+        kept: int = 24,
+        drawn: int = 3000,
+        widths: Sequence[int] = (400, 150, 60, 25, 10),
+        trials: int = 60,
+    ) -> IntArray:
         """Return the best tuples found, best first, those they were improved from and known ones (m, k) among them.
 
         Parameters
@@ -81,6 +84,8 @@ class PlanarSearch:
             Random tuples of three fingers or more.
         widths : sequence of int
             Numbers of samples around a contact among which it moves, the others with it, from one round to the next.
+        trials : int
+            Moves of each tuple in a round.
         """
         k = len(self._sizes)
         if k == 2:
@@ -91,11 +96,11 @@ class PlanarSearch:
         tuples = begun = np.concatenate([self._ranked(first, kept, promising) for promising in (0.0, 0.1)])
         if k > 2:
             for i, spread in enumerate(self._spread):
-                trials = np.repeat(tuples[:, None], len(spread), axis=1)
-                trials[:, :, i] = spread
-                tuples = self._improved(tuples, trials)
+                placed = np.repeat(tuples[:, None], len(spread), axis=1)
+                placed[:, :, i] = spread
+                tuples = self._improved(tuples, placed)
         for width in widths:
-            tuples = self._improved(tuples, self._around(tuples, width))
+            tuples = self._improved(tuples, self._tables.around(tuples, width, trials, self._rng))
         return self._sorted(np.concatenate([tuples, begun, known]))
 
     def _improved(self, tuples: IntArray, trials: IntArray) -> IntArray:
@@ -103,18 +108,6 @@ class PlanarSearch:
         trials = np.concatenate([tuples[:, None], trials], axis=1)
         values = self.values(trials.reshape(-1, tuples.shape[1])).reshape(trials.shape[:2])
         return np.asarray(trials[np.arange(len(tuples)), np.argmax(values, axis=1)])
-
-    def _around(self, tuples: IntArray, width: int, count: int = 60) -> IntArray:
-        """Return tuples (b, count, k) with some contacts moved at random among the nearest ``width`` samples."""
-        rng, result = self._rng, np.repeat(tuples[:, None], count, axis=1)
-        moves = rng.random(result.shape) < 0.7
-        for i in range(tuples.shape[1]):
-            cloud = self._tables.samples(i)
-            near = cloud.tree.query(cloud.points[tuples[:, i]], min(width, len(cloud.points)))[1]
-            near = near.reshape(len(tuples), -1)
-            chosen = np.take_along_axis(near, rng.integers(near.shape[1], size=(len(tuples), count)), axis=1)
-            result[:, :, i] = np.where(moves[:, :, i], chosen, result[:, :, i])
-        return result
 
     def _ranked(self, tuples: IntArray, kept: int, promising: float, looked_at: int = 500) -> IntArray:
         """Return the best of tuples (b, k) by ``values`` that are not alike, best first."""

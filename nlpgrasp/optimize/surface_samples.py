@@ -219,7 +219,7 @@ class SampleTables:
         rule = CombinationRule.of(self.budget)
         self.power = rule.power
         self.combine: np.ufunc = np.maximum if rule.takes_largest else np.add
-        models, origin = problem.models, problem.origin
+        self._models, self._origin = models, origin = problem.models, problem.origin
         self._jaws = isinstance(problem.hand, ParallelJaw)
         allowed = [_satisfying_samples(rows, hand, clouds, i) for i in range(len(models))]
         distinct_contacts, self.of_contact = _distinct_contacts(models, clouds, allowed)
@@ -232,8 +232,7 @@ class SampleTables:
         on_one_contact = ~rows.dependence_mask[:, -1] & (np.sum(rows.dependence_mask, axis=1) <= 1)
         self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
         if directions is None:
-            grasps = self.contacts_of(self.random(METRIC_GRASPS, np.random.default_rng(0)))
-            y = spread_directions(GraspStack(*grasps, models, origin), problem.task)
+            y = spread_directions(self.grasps(self.random(METRIC_GRASPS, np.random.default_rng(0))), problem.task)
             directions = y / problem.task.support(y)[0][:, None]
         self.directions = directions
         self.powers = [table.powers(self.directions) for table in self.distinct]
@@ -267,6 +266,25 @@ class SampleTables:
         clouds = [self.samples(i) for i in range(tuples.shape[1])]
         points = np.stack([cloud.points[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
         return points, np.stack([cloud.normals[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
+
+    def grasps(self, tuples: IntArray) -> GraspStack:
+        """Return the grasps at tuples of samples (b, k)."""
+        return GraspStack(*self.contacts_of(tuples), self._models, self._origin)
+
+    def around(self, tuples: IntArray, width: int, count: int, rng: np.random.Generator) -> IntArray:
+        """Return tuples (b, count, k) near those of (b, k): most of their contacts are moved at random.
+
+        A contact moves to one of the ``width`` samples nearest to it.
+        """
+        result = np.repeat(tuples[:, None], count, axis=1)
+        moves = rng.random(result.shape) < 0.7
+        for i in range(tuples.shape[1]):
+            cloud = self.samples(i)
+            near = cloud.tree.query(cloud.points[tuples[:, i]], min(width, len(cloud.points)))[1]
+            near = near.reshape(len(tuples), -1)
+            chosen = np.take_along_axis(near, rng.integers(near.shape[1], size=(len(tuples), count)), axis=1)
+            result[:, :, i] = np.where(moves[:, :, i], chosen, result[:, :, i])
+        return result
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,22 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray, IntArray
 from nlpgrasp.quality.containment import Containment
 
-REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
 STATIONARY = 1e-11  # gradient tolerance of Newton's method
 LEAST_CURVATURE, LONGEST = 1e-6, 0.3  # relative lower bound of curvatures; rad, longest Newton step
 
 
 Model = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+
+
+def regularisation(G: FloatArray, bilateral: float = 1e-7, least: float = 1e-14) -> FloatArray:
+    """Return matrices (..., d, d) that make the Hessian of ``phi_G^2 / 2`` regular, for grasp maps (..., d, n).
+
+    They are a small share of ``G G^T``, which is the Hessian with bilateral contacts: in any units and coordinates the
+    descents are the same. A share of the identity would hide directions along which fingers hardly push.
+    """
+    moment = G @ np.swapaxes(G, -1, -2)
+    trace = np.trace(moment, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(bilateral * moment + least * trace * np.eye(G.shape[-2]))
 
 
 def minimise_by_inverse_iteration(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
@@ -95,7 +105,7 @@ def minimise_l2_ratio(problem: Containment, u: FloatArray, steps: int) -> tuple[
     (``minimise_by_inverse_iteration``). Arguments and results are those of ``descend``; a narrow minimum far from all
     starts may be missed.
     """
-    regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)
+    regular = regularisation(problem.wrenches.G)
 
     def model(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         phi = problem.wrenches.support(u[0])[0]

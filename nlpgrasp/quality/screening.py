@@ -21,12 +21,11 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import task_for
 from nlpgrasp.quality.force_closure import normals_to_pairs, planar_facets, turned_to_task
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration
+from nlpgrasp.quality.ratio_minimisation import minimise_by_inverse_iteration, regularisation
 from nlpgrasp.tasks import Task
 
 CHUNK = 256  # grasps per batch, to fit the processor's cache
 DESCENTS, STEPS = 4, 16  # descents per grasp, and their steps
-REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
 FLAT = 1e-6  # least over largest moment of the task, relative to the grasps', below which it counts as flat
 PLANAR = 200  # directions for planar grasps
 LEAST_WEIGHT = 1e-2  # least relative weight of a contact in the quadratic model
@@ -231,6 +230,10 @@ class GraspBatch:
         self._set = force_set
 
     @cached_property
+    def _regularisation(self) -> FloatArray:
+        return regularisation(self.G)[:, None]
+
+    @cached_property
     def _products(self) -> FloatArray:
         """Derivatives (b, entries, d d) of ``G D G^T`` by the entries of D's symmetric blocks, one for each contact."""
         pairs = [(r.start + i, r.start + j) for r in self._set.ranges for i, j in upper_triangle(r.stop - r.start)]
@@ -282,11 +285,10 @@ class GraspBatch:
             counts = [len(upper_triangle(r.stop - r.start)) for r in self._set.ranges]
             entries = entries * np.repeat(sizes ** (self._set.power - 2.0), counts, axis=1)
         H = (entries.reshape(*y.shape[:2], -1) @ self._products).reshape(*y.shape, y.shape[2])
-        scale = np.einsum("bdn,bdn->b", self.G, self.G)[:, None, None, None]
         reach, wrench = task.support(y.reshape(-1, y.shape[2]))
         reach = reach.reshape(y.shape[:2])
         value = np.where(reach > 0.0, phi / np.where(reach > 0.0, reach, 1.0), np.inf)
-        return value, wrench.reshape(y.shape), H + REGULAR * scale * np.eye(y.shape[2])
+        return value, wrench.reshape(y.shape), H + self._regularisation
 
 
 def fixed_force_set(stack: GraspStack, budget: ForceBudget) -> ForceSet:
