@@ -56,6 +56,7 @@ JAW_PAIRS = 12  # best pairs for jaws whose approach is checked; as many of the 
 REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired by projection
 NEIGHBOURHOOD = 0.05  # over the body's size: radius of a contact's neighbourhood on a mesh
 DENSE_SAMPLES = 12000  # samples of a contact near known contacts, at most
+MISLED = 0.9  # share of promising tuples that hold less than half of it, above which a second population is searched
 THIN = 0.1  # share of random placements in the plane that hold the task below which mu itself is searched
 CONGRUENT = 0.05  # over the body's size: difference of distances between contacts below which placements are congruent
 
@@ -79,23 +80,21 @@ def exchanged_candidates(
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
     has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
     knows_mu = not (has_jaws or compiled.problem.budget.depends_on_frames)
-    planar, is_moved = None, knows_mu and compiled.problem.dimension > 3
-    if knows_mu and compiled.problem.dimension == 3:
-        distinct = partial(select_incongruent, compiled)
-        planar = PlanarSearch(compiled.problem, tables, search.merit, distinct, rng)
-    if planar is not None and planar.share_that_holds() < THIN:
-        visited = planar.best(tables.nearest(known))
+    if knows_mu and search.planar is not None and search.planar.share_that_holds() < THIN:
+        visited = search.planar.best(tables.nearest(known))
     else:
         tuples = search.search(2 + count // 3, tables.nearest(known))
+        if search.misled > MISLED:
+            tuples = np.concatenate([tuples, search.search(2 + count // 3)])
         visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)
-        visited = search.sorted_by_judgement(visited) if is_moved else visited
+        visited = search.sorted_by_judgement(visited) if knows_mu else visited
     if has_jaws:
         tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
         tuples = search.unlike(visited)[: PER_CANDIDATE * count]
     if isinstance(compiled.problem.body, Mesh):
         search, tuples = exchange_nearby(compiled, tables.contacts_of(tuples)[0], search.directions, rng)
-    if is_moved:
+    if knows_mu:
         tuples = search.moved(tuples)
     candidates = [search.candidate(samples) for samples in tuples]
     if tables.coupled:
@@ -144,6 +143,10 @@ class CoordinateExchange:
         ``s^p`` of each sample table along these.
     history : list of (b, k) arrays
         Tuples compared so far.
+    misled : float
+        Share of the random tuples that promise most along the known directions which hold less than half of it.
+    planar : PlanarSearch or None
+        Search over the same samples by mu, in the plane.
     """
 
     def __init__(
@@ -152,6 +155,9 @@ class CoordinateExchange:
         self.compiled, self.rng, self.tables, self._population = compiled, rng, tables, population
         self.directions, self.powers = self.tables.directions, list(self.tables.powers)
         self.history: list[IntArray] = []
+        self.misled = 0.0
+        distinct, in_plane = partial(select_incongruent, compiled), compiled.problem.dimension == 3
+        self.planar = PlanarSearch(compiled.problem, tables, self.merit, distinct, rng) if in_plane else None
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # tuples whose certificate had no weaker direction
 
     def search(self, perturbations: int, known: IntArray | None = None) -> IntArray:
@@ -173,14 +179,19 @@ class CoordinateExchange:
         Those of the ``drawn`` ones that hold most along the known directions are ``judged``.
         """
         tuples = self.tables.random(drawn, self.rng)
-        best = self.unlike(self.sorted_by_judgement(self.best(tuples, judged)))[: self._population]
+        promising = self.best(tuples, judged)
+        held, promised = self.judged(promising), self.values(promising)
+        self.misled = float(np.mean(held < 0.5 * promised))
+        best = self.unlike(promising[np.argsort(-held, kind="stable")])[: self._population]
         return np.concatenate([best, tuples[: 2 * self._population - len(best)]])
 
     def judged(self, tuples: IntArray) -> FloatArray:
-        """Return about mu of tuples (b, k), (b,), by descents from their weakest known directions.
+        """Return about mu of tuples (b, k), (b,): in space by descents from their weakest known directions.
 
         For a violation that is not repairable it is minus one minus the violation.
         """
+        if self.planar is not None:
+            return self.planar.values(tuples)
         return self.merit(np.min(self._weakest(tuples, JUDGED, STEPS)[1], axis=1), tuples)
 
     def sorted_by_judgement(self, tuples: IntArray) -> IntArray:

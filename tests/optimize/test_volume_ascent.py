@@ -42,7 +42,7 @@ def test_the_derivative_of_log_nu_is_that_of_central_differences(body, count):
 def test_nu_by_rays_is_nu_and_the_ascent_raises_it():
     compiled, candidate = compiled_and_candidate(SQUARE, 3)
     moved = maximise_volume(compiled, candidate, Deadline())
-    before, after = (ng.nu(compiled.grasp(each)) for each in (candidate, moved))
+    before, after = (ng.nu(compiled.grasp(each), rtol=0.002) for each in (candidate, moved))
     assert np.exp(sampled_volume(compiled, compiled.grasp(moved))) == pytest.approx(after.value, rel=0.03)
     assert after.lower > before.upper
     assert compiled.violation(moved) <= 1e-6

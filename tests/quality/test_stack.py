@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
@@ -129,8 +130,7 @@ def test_screening_is_an_upper_bound_and_a_good_one(budget, task, rng):
     assert closed.sum() >= 5
     assert np.median(bounds[closed] / exact.upper[closed]) <= (1.001 if budget == "l2" else 1.1)
     if task is BALL:
-        order = np.corrcoef(np.argsort(np.argsort(bounds)), np.argsort(np.argsort(exact.upper)))[0, 1]
-        assert order > 0.9
+        assert spearmanr(np.where(bounds > 1e-3, bounds, 0.0), exact.upper)[0] > 0.9  # those that cannot tie at 0
 
 
 def test_screening_nothing():
