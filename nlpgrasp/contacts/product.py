@@ -22,7 +22,7 @@ def component_slices(contacts: Sequence[ContactModel], space: int) -> list[slice
 
 def have_one_domain(contacts: Sequence[ContactModel], space: int) -> bool:
     """Return whether all contacts have the same force domain."""
-    return all(c.has_domain_of(contacts[0], space) for c in contacts)
+    return all(c is contacts[0] or c.has_domain_of(contacts[0], space) for c in contacts)
 
 
 def planar_edges(contacts: Sequence[ContactModel]) -> list[FloatArray] | None:
