@@ -50,11 +50,12 @@ def thin_problem(index):
         kind = f"{len(angles)} edges"
     else:
         a, b, c = rng.uniform(0.02, 0.06, 3)
-        name = ("box", "ellipsoid", "cylinder")[int(rng.integers(3))]
-        body = {"box": ng.Box([2 * a, 2 * b, 2 * c]), "ellipsoid": ng.Ellipsoid([a, b, c])}.get(
-            name, ng.Cylinder(a, 2 * b)
-        )
-        kind = name
+        kind = ("box", "ellipsoid", "cylinder")[int(rng.integers(3))]
+        body = {
+            "box": lambda: ng.Box([2 * a, 2 * b, 2 * c]),
+            "ellipsoid": lambda: ng.Ellipsoid([a, b, c]),
+            "cylinder": lambda: ng.Cylinder(a, 2 * b),
+        }[kind]()
     size = 3 if body.space == 2 else 6
     semi_axes = np.exp(rng.uniform(np.log(0.03), 0.0, size))
     semi_axes[body.space :] *= body.size
@@ -83,11 +84,16 @@ def by_grid(problem, index, spacing=160, rounds=5, kept=40):
         places = rng.random((40_000, k))
     width = 1.0 / spacing
     for _ in range(rounds):
-        top = places[np.argsort(-ng.screen(_grasps(problem, places), problem.task))[:kept]]
+        top = _best(problem, places, kept)
         moved = top[:, None] + width * rng.uniform(-1.0, 1.0, (kept, 400, k))
         places, width = np.concatenate([top, moved.reshape(-1, k) % 1.0]), 0.4 * width
-    stack = _grasps(problem, top[:5])
-    return max(ng.mu(stack[i], problem.task).lower for i in range(len(top[:5])))
+    return float(np.max(ng.mu(_grasps(problem, _best(problem, places, 5)), problem.task).lower))
+
+
+def _best(problem, places, count, looked_at=2000):
+    """Return the best of places (b, k) by certified mu, of the best by ``screen``, which may be far above it."""
+    places = places[np.argsort(-ng.screen(_grasps(problem, places), problem.task))[:looked_at]]
+    return places[np.argsort(-ng.mu(_grasps(problem, places), problem.task, 0.05).lower)[:count]]
 
 
 def _grasps(problem, places):

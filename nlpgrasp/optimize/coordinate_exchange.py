@@ -30,7 +30,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.planar_search import PlanarSearch
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, project_onto_constraints
-from nlpgrasp.optimize.surface_samples import BAND, SampleCloud, SampleTables
+from nlpgrasp.optimize.surface_samples import BAND, SampleCloud, SampleTables, best_of_trials
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screening_score
@@ -78,23 +78,21 @@ def exchanged_candidates(
     """
     tables = compiled.sample_tables
     search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
-    has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
-    knows_mu = not (has_jaws or compiled.problem.budget.depends_on_frames)
-    if knows_mu and search.planar is not None and search.planar.share_that_holds() < THIN:
+    has_jaws, rounds = isinstance(compiled.problem.hand, ParallelJaw), 2 + count // 3
+    if search.planar is not None and search.planar.share_that_holds() < THIN:
         visited = search.planar.best(tables.nearest(known))
     else:
-        tuples = search.search(2 + count // 3, tables.nearest(known))
+        tuples = search.search(rounds, tables.nearest(known))
         if search.misled > MISLED:
-            tuples = np.concatenate([tuples, search.search(2 + count // 3)])
-        visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)
-        visited = search.sorted_by_judgement(visited) if knows_mu else visited
+            tuples = np.concatenate([tuples, search.search(rounds)])
+        visited = search.sorted_by_judgement(search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED))
     if has_jaws:
         tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
         tuples = search.unlike(visited)[: PER_CANDIDATE * count]
     if isinstance(compiled.problem.body, Mesh):
         search, tuples = exchange_nearby(compiled, tables.contacts_of(tuples)[0], search.directions, rng)
-    if knows_mu:
+    if search.knows_mu:
         tuples = search.moved(tuples)
     candidates = [search.candidate(samples) for samples in tuples]
     if tables.coupled:
@@ -145,6 +143,8 @@ class CoordinateExchange:
         Tuples compared so far.
     misled : float
         Share of the random tuples that promise most along the known directions which hold less than half of it.
+    knows_mu : bool
+        Whether tuples are judged by mu, which is then that of the samples' contacts alone.
     planar : PlanarSearch or None
         Search over the same samples by mu, in the plane.
     """
@@ -156,8 +156,10 @@ class CoordinateExchange:
         self.directions, self.powers = self.tables.directions, list(self.tables.powers)
         self.history: list[IntArray] = []
         self.misled = 0.0
-        distinct, in_plane = partial(select_incongruent, compiled), compiled.problem.dimension == 3
-        self.planar = PlanarSearch(compiled.problem, tables, self.merit, distinct, rng) if in_plane else None
+        problem, distinct = compiled.problem, partial(select_incongruent, compiled)
+        self.knows_mu = not (isinstance(problem.hand, ParallelJaw) or problem.budget.depends_on_frames)
+        in_plane = self.knows_mu and problem.dimension == 3
+        self.planar = PlanarSearch(problem, tables, self.merit, distinct, rng) if in_plane else None
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # tuples whose certificate had no weaker direction
 
     def search(self, perturbations: int, known: IntArray | None = None) -> IntArray:
@@ -188,11 +190,14 @@ class CoordinateExchange:
     def judged(self, tuples: IntArray) -> FloatArray:
         """Return about mu of tuples (b, k), (b,): in space by descents from their weakest known directions.
 
-        For a violation that is not repairable it is minus one minus the violation.
+        Where mu is not known they are their ``values``. For a violation that is not repairable it is minus one minus
+        the violation.
         """
+        if not self.knows_mu:
+            return self.values(tuples)
         if self.planar is not None:
             return self.planar.values(tuples)
-        return self.merit(np.min(self._weakest(tuples, JUDGED, STEPS)[1], axis=1), tuples)
+        return self.merit(np.min(self._weakest(tuples, JUDGED)[1], axis=1), tuples)
 
     def sorted_by_judgement(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k) by ``judged``, best first."""
@@ -219,11 +224,11 @@ class CoordinateExchange:
         """
         task, spread, left = self.compiled.problem.task, self.tables.directions, list[IntArray]()
         for number, width in enumerate(widths):
-            around = np.concatenate([tuples[:, None], self.tables.around(tuples, width, trials, self.rng)], axis=1)
-            values = self.judged(around.reshape(-1, tuples.shape[1])).reshape(around.shape[:2])
-            tuples = around[np.arange(len(tuples)), np.argmax(values, axis=1)]
-            all_directions = np.broadcast_to(spread, (len(tuples), *spread.shape))
-            self._learn(*minimise_locally(self.tables.grasps(tuples), task, all_directions, self.tables.budget))
+            trials_around = self.tables.around(tuples, width, trials, self.rng)
+            tuples = best_of_trials(tuples, trials_around, self.judged)
+            if self.planar is None:  # which has no minimum that is missed
+                all_directions = np.broadcast_to(spread, (len(tuples), *spread.shape))
+                self._learn(*minimise_locally(self.tables.grasps(tuples), task, all_directions, self.tables.budget))
             tuples, kept = self.sorted_by_judgement(tuples), len(tuples) if number > 1 else (len(tuples) + 1) // 2
             tuples, left = tuples[:kept], [tuples[kept:], *left]
         return np.concatenate([tuples, *left])
@@ -258,7 +263,7 @@ class CoordinateExchange:
         """
         self.history += tuples
         best = self.best(np.concatenate(tuples), 4 * self._population)
-        self.add_weakest_directions(best[: 2 * self._population])
+        self._learn(*self._weakest(best[: 2 * self._population], DESCENTS))
         best = self.best(best, len(best))
         incongruent = select_incongruent(self.compiled, self.tables.contacts_of(best)[0])
         congruent = [b for b in range(len(best)) if b not in incongruent]
@@ -313,17 +318,13 @@ class CoordinateExchange:
                     powers[:, b, i] = self.powers[self.tables.of_contact[i]][:, samples[chosen]]
         return tuples
 
-    def add_weakest_directions(self, tuples: IntArray) -> None:
-        """Add the weakest directions of tuples (b, k), found by local descents."""
-        self._learn(*self._weakest(tuples, DESCENTS, STEPS))
-
-    def _weakest(self, tuples: IntArray, descents: int, steps: int) -> tuple[FloatArray, FloatArray]:
+    def _weakest(self, tuples: IntArray, descents: int) -> tuple[FloatArray, FloatArray]:
         """Return directions (b, m, d) and support ratios (b, m) of descents from tuples' weakest known directions."""
         ratios = self.tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(descents, len(ratios) - 1)
         initial = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
         grasps, task = self.tables.grasps(tuples), self.compiled.problem.task
-        return minimise_locally(grasps, task, initial, self.tables.budget, steps)
+        return minimise_locally(grasps, task, initial, self.tables.budget, STEPS)
 
     def _learn(self, minimisers: FloatArray, values: FloatArray) -> None:
         """Add the weakest of directions (b, m, d) of tuples with support ratios (b, m)."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray, IntArray
-from nlpgrasp.optimize.surface_samples import SampleTables
+from nlpgrasp.optimize.surface_samples import SampleTables, best_of_trials
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.screening import fixed_force_set, planar_ratios
 
@@ -98,16 +98,10 @@ class PlanarSearch:
             for i, spread in enumerate(self._spread):
                 placed = np.repeat(tuples[:, None], len(spread), axis=1)
                 placed[:, :, i] = spread
-                tuples = self._improved(tuples, placed)
+                tuples = best_of_trials(tuples, placed, self.values)
         for width in widths:
-            tuples = self._improved(tuples, self._tables.around(tuples, width, trials, self._rng))
+            tuples = best_of_trials(tuples, self._tables.around(tuples, width, trials, self._rng), self.values)
         return self._sorted(np.concatenate([tuples, begun, known]))
-
-    def _improved(self, tuples: IntArray, trials: IntArray) -> IntArray:
-        """Return the best of each tuple (b, k) and its trials (b, m, k)."""
-        trials = np.concatenate([tuples[:, None], trials], axis=1)
-        values = self.values(trials.reshape(-1, tuples.shape[1])).reshape(trials.shape[:2])
-        return np.asarray(trials[np.arange(len(tuples)), np.argmax(values, axis=1)])
 
     def _ranked(self, tuples: IntArray, kept: int, promising: float, looked_at: int = 500) -> IntArray:
         """Return the best of tuples (b, k) by ``values`` that are not alike, best first."""

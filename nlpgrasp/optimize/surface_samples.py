@@ -6,7 +6,7 @@ these points along shared directions, for coordinate exchange. Parallel jaws beg
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -285,6 +285,13 @@ class SampleTables:
             chosen = np.take_along_axis(near, rng.integers(near.shape[1], size=(len(tuples), count)), axis=1)
             result[:, :, i] = np.where(moves[:, :, i], chosen, result[:, :, i])
         return result
+
+
+def best_of_trials(tuples: IntArray, trials: IntArray, values: Callable[[IntArray], FloatArray]) -> IntArray:
+    """Return the best of each tuple of samples (b, k) and its trials (b, m, k), by the values of tuples."""
+    trials = np.concatenate([tuples[:, None], trials], axis=1)
+    order = values(trials.reshape(-1, tuples.shape[1])).reshape(trials.shape[:2])
+    return np.asarray(trials[np.arange(len(tuples)), np.argmax(order, axis=1)])
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,11 @@
 """Tasks that few placements hold, in the plane and in space: starts end at the best of them."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange, select_incongruent
-from nlpgrasp.optimize.planar_search import PlanarSearch
+from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 
 
 def triangle(vertices, friction, axes, center):
@@ -68,11 +65,10 @@ def test_values_are_mu():
     """Of random placements, most of which cannot exert the task; certified one by one."""
     compiled = CompiledProblem(BLUNT, ng.SolveOptions(workers=1))
     exchange = CoordinateExchange(compiled, compiled.sample_tables, np.random.default_rng(0))
-    distinct = partial(select_incongruent, compiled)
-    search = PlanarSearch(BLUNT, exchange.tables, exchange.merit, distinct, exchange.rng)
+    search = exchange.planar
     tuples = np.concatenate([search.best(np.zeros((0, 2), int))[:20], exchange.tables.random(60, exchange.rng)])
     values = search.values(tuples)
-    mu = ng.mu(ng.GraspStack(*exchange.tables.contacts_of(tuples), BLUNT.models, BLUNT.origin), BLUNT.task)
+    mu = ng.mu(exchange.tables.grasps(tuples), BLUNT.task)
     assert np.all(mu.lower <= np.maximum(values, 0.0) * (1.0 + 1e-9))
     assert np.array_equal(values > 0.0, mu.upper > 0.0)
     assert np.median(values[values > 0.0] / mu.upper[values > 0.0]) < 1.01  # mostly mu itself

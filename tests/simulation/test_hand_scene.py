@@ -99,8 +99,11 @@ def test_keyframes_follow_from_the_file(held):
 
 
 def test_all_phases_run_as_exported(held):
-    """Nothing pushes itself apart, the squeeze hardly moves the object, and contacts press as stated."""
-    model, data = load_model(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)), "pregrasp")
+    """Nothing pushes itself apart, the squeeze hardly moves the object, and contacts press as stated.
+
+    Servos are soft, since stiff ones lose up to a seventh of a contact's force to the way that its finger gives.
+    """
+    model, data = load_model(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1, gain=2.0)), "pregrasp")
     assert data.ncon == 0
     distances = {}
     for key in ("grasp", "squeeze"):
@@ -117,10 +120,7 @@ def test_all_phases_run_as_exported(held):
         bodies = [model.geom_bodyid[contact.geom1], model.geom_bodyid[contact.geom2]]
         mujoco.mj_contactForce(model, data, c, force)
         pressed[next(tips[b] for b in bodies if b in tips)] += force[0]
-    assert np.sum(pressed) == pytest.approx(np.sum(held.squeeze.normal), rel=0.1)
-    np.testing.assert_allclose(
-        pressed, held.squeeze.normal, rtol=0.2
-    )  # one of six seeds: 16 % apart, as friction has it
+    np.testing.assert_allclose(pressed, held.squeeze.normal, rtol=0.1)
 
 
 def test_masses_are_those_of_the_urdf(held):
