@@ -205,12 +205,12 @@ class HandClearance:
     def body_point_rows(
         self, parts: IntArray, points: Sequence[tuple[float, float, float]], moving: Frames
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the distances of points (m, 3) of the body from the hulls of parts (m,), as ``rows`` does."""
+        """Return the distances of points (m, 3) of the body from parts (m,), as ``rows`` does."""
         links = [self.parts.parts[i].link for i in parts]
         x, value, normals = np.asarray(points), np.zeros(len(parts)), np.zeros((len(parts), 3))
         for row, (i, frame) in enumerate(zip(parts, moving.of_links(links)[0], strict=True)):
             local = (x[row] - frame[:3, 3]) @ frame[:3, :3]
-            distance, normal = self.parts.parts[i].outer_distance_with_normals(local[None])
+            distance, normal = self.parts.parts[i].distance_with_normals(local[None])
             value[row], normals[row] = distance[0], frame[:3, :3] @ normal[0]
         groups = np.array([moving.links.group[link] for link in links], int)
         return value, -moving.rows(x, groups, normals, moving.t[:, 0], np.zeros(len(parts), int))

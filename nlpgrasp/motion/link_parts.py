@@ -109,11 +109,16 @@ class LinkPart:
 
     def distance(self, points: FloatArray, limit: float = np.inf) -> FloatArray:
         """Return the signed distance of points (m, 3), link frame, (m,), metres, where it is less than a limit."""
-        result = self.outer_distance(points)
+        return self.distance_with_normals(points, limit)[0]
+
+    def distance_with_normals(self, points: FloatArray, limit: float = np.inf) -> tuple[FloatArray, FloatArray]:
+        """Return ``distance``, and its gradients (m, 3); elsewhere those of ``outer_distance``."""
+        result, normals = self.outer_distance_with_normals(points)
         if self.radius == 0.0 and not (self.is_convex and len(self.normals) < 200):
             near = np.flatnonzero(result < limit)
-            result[near] = self.tree.exact_signed_distance(points[near]) if len(near) else 0.0
-        return result
+            if len(near):
+                result[near], normals[near] = self.tree.exact_signed_distance_with_gradient(points[near])
+        return result, normals
 
 
 class LinkParts:

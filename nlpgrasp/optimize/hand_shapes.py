@@ -180,9 +180,9 @@ class HandShapes:
     def nearest_body_edges(
         self, points: BinnedPoints, frames: Frames, reach: float
     ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-        """Return, of each cell of points of the body, the one nearest to each part's hull, within ``reach``, metres.
+        """Return, of each cell of points of the body, the one nearest to each part, within ``reach``, metres.
 
-        Their postures and parts (n,), positions (n, 3), distances (n,) and outward normals (n, 3) of the hulls there.
+        Their postures and parts (n,), positions (n, 3), distances (n,) and gradients (n, 3) of the parts' distances.
         Those at a fingertip are left out.
         """
         found = [(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))]
@@ -198,7 +198,7 @@ class HandShapes:
             near = distances < points.reaches[cell] + reach
             index, owner = ranges(points.first[cell[near]], points.sizes[cell[near]])
             which, x = which[near][owner], points.points[index]
-            value, normals = part.outer_distance_with_normals(_in_frames(x, R[which], t[which]))
+            value, normals = part.distance_with_normals(_in_frames(x, R[which], t[which]), reach)
             inside = np.flatnonzero(value < reach)
             if group in self.tips.groups:
                 at = _in_frames(x[inside], frames.R[which[inside], group], frames.t[which[inside], group])

@@ -39,7 +39,7 @@ class LinkPoint:
 
 @dataclass(frozen=True)
 class BodyPoint:
-    """Point of the body, as of an edge, that is kept outside the convex hull of a link's part.
+    """Point of the body, as of an edge, that is kept outside a link's part.
 
     Parameters
     ----------

@@ -69,6 +69,9 @@ def fine_manipulation(
     grasps in which only some of the fingers have moved to one of them. The first that is better than the pick-up's
     grasp and that all moves reach is ``goal``; ``unreached`` says what is in the way of better ones.
 
+    The body counts as held with more than a tenth of the quality that the pick-up's own grasp has for the holding
+    task: less takes forces that hands do not have.
+
     Parameters
     ----------
     pick : GraspProblem
@@ -164,7 +167,7 @@ class FineManipulation:
         if self.success:
             held = "the body is held during every move, certified along the whole path"
             return f"{held}; better grasps are not reached" if self.unreached else held
-        dropped = [m.finger for m in self.moves if m.held.upper <= 0.0]
+        dropped = [m.finger for m in self.moves if m.held.upper <= m.required]
         uncertain = dropped or [m.finger for m in self.moves if not m.certified]
         moving = f"{_format_fingers(uncertain)} move{'' if len(uncertain) > 1 else 's'}"
         if dropped:

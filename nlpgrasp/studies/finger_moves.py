@@ -58,6 +58,8 @@ class FingerMove:
         The hand's motion, or its obstruction; None without a hand of known limits.
     stations : int
         Number of certified grasps: 1 for a lifted finger.
+    required : float
+        Quality above which the body counts as held.
     """
 
     finger: int
@@ -66,6 +68,7 @@ class FingerMove:
     held: Bounds
     motion: FingerPath | None = None
     stations: int = 1
+    required: float = 0.0
 
     @property
     def length(self) -> float:
@@ -84,14 +87,16 @@ class FingerMove:
 
     @property
     def certified(self) -> bool:
-        """Whether a quality above zero is certified everywhere on the path."""
-        return self.least > 0.0
+        """Whether a quality above the required one is certified everywhere on the path."""
+        return self.least > self.required
 
     @property
     def held_text(self) -> str:
         """Text on the quality during the move."""
         if self.held.upper <= 0.0:
             return "not held everywhere on its path" if self.slides else "not held by the other fingers"
+        if self.held.upper <= self.required:
+            return f"hardly held, with {self.held}: more than {self.required:.3g} is needed"
         if not self.certified:
             return f"held with {self.held} at {self.stations} stations, not certified between them"
         return f"held with {self.held}" + (" everywhere on its path" if self.slides else "")
@@ -195,7 +200,7 @@ def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> t
     If the other fingers hold the body alone, the finger may be lifted or else slide; otherwise it slides.
     """
     quality = holding.quality_without(moved, finger).lower
-    if quality > 0.0:
+    if quality > holding.required:
         return (0, -quality), finger, (LIFTED, SLIDES)
     return (1, -holding.sliding_quality(moved, finger)), finger, (SLIDES,)
 
@@ -275,6 +280,9 @@ class HoldingQuality:
         Path of each finger from its contact to its new one.
     hold : Task
         Task that the fingers exert while one of them moves.
+    least : float
+        Share of the first grasp's own quality for this task above which it counts as held: with less the fingers would
+        have to press so much harder.
     """
 
     def __init__(
@@ -285,10 +293,12 @@ class HoldingQuality:
         order: Sequence[int],
         paths: Sequence[Sequence[PathStation]],
         hold: Task,
+        least: float = 0.1,
     ) -> None:
         self.problem, self.hold = problem, hold.about(problem.origin)
         self.pick, self.goal, self.order, self.paths = pick, goal, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
+        self.required = least * self._certified(pick).lower
         size = problem.body.size
         self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size, MOST_TURN) for path in paths]
         self._triangle_paths = TrianglePaths(problem.body) if isinstance(problem.body, Mesh) else None
@@ -308,10 +318,10 @@ class HoldingQuality:
         """Return the move of a finger, certified on its whole path."""
         others_quality = self.quality_without(moved, finger)
         if not slides:
-            return FingerMove(finger, self._curves[finger].points, slides, others_quality)
+            return FingerMove(finger, self._curves[finger].points, slides, others_quality, required=self.required)
         path = self._surface_path(finger)
         along = least_mu_along(path, self._grasp(moved, finger), self.hold, self.budget, others_quality.lower)
-        return FingerMove(finger, path.points, slides, along.bounds, stations=along.stations)
+        return FingerMove(finger, path.points, slides, along.bounds, stations=along.stations, required=self.required)
 
     def _surface_path(self, finger: int) -> SurfacePath:
         """Return the path of a finger over the body itself: over the triangles of a mesh."""

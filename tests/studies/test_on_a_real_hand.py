@@ -137,15 +137,16 @@ def test_what_has_no_moves_is_not_simulated(picked, solution):
 
 @pytest.mark.slow
 def test_fingertips_slide_by_two_millimetres_unless_joints_or_links_do_not_allow_it(picked, solution):
-    """To both sides along the box, with the palm and the other fingers where they are, or a link is in the way."""
+    """To both sides along a face, with the palm and the other fingers where they are, or a link is in the way."""
     hand, grasp, shapes = four_finger_hand(), solution.grasp, Shapes()
     values = hand.values_of(solution.hand)
     palm, joints = hand.tree.palm_frame(values), solution.hand["joint_positions"]
     ends = [PathStation(*contact) for contact in zip(grasp.points, grasp.normals, solution.faces, strict=True)]
     done = 0
     for finger, along in product(range(4), (-0.002, 0.002)):
-        target = grasp.points[finger] + [along, 0.0, 0.0]
-        if abs(target[0]) > 0.5 * EXTENTS[0] or abs(grasp.normals[finger, 0]) > 0.5:
+        side = int(np.argmin(np.abs(grasp.normals[finger])))  # the longest of the face
+        target = grasp.points[finger] + along * np.eye(3)[side]
+        if abs(target[side]) > 0.5 * EXTENTS[side]:
             continue
         paths = [[end, end] for end in ends]
         paths[finger][1] = PathStation(target, grasp.normals[finger], solution.faces[finger])

@@ -15,6 +15,8 @@ from nlpgrasp.studies.finger_moves import FingerMove, ordered_moves, unexamined_
 class Held:
     """Strengths drawn at random for each set of fingers that have moved: of the others alone, and more of a slide."""
 
+    required = 0.0
+
     def __init__(self, rng, count, shift=0.1):
         self.rng, self.paths, self.known, self.shift = rng, [None] * count, {}, shift
 

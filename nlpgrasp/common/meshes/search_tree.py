@@ -100,6 +100,20 @@ class SearchTree:
         is_inside = np.abs(self.winding_numbers(points)) > 0.5
         return np.asarray(np.where(is_inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
 
+    def exact_signed_distance_with_gradient(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``exact_signed_distance`` and its gradients (m, 3): on the surface the nearest triangles' normals."""
+        squared, faces, nearest = self.nearest(points)
+        away, distance = points - nearest, np.sqrt(squared)
+        value = np.where(np.abs(self.winding_numbers(points)) > 0.5, -distance, distance)
+        gradient = away / np.where(value == 0.0, 1.0, value)[:, None]
+        touching = np.flatnonzero(distance < 1e-9)
+        if len(touching):
+            corners = self._vertices[self._faces]
+            outward = np.sign(np.sum(np.linalg.det(corners)))
+            normals = np.cross(*np.diff(corners[faces[touching]], axis=1).transpose(1, 0, 2)) * outward
+            gradient[touching] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        return value, gradient
+
 
 _trees: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 
