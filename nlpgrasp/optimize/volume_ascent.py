@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import norm, qmc
+from scipy.special import ndtri
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
@@ -54,7 +54,9 @@ class SampledVolume:
 
     def __init__(self, compiled: CompiledProblem, grasp: Grasp, count: int) -> None:
         self._compiled, self._matrix = compiled, whitening(grasp)
-        x = norm.ppf(qmc.Halton(grasp.dimension, scramble=False).fast_forward(1).random(count))
+        from scipy.stats import qmc  # slow to import, and used here alone
+
+        x = ndtri(qmc.Halton(grasp.dimension, scramble=False).fast_forward(1).random(count))
         self._rays = x / np.linalg.norm(x, axis=1, keepdims=True)
 
     def at(self, grasp: Grasp) -> RadialVolume:
