@@ -235,7 +235,7 @@ class _TrustRegionSearch:
         cuts = nearest_to_binding(compiled, point.candidate, point.cuts)
         linear = Linearisation(compiled, point.candidate, cuts)
         first = linear.quadratic_step(self.radius, self.curvature)
-        if first is None or self._is_stationary(first):
+        if first is None or self._is_stationary(first, float(first.d[linear.beta])):
             return False
         if self._renew_curvature(linear, cuts, first):
             first = linear.quadratic_step(self.radius, self.curvature)
@@ -246,9 +246,14 @@ class _TrustRegionSearch:
             self._compare(step, cuts)
         return True
 
-    def _is_stationary(self, first: QuadraticStep) -> bool:
-        """Return whether the Lagrangian's gradient hardly changes over a step."""
-        return self.curvature is not None and float(np.max(np.abs(self.curvature @ first.d))) < STATIONARY
+    def _is_stationary(self, first: QuadraticStep, predicted: float) -> bool:
+        """Return whether a step is to gain nothing, in the solver's unit, and hardly changes the Lagrangian's gradient.
+
+        On a plateau, where directions without torque limit mu, that gradient changes little while steps still gain.
+        """
+        if self.curvature is None or predicted > STATIONARY * self.result.point.value * self.compiled.scaling.beta:
+            return False
+        return float(np.max(np.abs(self.curvature @ first.d))) < STATIONARY
 
     def _renew_curvature(self, linear: Linearisation, cuts: FloatArray, first: QuadraticStep) -> bool:
         """Recompute the Lagrangian's curvature where it is needed; return whether it was recomputed.
