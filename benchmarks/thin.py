@@ -33,8 +33,9 @@ def run(first=0, last=PROBLEMS):
             f"{index:3d} {problem.name}: mu {found:.4g}, {ratios[-1]:.3f} of the best, {gap}, {seconds:.1f} s",
             flush=True,
         )
-    near = np.mean(np.array(ratios) >= 0.98)
-    print(f"{len(ratios)} problems: {near:.0%} within 2 %, least {min(ratios):.3f}")
+    if ratios:
+        near = np.mean(np.array(ratios) >= 0.98)
+        print(f"{len(ratios)} problems: {near:.0%} within 2 %, least {min(ratios):.3f}")
 
 
 def thin_problem(index):

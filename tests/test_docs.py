@@ -46,9 +46,11 @@ SLOW = (
     "08_mu",
     "10_optimal_grasp",
     "measures",
+    "own_kinds",
 )
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
+FILE = re.compile(r'```python title="(.*?)"\n(.*?)```', re.DOTALL)
 SHELL = "\nimport subprocess\nsubprocess.run(['bash', '-euo', 'pipefail', '-c', {!r}], check=True)\n"
 RUN = [
     pytest.param(p, marks=[pytest.mark.slow] if p.stem in SLOW else [], id=p.stem)
@@ -59,7 +61,12 @@ RUN = [
 
 @pytest.mark.parametrize("page", RUN)
 def test_code_blocks_run(page, tmp_path, monkeypatch, capsys):
-    """Python and shell blocks of a page, in order, in one folder; long pages in a process of their own."""
+    """Python and shell blocks of a page, in order, in one folder; long pages in a process of their own.
+
+    A block with a title is a file of that name.
+    """
+    for name, text in FILE.findall(page.read_text()):
+        (tmp_path / name).write_text(text)
     (tmp_path / "problems").symlink_to(ROOT / "problems")
     script = tmp_path / "page.py"
     blocks = BLOCK.findall(page.read_text())
@@ -103,6 +110,7 @@ EXPECTED = {
     "hands": ("mu certified in [0.4", "spread, fingers", "confirmed: held as solved, lost without the squeeze"),
     "tasks": ("of 2000 wrenches inside", "less friction, [0."),
     "experiments": ("plate: 8 of 8 solves done", "1 free, rough [0.8"),
+    "own_kinds": ("by the body's own functions", "verified: ", "written to egg.faces"),
     "interop": ("stable: True [0.",),
     "measures": ("True True", "False ["),
     "getting_started": ("box: Solved", "verified", "written to box.html", "rectangle, Example 3-10: Solved"),
@@ -114,7 +122,7 @@ EXPECTED = {
 def test_every_block_says_what_it_is():
     """No block escapes the tests by having no language."""
     for page in PAGES:
-        fences = re.findall(r"^```(\w*)$", page.read_text(), re.MULTILINE)
+        fences = re.findall(r'^```(\w*)(?: title=".*")?$', page.read_text(), re.MULTILINE)
         assert all(opening in ("python", "sh", "text") for opening in fences[::2]), page.name
         assert all(closing == "" for closing in fences[1::2]), page.name
 

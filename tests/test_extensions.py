@@ -1,148 +1,57 @@
 """Kinds defined outside the package work like its own: they are solved, saved, read, verified and exported."""
 
+import importlib
 import json
+import re
 import subprocess
 import sys
-from dataclasses import dataclass
+from contextlib import ExitStack
 from pathlib import Path
-from typing import ClassVar
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
-from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.budgets import budget_from_dict, force_budget
 from nlpgrasp.budgets.registry import BUDGETS
-from nlpgrasp.budgets.registry import register as register_budget
-from nlpgrasp.common.scalar_constraints import ScalarConstraint
+from nlpgrasp.common.registry import SOLIDS
+from nlpgrasp.constraints.registry import CONSTRAINTS
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.base import CONTACTS
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
+from nlpgrasp.interop import registry as formats
 from nlpgrasp.interop.contacts_csv import contacts_csv
-from nlpgrasp.tasks import TaskPolytope, task_from_dict
+from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.tasks.base import TASKS
-from nlpgrasp.tasks.registry import register as register_task
 
 FILES = Path(__file__).parent / "solution" / "files"
 BOX, BALL = ng.Box([0.08, 0.04, 0.04]), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "own_kinds.md"
+MODULE = re.search(r'```python title="own_kinds.py"\n(.*?)```', PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
 
 
-@dataclass(frozen=True)
-class Gecko(RangeContact):
-    """A dry adhesive that slides along neither tangent: friction by another name, as a contact of its own."""
-
-    kind: ClassVar[str] = "test gecko"
-    grip: float
-
-    @property
-    def coefficients(self):
-        return {"grip": self.grip}
-
-    def axes(self, space):
-        return tuple(range(space))
-
-    def blocks(self, components):
-        return ((slice(1, components), self.grip),)
-
-    def variables(self, space):
-        return space
-
-    def split(self, x, normal):
-        return x, None
-
-    def membership(self, x, normal):
-        pressing = normal.T @ x
-        return [("grip", (1.0 + self.grip**2) * pressing**2 - x.T @ x), ("unilateral", pressing)]
-
-    def to_dict(self):
-        return {"model": self.kind, "grip": self.grip}
-
-    @classmethod
-    def from_dict(cls, data):
-        return cls(data["grip"])
-
-
-class WeighedSet(ForceSet):
-    """``{x in K : sum_i w_i f_n,i <= 1}``."""
-
-    power: ClassVar[float] = 8.0
-
-    def __init__(self, contacts, space, weights):
-        super().__init__(contacts, space)
-        self.weights = weights
-
-    def support(self, z):
-        parts = [c.extreme(z[:, r]) for c, r in zip(self.contacts, self.ranges, strict=True)]
-        values = np.stack([p[0] for p in parts], axis=1) / self.weights
-        best, force = np.argmax(values, axis=1), np.zeros_like(z)
-        for i, r in enumerate(self.ranges):
-            force[best == i, r] = parts[i][1][best == i] / self.weights[i]
-        return values[np.arange(len(z)), best], force
-
-    def gauge(self, x):
-        return sum(w * x[:, r.start] for w, r in zip(self.weights, self.ranges, strict=True))
-
-    def cones(self):
-        row = np.zeros((1, self.size + 1))
-        row[0, -1] = 1.0
-        row[0, [r.start for r in self.ranges]] = [-w for w in self.weights]
-        return [row]
-
-
-class Weighed(ForceBudget):
-    """The fingers share one unit of normal force, which later fingers pay more for."""
-
-    kind: ClassVar[str] = "test weighed"
-    by_name: ClassVar[bool] = False
-
-    def __init__(self, growth):
-        self.growth = growth
-
-    def weights(self, count):
-        return self.growth ** np.arange(count)
-
-    def at(self, frames, contacts):
-        return WeighedSet(contacts, frames.shape[1], self.weights(len(contacts)))
-
-    def rows(self, contacts, forces, normals):
-        parts = zip(self.weights(len(contacts)), contacts, forces, normals, strict=True)
-        return [ScalarConstraint("force budget", sum(w * c.normal_force(x, n) for w, c, x, n in parts), upper=1.0)]
-
-    def to_dict(self):
-        return {"type": self.kind, "growth": self.growth}
-
-    @classmethod
-    def from_dict(cls, data):
-        return cls(data["growth"])
-
-
-class Pair(TaskPolytope):
-    """A wrench and its opposite."""
-
-    kind: ClassVar[str] = "test pair"
-
-    def __init__(self, wrench):
-        super().__init__(np.stack([np.asarray(wrench), -np.asarray(wrench)]))
-
-    def to_dict(self):
-        return {"type": self.kind, "wrench": self.wrenches[0].tolist()}
-
-    @classmethod
-    def from_dict(cls, data):
-        return cls(data["wrench"])
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the file of docs/own_kinds.md."""
+    path = tmp_path_factory.mktemp("own")
+    (path / "own_kinds.py").write_text(MODULE)
+    return path
 
 
 @pytest.fixture(scope="module", autouse=True)
-def registered():
-    """Register the kinds of this module, and forget them again."""
-    with patch.dict(CONTACTS._kinds), patch.dict(BUDGETS._kinds), patch.dict(TASKS._kinds):
-        register_contact(Gecko)
-        register_budget(Weighed)
-        register_task(Pair)
-        yield
+def kinds(folder):
+    """The module of the page, whose kinds are registered, and forgotten again."""
+    registries = (SOLIDS, CONSTRAINTS, CONTACTS, BUDGETS, TASKS)
+    with ExitStack() as stack:
+        for registry in registries:
+            stack.enter_context(patch.dict(registry._kinds))
+        stack.enter_context(patch.dict(formats._formats))
+        sys.path.insert(0, str(folder))
+        yield importlib.import_module("own_kinds")
+        sys.path.remove(str(folder))
+        del sys.modules["own_kinds"]
 
 
 def passed(solution, path):
@@ -157,27 +66,119 @@ def passed(solution, path):
     return again
 
 
+@pytest.fixture(scope="module")
+def egg(kinds, folder):
+    """The page's own problem, solved and saved."""
+    solution = ng.solve(kinds.problem(), starts=2, options=ng.SolveOptions(workers=1))
+    return solution, solution.save(folder / "egg.json")
+
+
+def test_a_body_and_a_limit_from_elsewhere(egg, tmp_path):
+    """Contacts are on the surface by its formula in numpy, which the page does not state, and the limit binds."""
+    solution, file = egg
+    x, y, z = solution.grasp.points.T
+    width, height, taper = 0.03, 0.05, 0.4
+    wide = width**2 * (1.0 + taper * z / height)
+    np.testing.assert_allclose((x**2 + y**2) / wide + z**2 / height**2, 1.0, atol=1e-6)
+    slope_z = -(x**2 + y**2) / wide**2 * width**2 * taper / height + 2.0 * z / height**2
+    outward = np.column_stack([2.0 * x / wide, 2.0 * y / wide, slope_z])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    np.testing.assert_allclose(solution.grasp.normals, -outward, atol=1e-6)
+    assert z[0] + z[1] <= 1e-9
+    assert solution.kkt.locally_optimal
+    passed(solution, tmp_path / "again.json")
+    verification = ng.verify(file)
+    assert verification.complete
+    assert "by the body's own functions" in str(verification)
+    assert "1 row recomputed" in str(verification)
+
+
+@pytest.mark.parametrize(
+    ("edit", "check"),
+    [
+        (lambda d: d["problem"]["body"].update(taper=0.39), "surface"),
+        (lambda d: d["grasp"]["contacts"][1]["position"].__setitem__(0, -0.0263), "surface"),
+        (lambda d: d["problem"]["body"].update(height=0.0495), "normals"),
+        (lambda d: d["problem"]["constraints"][0].update(height=-0.01), "constraint 0, middle below"),
+        (lambda d: d["constraints"][0].update(value=-0.02), "constraint 0, middle below"),
+        (lambda d: d["problem"]["body"].pop("taper"), "surface"),
+    ],
+)
+def test_edits_of_a_file_with_kinds_from_elsewhere_are_seen(edit, check, egg, tmp_path):
+    data = json.loads(egg[1].read_text())
+    edit(data)
+    (tmp_path / "edited.json").write_text(json.dumps(data))
+    assert check in [c.name for c in ng.verify(tmp_path / "edited.json").checks if c.failed]
+
+
+def test_an_experiment_on_a_body_from_elsewhere(kinds, tmp_path):
+    """Its variations run in workers, which import the file by name."""
+    base, lower = kinds.problem(), [kinds.MiddleBelow(-0.01)]
+    experiment = ng.Experiment(base, {"free": {"constraints": []}, "low": {"constraints": lower}}, seeds=[0], starts=1)
+    result = ng.run_experiment(experiment, tmp_path / "runs", workers=2)
+    free, low = (result.solution(name).mu.lower for name in ("free", "low"))
+    assert 0.0 < low < free * 1.02
+
+
+def test_the_command_line_imports_a_file_before_any_command(folder, tmp_path):
+    (tmp_path / "broken.py").write_text("x = 1\nraise ValueError('no')\n")
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+
+    assert (
+        "by the body's own functions"
+        in run("verify", folder / "egg.json", f"--with-module={folder}/own_kinds.py").stdout
+    )
+    assert "faces, the faces that are touched" in " ".join(
+        run("--with-module", folder / "own_kinds.py", "export", "--help").stdout.replace("│", " ").split()
+    )
+    for file, message in (
+        ("none.py", "--with-module: got none.py, expected a Python file that exists"),
+        ("broken.py", "--with-module broken.py: got ValueError: no (line 2), expected a file that runs"),
+    ):
+        done = run("verify", folder / "egg.json", "--with-module", file)
+        assert (done.returncode, done.stderr) == (2, f"nlpgrasp: {message}\n")
+
+
+def test_without_their_file_the_rest_is_verified(egg):
+    with patch.dict(SOLIDS._kinds), patch.dict(CONSTRAINTS._kinds):
+        del SOLIDS._kinds["egg"], CONSTRAINTS._kinds["middle below"]
+        verification = ng.verify(egg[1])
+    assert verification.passed
+    assert not verification.complete
+    assert "nothing recomputes a body of type 'egg'" in verification.verdict
+
+
+def test_a_body_without_cells_has_no_bound_over_all_placements(kinds):
+    with pytest.raises(ng.InputError, match=r"best_possible\.body: got egg, expected a body of flat faces"):
+        ng.best_possible(kinds.problem(), time_limit=1.0)
+
+
 @pytest.mark.slow
-def test_a_contact_model_from_elsewhere(tmp_path):
-    found = ng.solve(ng.GraspProblem(BOX, [Gecko(0.5)] * 3, BALL), starts=1, seed=0, options=ng.SolveOptions(workers=1))
+def test_a_contact_model_from_elsewhere(kinds, tmp_path):
+    found = ng.solve(
+        ng.GraspProblem(BOX, [kinds.Gecko(0.5)] * 3, BALL), starts=1, seed=0, options=ng.SolveOptions(workers=1)
+    )
     again = passed(found, tmp_path / "gecko.json")
-    assert again.grasp.contacts == (Gecko(0.5),) * 3
+    assert again.grasp.contacts == (kinds.Gecko(0.5),) * 3
     plain = ng.Grasp(again.grasp.points, again.grasp.normals, ng.FrictionContact(0.5), again.grasp.torque_origin)
     assert ng.mu(plain, BALL).lower == pytest.approx(found.mu.lower, rel=0.02)
     table = contacts_csv(again).splitlines()
-    assert [line.split(",")[-3:] for line in table[1:]] == [["test gecko", "", ""]] * 3
+    assert [line.split(",")[-3:] for line in table[1:]] == [["gecko", "", ""]] * 3
 
 
-def test_a_contact_model_says_what_it_lacks():
-    contact = Gecko(0.5)
-    assert contact.with_friction(0.9) == Gecko(0.45)
+def test_a_contact_model_says_what_it_lacks(kinds):
+    contact = kinds.Gecko(0.5)
+    assert contact.with_friction(0.9) == kinds.Gecko(0.45)
     with pytest.raises(ng.InputError, match="point, friction or soft contacts in a friction pyramid"):
         ng.ferrari_canny(ng.Grasp([[0, 0, 1.0]], [[0, 0, -1.0]], contact))
 
 
-@pytest.mark.parametrize("base", [Gecko.__base__, ng.PointContact.__mro__[2]])
-def test_a_contact_model_states_its_friction_coefficients(base):
-    entries = {name: value for name, value in vars(Gecko).items() if name not in ("coefficients", "__dict__")}
+@pytest.mark.parametrize("base", [RangeContact, ng.PointContact.__mro__[2]])
+def test_a_contact_model_states_its_friction_coefficients(base, kinds):
+    entries = {name: value for name, value in vars(kinds.Gecko).items() if name not in ("coefficients", "__dict__")}
     silent = type("Silent", (base,), {**entries, "kind": "test silent"})
     for use in (register_contact, silent):
         with pytest.raises(ng.InputError, match=r"Silent\.coefficients: .*friction coefficients by name"):
@@ -203,24 +204,26 @@ def test_friction_coefficients_are_numbers_of_the_models_fields(coefficients, wo
 
 
 @pytest.mark.slow
-def test_a_budget_from_elsewhere(tmp_path):
-    found = ng.solve(ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL, force_budget=Weighed(2.0)), starts=2)
+def test_a_budget_from_elsewhere(kinds, tmp_path):
+    found = ng.solve(
+        ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL, force_budget=kinds.Weighed(2.0)), starts=2
+    )
     again = passed(found, tmp_path / "weighed.json")
-    assert budget_from_dict(again.problem["force_budget"]) == Weighed(2.0)
+    assert budget_from_dict(again.problem["force_budget"]) == kinds.Weighed(2.0)
     shared = ng.mu(again.grasp, BALL, force_budget="shared")
     assert found.mu.lower <= shared.upper
-    assert ng.mu(again.grasp, BALL, force_budget=Weighed(1.0)).lower == pytest.approx(shared.lower, rel=0.02)
-    used = ng.finger_forces(again.grasp, found.mu.lower * BALL.axes, force_budget=Weighed(2.0)).used
+    assert ng.mu(again.grasp, BALL, force_budget=kinds.Weighed(1.0)).lower == pytest.approx(shared.lower, rel=0.02)
+    used = ng.finger_forces(again.grasp, found.mu.lower * BALL.axes, force_budget=kinds.Weighed(2.0)).used
     assert np.all(used <= 1.0 + 1e-6)
 
 
 @pytest.mark.slow
-def test_a_task_from_elsewhere(tmp_path):
-    task = Pair([0, 0, 1.0, 0, 0, 0.01])
+def test_a_task_from_elsewhere(kinds, tmp_path):
+    task = kinds.Pair([0, 0, 1.0, 0, 0, 0.01])
     problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, task)
     found = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
     again = passed(found, tmp_path / "pair.json")
-    assert task_from_dict(again.problem["task"]).to_dict()["type"] == "test pair"
+    assert task_from_dict(again.problem["task"]).to_dict()["type"] == "pair"
     assert task_from_dict((task + BALL).to_dict()).tasks[0] == task
 
 
@@ -228,7 +231,7 @@ def test_a_task_from_elsewhere(tmp_path):
     ("read", "kind"),
     [
         (lambda: contact_from_dict({"model": "test unheard of"}), "point, friction, soft, line, plane, bilateral, "),
-        (lambda: task_from_dict({"type": "test unheard of"}), "ellipsoid, polytope, set, sum, test pair"),
+        (lambda: task_from_dict({"type": "test unheard of"}), "ellipsoid, polytope, set, sum, pair"),
         (lambda: force_budget("test unheard of"), "l2, per_finger, shared, per_finger_size, hand_torques, or"),
     ],
 )
@@ -237,14 +240,14 @@ def test_kinds_that_nobody_registered_are_refused(read, kind):
         read()
 
 
-def test_a_name_stands_for_one_kind():
-    class Other(Gecko):
+def test_a_name_stands_for_one_kind(kinds):
+    class Other(kinds.Gecko):
         kind = "friction"
 
     with pytest.raises(ng.InputError, match="another name: that one is FrictionContact's"):
         register_contact(Other)
     assert CONTACTS.find("friction") is ng.FrictionContact
-    assert register_contact(Gecko) is Gecko
+    assert register_contact(kinds.Gecko) is kinds.Gecko
 
 
 @pytest.mark.parametrize(

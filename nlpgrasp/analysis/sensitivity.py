@@ -69,6 +69,7 @@ def sensitivity(grasp: Grasp, task: Task, starts: int = 30, most_corners: int = 
     Parameters
     ----------
     grasp : Grasp
+        Whose fingers feel the task's wrenches.
     task : Task
         About its torque origin, or the grasp's.
     starts, most_corners : int

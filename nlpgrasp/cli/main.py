@@ -35,7 +35,7 @@ from nlpgrasp.cli.experiment_command import experiment_command
 from nlpgrasp.cli.export_command import export_command
 from nlpgrasp.cli.hand_command import hand_command
 from nlpgrasp.cli.parts_command import parts_command
-from nlpgrasp.cli.problem_script import load_problem
+from nlpgrasp.cli.problem_script import WITH_MODULE, load_modules, load_problem
 from nlpgrasp.cli.proof_commands import check_command, prove_command
 from nlpgrasp.cli.quality_command import quality_command
 from nlpgrasp.cli.report_command import report_command
@@ -181,8 +181,13 @@ def demo_command(
 
 def _root_command(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    with_module: Annotated[
+        list[Path] | None,
+        typer.Option(WITH_MODULE, metavar="F.py", help="Python file with kinds of your own, for any command."),
+    ] = None,
 ) -> None:
     """Print the version if asked."""  # the application states a help text of its own
+    del with_module  # loaded before commands are known
     if version:
         typer.echo(f"nlpgrasp {__version__}")
         raise typer.Exit
@@ -340,7 +345,8 @@ def main() -> None:
     warnings.formatwarning = _format_warning
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
-        code = command_line(sys.argv[1:])(standalone_mode=False)
+        arguments = load_modules(sys.argv[1:])
+        code = command_line(arguments)(arguments, standalone_mode=False)
     except NlpgraspError as error:
         _exit(str(error), 2)
     except USAGE_ERROR as error:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import runpy
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,8 +19,37 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     from nlpgrasp.report.parts import PartTask
 
+WITH_MODULE = "--with-module"
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
 T = TypeVar("T")
+
+
+def load_modules(arguments: Sequence[str]) -> list[str]:
+    """Import the file of each ``--with-module F.py`` among arguments, and return the other arguments.
+
+    The files register kinds of their own. They are imported by name, so that workers and pickled problems find them.
+
+    Raises
+    ------
+    InputError
+        When an option has no file, or its file is missing or fails.
+    """
+    left, words = list[str](), iter(arguments)
+    for word in words:
+        if word.partition("=")[0] != WITH_MODULE:
+            left.append(word)
+            continue
+        file = Path(word.partition("=")[2] or next(words, ""))
+        if file.suffix != ".py" or not file.is_file():
+            raise InputError(WITH_MODULE, str(file), "a Python file that exists")
+        sys.path.insert(0, str(file.resolve().parent))
+        try:
+            importlib.import_module(file.stem)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(f"{WITH_MODULE} {file}", _error_place(error, file.resolve()), "a file that runs") from None
+    return left
 
 
 def load_problem(path: str | Path) -> ng.GraspProblem:
@@ -98,6 +128,9 @@ def _run_script(path: str | Path) -> dict[str, object]:
     file = Path(path)
     if not file.is_file():
         raise InputError("SCRIPT", str(path), "a Python file that exists")
+    module = sys.modules.get(file.stem)
+    if module is not None and module.__file__ == str(file.resolve()):  # of --with-module: it has registered its kinds
+        return vars(module)
     sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
     try:
         return runpy.run_path(str(file), run_name=RUN_NAME)

@@ -10,6 +10,9 @@ share no code. A new kind is registered in one line, also from outside the packa
             yield ConstraintValue(f"ceiling, finger {i}", p[2], upper=data["height"], scale=placement.size)
 
     register_constraint("ceiling", ceiling)
+
+A body or constraint that is registered for files, and has no counterpart, is recomputed by its own functions at the
+numbers of the file (``own_functions``).
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from typing import Generic, TypeVar
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.own_functions import own_body, own_constraint
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import ConstraintValue, NumericBody, NumericHand, StatedPlacement
 
@@ -38,10 +42,12 @@ class CounterpartRegistry(Generic[Counterpart]):
     ----------
     what : str
         What they are counterparts of, for messages.
+    otherwise : callable, optional
+        Numeric model of the kinds that have no counterpart.
     """
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self, what: str, otherwise: Counterpart | None = None) -> None:
+        self._what, self._otherwise = what, otherwise
         self._counterparts: dict[str, Counterpart] = {}
 
     def register(self, kind: str, counterpart: Counterpart) -> None:
@@ -51,7 +57,7 @@ class CounterpartRegistry(Generic[Counterpart]):
     def of(self, data: Json) -> Counterpart:
         """Return the numeric model for the ``type`` of JSON data; raise ``NotCheckedError`` if there is none."""
         kind = data.get("type")
-        counterpart = self._counterparts.get(str(kind))
+        counterpart = self._counterparts.get(str(kind), self._otherwise)
         if counterpart is None:
             raise NotCheckedError(f"nothing recomputes a {self._what} of type {kind!r}")
         return counterpart
@@ -62,7 +68,7 @@ class CounterpartRegistry(Generic[Counterpart]):
         return tuple(self._counterparts)
 
 
-BODIES: CounterpartRegistry[BodyCounterpart] = CounterpartRegistry("body")
-CONSTRAINTS: CounterpartRegistry[ConstraintCounterpart] = CounterpartRegistry("constraint")
+BODIES: CounterpartRegistry[BodyCounterpart] = CounterpartRegistry("body", own_body)
+CONSTRAINTS: CounterpartRegistry[ConstraintCounterpart] = CounterpartRegistry("constraint", own_constraint)
 HANDS: CounterpartRegistry[HandCounterpart] = CounterpartRegistry("hand")
 register_body, register_constraint, register_hand = BODIES.register, CONSTRAINTS.register, HANDS.register

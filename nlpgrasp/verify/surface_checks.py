@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -13,6 +14,7 @@ from nlpgrasp.solution.placed_grasp import deviating_normals_message
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_message
 from nlpgrasp.verify.mesh_body import OtherMeshError
+from nlpgrasp.verify.own_functions import OwnSurface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit, NumericBody, NumericHand
@@ -38,7 +40,10 @@ def surface_checks(
         return None, _unchecked(str(reason))
     except BROKEN as error:
         return None, [Check("surface", False, broken_data_message(error))]
-    return surface, _check_fits(solution, grasp, tips, surface)
+    checks = _check_fits(solution, grasp, tips, surface)
+    if isinstance(surface, OwnSurface):
+        checks[0] = replace(checks[0], detail=f"{checks[0].detail}, by the body's own functions")
+    return surface, checks
 
 
 def _tip_kinds(hand: NumericHand | None, count: int) -> Sequence[str | None]:
