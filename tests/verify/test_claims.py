@@ -61,7 +61,7 @@ WIDE = {
         together(put(("quality", "nu", "error"), 1e6), put(("quality", "nu", "value"), lambda v: 1.5 * v)),
         ["nu"],
     ),
-    "a value of nu outside its bounds": (put(("quality", "nu", "upper"), lambda v: 0.4 * v), ["nu"]),
+    "a value of nu outside its bounds": (put(("quality", "nu", "value"), lambda v: 1.3 * v), ["nu"]),
     "a critical friction": (put(("quality", "critical_friction", "least", "upper"), lambda v: 1.1 * v), [FRICTION]),
     "a friction said to be enough": (
         put(("quality", "critical_friction", "least"), {"lower": 1e-4, "upper": 1e-4}),
