@@ -23,6 +23,10 @@ from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop import registry as formats
 from nlpgrasp.interop.contacts_csv import contacts_csv
+from nlpgrasp.optimize.options import ANALYSES
+from nlpgrasp.quality import GraspMeasure, register_measure
+from nlpgrasp.quality.measure_table import MEASURES
+from nlpgrasp.quality.own_measures import OWN_MEASURES, RESERVED
 from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.tasks.base import TASKS
 
@@ -48,6 +52,7 @@ def kinds(folder):
         for registry in registries:
             stack.enter_context(patch.dict(registry._kinds))
         stack.enter_context(patch.dict(formats._formats))
+        stack.enter_context(patch.dict(OWN_MEASURES))
         sys.path.insert(0, str(folder))
         yield importlib.import_module("own_kinds")
         sys.path.remove(str(folder))
@@ -109,6 +114,56 @@ def test_edits_of_a_file_with_kinds_from_elsewhere_are_seen(edit, check, egg, tm
     edit(data)
     (tmp_path / "edited.json").write_text(json.dumps(data))
     assert check in [c.name for c in ng.verify(tmp_path / "edited.json").checks if c.failed]
+
+
+def test_a_measure_from_elsewhere(egg, tmp_path):
+    """Of the three contacts' distances the least, in solution, file, print, page, table and verification."""
+    solution = ng.analyse(egg[0], "least distance")
+    points = solution.grasp.points
+    least = min(np.linalg.norm(points[i] - points[j]) for i, j in ((0, 1), (0, 2), (1, 2)))
+    assert [(m.name, m.unit) for m in solution.measures] == [("least distance", "m")]
+    assert solution.measures[0].value == pytest.approx(least)
+    assert ng.analyse(solution, "least distance").measures == solution.measures
+    assert f"  least distance {least:.4g} m" in str(solution).splitlines()
+    assert passed(solution, tmp_path / "measured.json").measures == solution.measures
+    solution.show(tmp_path / "page.html")
+    assert "Least distance" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    grasp = solution.grasp
+    stack = ng.GraspStack(points[None], grasp.normals[None], grasp.contacts, grasp.torque_origin)
+    table = ng.measure(stack, measures=["least distance", "isotropy"])
+    assert float(table["least distance"][0]) == pytest.approx(least)
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda m: m.update(value=0.05), "stated 0.05 m, recomputed 0.0"),
+        (lambda m: m.update(unit="mm"), " mm, recomputed 0.0"),
+        (lambda m: m.update(name="another"), "not made: nothing recomputes a measure of that name"),
+    ],
+)
+def test_a_measure_that_is_edited_is_seen(edit, message, egg, tmp_path):
+    file = ng.analyse(egg[0], "least distance").save(tmp_path / "measured.json")
+    data = json.loads(file.read_text())
+    edit(data["quality"]["measures"][0])
+    file.write_text(json.dumps(data))
+    checks = {c.name: c for c in ng.verify(file).checks}
+    check = checks[data["quality"]["measures"][0]["name"]]
+    assert message in check.detail
+    assert not check.passed
+
+
+def test_what_a_measure_may_be():
+    assert set(RESERVED) == {*MEASURES, *ANALYSES}
+    for measure in (GraspMeasure("least distance", "mm", len), *(GraspMeasure(n, "m", len) for n in ("", "friction"))):
+        with pytest.raises(ng.InputError, match=r"GraspMeasure\.name: got .*, expected another name"):
+            register_measure(measure)
+    with pytest.raises(ng.InputError, match="register_measure: got 5, expected a GraspMeasure"):
+        register_measure(5)
+    grasp = ng.Grasp([[0, 0, 1.0]], [[0, 0, -1.0]], ng.PointContact())
+    for value in ("much", None, float("nan")):
+        with pytest.raises(ng.InputError, match="expected a finite number from its function"):
+            GraspMeasure("odd", "", lambda *_, value=value: value).value(grasp, None, force_budget("l2"))
 
 
 def test_an_experiment_on_a_body_from_elsewhere(kinds, tmp_path):

@@ -30,7 +30,8 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
 from nlpgrasp.quality.critical_friction import HoldingForce, common_friction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.analysis_records import CriticalFriction
+from nlpgrasp.quality.own_measures import OWN_MEASURES
+from nlpgrasp.solution.analysis_records import CriticalFriction, StatedMeasure
 from nlpgrasp.solution.grip_record import holding_force
 from nlpgrasp.solution.obstructions import links_are_free
 from nlpgrasp.solution.records import StartRecord, Status
@@ -59,8 +60,8 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
         ``"prices"``: shadow prices of limits. ``"robustness"``: remaining quality under contact displacement and
         friction loss. ``"delta"``, ``"nu"``: two other measures of quality. ``"friction"``: the least friction with
         which the task is held, and the least force at others. ``"phases"``: keyframes of a hand with links, from
-        approach to lift. ``"drawing"``: triangles of body and hand, for pages and exports. Without a name: all that
-        the solution lacks, as far as its problem is known.
+        approach to lift. ``"drawing"``: triangles of body and hand, for pages and exports. The name of a
+        ``GraspMeasure``: its value. Without a name: all that the solution lacks, as far as its problem is known.
     problem : GraspProblem, optional
         That was solved. A solution of ``ng.solve`` knows its own; one from a file that has a mesh, a hand or a function
         of the user's does not, and takes ``"delta"``, ``"nu"`` and ``"friction"`` alone without it.
@@ -81,7 +82,7 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
     hand = None if problem is None else problem.hand
     check_possible("analyses", names, contacts, hand, problem is not None)
     lacking = [name for name in _applicable(names, problem) if not is_stated(solution, name)]
-    of_problem = [name for name in lacking if name not in OF_GRASP]
+    of_problem = [name for name in lacking if analysis_of_grasp(name) is None]
     if of_problem and problem is None:
         requirement = "the problem that was solved, as the file does not hold its mesh, hand or function"
         raise InputError("problem", None, f"{requirement}: {', '.join(of_problem)} need it")
@@ -102,11 +103,12 @@ def analyse_one_by_one(
     for name in names:
         if not is_stated(solution, name):
             with single_thread():
-                if name not in OF_GRASP and not prepared and problem is not None:
+                of_grasp = analysis_of_grasp(name)
+                if of_grasp is None and not prepared and problem is not None:
                     compiled = CompiledProblem(problem, SolveOptions(workers=1))
                     prepared.append((compiled, _start_of_solution(compiled, solution, grasp)))
-                if name in OF_GRASP:
-                    value, message = OF_GRASP[name](grasp, solution.task, solution.holding), ""
+                if of_grasp is not None:
+                    value, message = of_grasp(grasp, solution.task, solution.holding), ""
                 else:
                     value, message = _analyse_problem(name, *prepared[0], Deadline())
             if message:
@@ -127,9 +129,9 @@ def analyses_of(
         for name in names:
             if deadline.should_stop():
                 break
-            if name in OF_GRASP:
+            if (of_grasp := analysis_of_grasp(name)) is not None:
                 holding = holding_force(compiled.problem.to_dict(), compiled.budget(start.on_body.candidate))
-                values[name] = OF_GRASP[name](start.on_body.grasp, compiled.problem.task, holding)
+                values[name] = of_grasp(start.on_body.grasp, compiled.problem.task, holding)
             else:
                 values[name], message = _analyse_problem(name, compiled, start, deadline)
                 messages += [message] if message else []
@@ -139,7 +141,13 @@ def analyses_of(
 
 def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
     """Return a solution with results of analyses added, and with squeezes if the hand can squeeze."""
-    fields = {FIELDS.get(name, name): value for name, value in results.items() if value is not None}
+    fields = {
+        FIELDS.get(name, name): value
+        for name, value in results.items()
+        if value is not None and name not in OWN_MEASURES
+    }
+    if added := [value for name, value in results.items() if name in OWN_MEASURES]:
+        fields["measures"] = (*solution.measures, *added)
     if "robust" in fields:
         fields["robust"] = fields["robust"].beside(solution.mu)
     if "hand" in fields:
@@ -166,11 +174,14 @@ def requested_analyses(options: SolveOptions, solution: GraspSolution, hand: Han
 
 def all_analyses(hand: Hand | None) -> tuple[str, ...]:
     """Return the names of all analyses that are possible with a given hand, or without one."""
-    return tuple(name for name in ANALYSES if name != "phases" or isinstance(hand, URDFHand))
+    names = (*ANALYSES, *OWN_MEASURES)
+    return tuple(name for name in names if name != "phases" or isinstance(hand, URDFHand))
 
 
 def is_stated(solution: GraspSolution, name: str) -> bool:
     """Return whether a solution contains an analysis."""
+    if name in OWN_MEASURES:
+        return any(measure.name == name for measure in solution.measures)
     if name == "phases":
         return "approach" in (solution.hand or {})
     return bool(getattr(solution, FIELDS.get(name, name)))
@@ -178,8 +189,9 @@ def is_stated(solution: GraspSolution, name: str) -> bool:
 
 def format_added(before: GraspSolution, after: GraspSolution) -> str:
     """Return the analyses that one solution contains and an earlier one does not, as text."""
-    added = [name for name in ANALYSES if is_stated(after, name) and not is_stated(before, name)]
-    return ", ".join(ANALYSES[name] for name in added)
+    names = (*ANALYSES, *OWN_MEASURES)
+    added = [name for name in names if is_stated(after, name) and not is_stated(before, name)]
+    return ", ".join(ANALYSES.get(name, name) for name in added)
 
 
 def check_possible(
@@ -201,7 +213,7 @@ def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[s
     if names:
         return names
     if problem is None:
-        return tuple(OF_GRASP)
+        return (*OF_GRASP, *OWN_MEASURES)
     return all_analyses(problem.hand)
 
 
@@ -265,6 +277,14 @@ OF_GRASP: Mapping[str, Callable[[Grasp, Task, HoldingForce], Any]] = {
     "nu": _nu,
     "friction": _friction,
 }
+
+
+def analysis_of_grasp(name: str) -> Callable[[Grasp, Task, HoldingForce], Any] | None:
+    """Return the analysis of a name that takes grasp, task and holding force alone; None of others."""
+    if name not in OWN_MEASURES:
+        return OF_GRASP.get(name)
+    measure = OWN_MEASURES[name]
+    return lambda grasp, task, holding: StatedMeasure(name, measure.value(grasp, task, holding.budget), measure.unit)
 
 
 OF_PROBLEM: Mapping[str, Callable[[CompiledProblem, StartGrasp, Deadline], Any]] = {

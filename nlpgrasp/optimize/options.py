@@ -10,6 +10,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.ipopt import check_ipopt_options
+from nlpgrasp.quality.own_measures import OWN_MEASURES
 from nlpgrasp.solution.kept_grasps import weighs_fragility
 from nlpgrasp.solution.obstructions import MOST_TOLERANCE
 
@@ -187,10 +188,11 @@ def check_analyses(field: str, names: object) -> tuple[str, ...]:
 
     An ``InputError`` lists the allowed names.
     """
-    allowed = ", ".join(f'"{name}"' for name in ANALYSES)
+    known = [*ANALYSES, *OWN_MEASURES]
+    allowed = ", ".join(f'"{name}"' for name in known)
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise InputError(field, names, f"a sequence of names out of {allowed}")
     for name in names:
-        if name not in ANALYSES:
+        if name not in known:
             raise InputError(field, name, allowed)
     return tuple(dict.fromkeys(names))

@@ -11,6 +11,7 @@ from nlpgrasp.quality.other_measures import (
     pyramid_wrenches,
     smallest_singular_value,
 )
+from nlpgrasp.quality.own_measures import GraspMeasure, register_measure
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.quality.stability import Stability, allowed_twists, is_stable
 from nlpgrasp.quality.volume import Volume, nu
@@ -19,6 +20,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 __all__ = [
     "Bounds",
     "FingerForces",
+    "GraspMeasure",
     "Stability",
     "StackBounds",
     "Volume",
@@ -37,6 +39,7 @@ __all__ = [
     "nu",
     "pyramid_volume",
     "pyramid_wrenches",
+    "register_measure",
     "screen",
     "smallest_singular_value",
     "support",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.common.files import write_text
 from nlpgrasp.common.validation import FloatArray, format_known_names, number
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact
@@ -23,6 +23,7 @@ from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.other_measures import ferrari_canny, isotropy, min_weight, smallest_singular_value
+from nlpgrasp.quality.own_measures import OWN_MEASURES, GraspMeasure
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.tasks import Task
 
@@ -135,6 +136,22 @@ MEASURES = {
 }
 
 
+def _own(measure: GraspMeasure) -> _Measure:
+    """Return the entry of a measure from outside."""
+
+    def evaluate(grasps: Grasp | GraspStack, task: Task | None, settings: _Settings) -> Result:
+        budget = force_budget(settings.force_budget)
+        stack = grasps if isinstance(grasps, GraspStack) else [grasps]
+        return np.array([measure.value(grasp, task, budget) for grasp in stack])
+
+    return _Measure(evaluate, numbers=())
+
+
+def _entries() -> dict[str, _Measure]:
+    """Return all measures by name, those from outside among them."""
+    return MEASURES | {name: _own(measure) for name, measure in OWN_MEASURES.items()}
+
+
 def measure(
     grasps: GraspStack | Sequence[GraspStack],
     task: Task | Mapping[str, Task] | Sequence[Task] | None = None,
@@ -163,7 +180,7 @@ def measure(
     measures : sequence of str
         Of ``mu``, ``delta``, ``epsilon`` (Ferrari and Canny's, of the exact cones: delta with the shared budget),
         ``nu`` and, not certified, ``ferrari_canny`` (pyramids of 8 edges), ``min_weight``, ``isotropy`` and
-        ``smallest_singular_value``.
+        ``smallest_singular_value``; of those from outside by name (``GraspMeasure``).
     friction : float or sequence of float, optional
         Coefficients that replace those of all contacts, each in turn; by default those of the stacks.
     torque_scale : float, optional
@@ -203,11 +220,11 @@ def measure_columns(
     rtol: float,
 ) -> Columns:
     """Return the table of ``measure`` as ``Columns``."""
-    stacks, names = _stacks(grasps), _measure_names(measures)
+    stacks, names, entries = _stacks(grasps), _measure_names(measures), _entries()
     tasks = _tasks(task)
-    if task is None and any(MEASURES[name].needs_task for name in names):
+    if task is None and any(entries[name].needs_task for name in names):
         raise InputError("task", None, "a task for mu, such as ng.TaskEllipsoid; or measures without it")
-    has_scale = any(MEASURES[name].needs_scale for name in names)
+    has_scale = any(entries[name].needs_scale for name in names)
     scale = common_arm(stacks) if torque_scale is None else number("torque_scale", torque_scale, above=0.0)
     settings = _Settings(scale, force_budget, number("rtol", rtol, above=0.0))
     parts = []
@@ -239,10 +256,10 @@ def _stacks(grasps: GraspStack | Sequence[GraspStack]) -> tuple[GraspStack, ...]
 def _measure_names(measures: Sequence[str]) -> tuple[str, ...]:
     """Return the validated names of measures, each once."""
     names = (measures,) if isinstance(measures, str) else tuple(measures)
-    unknown = [name for name in names if name not in MEASURES]
+    unknown = [name for name in names if name not in _entries()]
     if unknown or not names:
         given = unknown[0] if unknown else "none"
-        raise InputError("measures", given, f"some of {format_known_names(unknown, MEASURES)}")
+        raise InputError("measures", given, f"some of {format_known_names(unknown, _entries())}")
     return tuple(dict.fromkeys(names))
 
 
@@ -292,7 +309,7 @@ def _rows(
     count = len(stack)
     coefficients = {model.coefficients.get("friction", 0.0) for model in stack.contacts}
     friction = coefficients.pop() if len(coefficients) == 1 else np.nan
-    without_task = {name: _columns(name, stack, None, settings) for name in names if not MEASURES[name].needs_task}
+    without_task = {name: _columns(name, stack, None, settings) for name in names if not _entries()[name].needs_task}
     parts = []
     for task_name, task in tasks.items():
         part: dict[str, Column] = {
@@ -312,7 +329,7 @@ def _rows(
 
 def _columns(name: str, stack: GraspStack, task: Task | None, settings: _Settings) -> dict[str, Column]:
     """Return the table's columns of one measure for the grasps of a stack."""
-    kind, begin = MEASURES[name], time.perf_counter()
+    kind, begin = _entries()[name], time.perf_counter()
     try:
         parts = [_values(kind.evaluate(stack, task, settings), kind)]
     except InputError:

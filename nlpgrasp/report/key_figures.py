@@ -117,6 +117,10 @@ def solution_figures(solution: GraspSolution) -> list[KeyFigure]:
     if solution.grasp is not None:
         figures += [_quality_figure(solution), *_robustness_figures(solution)]
         figures += [] if solution.grip is not None else [_effort_figure(solution)]
+        figures += [
+            KeyFigure(capitalise(m.name), " ".join(filter(None, (format_number(m.value), m.unit))))
+            for m in solution.measures
+        ]
     figures += [*_friction_figures(solution), *_squeeze_figures(solution), *_approach_figures(solution)]
     figures += [*_gripper_figures(solution), *_global_bound_figures(solution)]
     status = _status_figure(solution)

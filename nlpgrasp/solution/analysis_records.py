@@ -247,6 +247,25 @@ class WhyNot(Record):
 
 
 @dataclass(frozen=True)
+class StatedMeasure(Record):
+    """Value of a measure from outside the package (``GraspMeasure``).
+
+    Parameters
+    ----------
+    name : str
+    value : float
+    unit : str
+    """
+
+    name: str
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.name, format_number(self.value, 4), self.unit)))
+
+
+@dataclass(frozen=True)
 class ShadowPrice(Record):
     """Shadow price of a limit.
 

@@ -19,7 +19,7 @@ from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.analysis_records import CriticalFriction, Robustness
+from nlpgrasp.solution.analysis_records import CriticalFriction, Robustness, StatedMeasure
 from nlpgrasp.solution.force_records import ForcesNeeded
 from nlpgrasp.solution.record_fields import to_json
 from nlpgrasp.solution.records import UNKNOWN
@@ -48,6 +48,8 @@ class Quality:
         Finger forces for the task at full size.
     friction : CriticalFriction or None
         Least friction with which the task is held.
+    measures : tuple of StatedMeasure
+        Those from outside the package.
     """
 
     mu: Bounds
@@ -58,6 +60,7 @@ class Quality:
     bound: GlobalBound | None = None
     needed: ForcesNeeded | None = None
     friction: CriticalFriction | None = None
+    measures: tuple[StatedMeasure, ...] = ()
 
     def to_dict(self) -> Json:
         """Return the measures as JSON data, None for unknown ones."""
@@ -80,6 +83,8 @@ class Quality:
             data["forces_needed"] = self.needed.to_dict()
         if self.friction is not None:
             data["critical_friction"] = self.friction.to_dict()
+        if self.measures:
+            data["measures"] = [measure.to_dict() for measure in self.measures]
         return data if self.bound is None else {**data, "best_possible": self.bound.to_dict(self.mu.lower)}
 
     @classmethod
@@ -110,6 +115,7 @@ class Quality:
             None if bound is None else GlobalBound.from_dict(bound, f"{name}.best_possible"),
             None if forces is None else ForcesNeeded.from_dict(forces, f"{name}.forces_needed"),
             None if friction is None else CriticalFriction.from_dict(friction, f"{name}.critical_friction"),
+            tuple(StatedMeasure.from_dict(stated) for stated in data.get("measures", ())),
         )
 
 

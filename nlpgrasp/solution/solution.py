@@ -28,6 +28,7 @@ from nlpgrasp.solution.analysis_records import (
     ForceAtFriction,
     Robustness,
     ShadowPrice,
+    StatedMeasure,
     WhyNot,
     format_joint_margins,
     fragility_warning,
@@ -141,6 +142,8 @@ class GraspSolution(InNotebook):
         Finger forces for the task at full size; None in files of earlier versions.
     friction : CriticalFriction or None
         Least friction with which the task is held, and the force at others, where requested.
+    measures : tuple of StatedMeasure
+        Those from outside the package (``GraspMeasure``), where requested.
     why_not : WhyNot or None
         Infeasibility diagnosis, where no grasp was found.
     hand : mapping or None
@@ -181,6 +184,7 @@ class GraspSolution(InNotebook):
     kkt: KKT | None = None
     needed: ForcesNeeded | None = None
     friction: CriticalFriction | None = None
+    measures: tuple[StatedMeasure, ...] = ()
     why_not: WhyNot | None = None
     hand: Json | None = None
     surface: SurfaceMatch | None = None
@@ -526,6 +530,7 @@ class GraspSolution(InNotebook):
             lines.append(f"  delta certified in {self.delta} (torque scale {self.delta.torque_scale:.4g} m)")
         if self.nu is not None:
             lines.append(f"  nu {self.nu}")
+        lines += [f"  {measure}" for measure in self.measures]
         lines += [f"  {line}" for line in self.starts_lines()]
         lines += [f"  {price.words(self.label)}" for price in self.prices[:3]]
         if self.why_not is not None:
@@ -588,6 +593,7 @@ class GraspSolution(InNotebook):
             delta=None,
             nu=None,
             friction=None,
+            measures=(),
             prices=(),
             kkt=None,
             bound=None if self.bound is None else replace(self.bound, stated_gap=None),
@@ -809,7 +815,8 @@ class GraspSolution(InNotebook):
         """Quality measures as a record; mu with the paper's scale of the task."""
         scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
         mu = self.mu.of_measure(self.kind, scale)
-        return Quality(mu, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed, self.friction)
+        further = self.robust, self.bound, self.needed, self.friction, self.measures
+        return Quality(mu, self.kind, self.delta, self.nu, *further)
 
     @property
     def _contact_friction(self) -> float:

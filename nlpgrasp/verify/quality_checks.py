@@ -25,6 +25,7 @@ from nlpgrasp.quality.confirmation import (
 from nlpgrasp.quality.critical_friction import LARGEST, SMALLEST, HoldingForce, common_friction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import unit_ball
+from nlpgrasp.quality.own_measures import OWN_MEASURES
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution.analysis_records import CriticalFriction, Robustness
 from nlpgrasp.solution.kept_grasps import weighs_fragility
@@ -129,7 +130,7 @@ def mu_width_checks(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
 
 
 def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
-    """Return the checks of the stored measures delta and nu."""
+    """Return the checks of the stored measures delta and nu, and of those from outside the package."""
     checks = []
     if (stated := solution.delta) is not None:
         scale = stated.torque_scale or 1.0
@@ -146,6 +147,14 @@ def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBud
         is_near = abs(volume.value - stated_nu.value) <= 2.0 * (volume.error + error)
         passed = is_near and stated_nu.value in stated_nu and are_confirmed(stated_nu, volume)
         checks.append(Check("nu", passed, f"stated {stated_nu}, recomputed {volume}"))
+    for measure in solution.measures:
+        own = OWN_MEASURES.get(measure.name)
+        if own is None:
+            checks.append(Check.not_made(measure.name, "nothing recomputes a measure of that name"))
+            continue
+        value = own.value(grasp, solution.task, budget)
+        passed = own.agrees(measure.value, value) and own.unit == measure.unit
+        checks.append(Check(measure.name, passed, f"stated {measure.value:.9g} {measure.unit}, recomputed {value:.9g}"))
     return checks
 
 
