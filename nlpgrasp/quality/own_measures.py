@@ -57,8 +57,21 @@ class GraspMeasure:
 
 # names of the package's own measures and analyses
 RESERVED = frozenset(
-    "mu delta epsilon nu ferrari_canny min_weight isotropy smallest_singular_value "
-    "prices robustness friction phases drawing".split()
+    [
+        "mu",
+        "delta",
+        "epsilon",
+        "nu",
+        "ferrari_canny",
+        "min_weight",
+        "isotropy",
+        "smallest_singular_value",
+        "prices",
+        "robustness",
+        "friction",
+        "phases",
+        "drawing",
+    ]
 )
 OWN_MEASURES: dict[str, GraspMeasure] = {}
 
