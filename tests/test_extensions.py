@@ -15,7 +15,9 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.budgets import budget_from_dict, force_budget
 from nlpgrasp.budgets.registry import BUDGETS
+from nlpgrasp.common import robot_files
 from nlpgrasp.common.registry import SOLIDS
+from nlpgrasp.common.robot_files import register_robot_format
 from nlpgrasp.constraints.registry import CONSTRAINTS
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.base import CONTACTS
@@ -53,6 +55,7 @@ def kinds(folder):
             stack.enter_context(patch.dict(registry._kinds))
         stack.enter_context(patch.dict(formats._formats))
         stack.enter_context(patch.dict(OWN_MEASURES))
+        stack.enter_context(patch.dict(robot_files._formats))
         sys.path.insert(0, str(folder))
         yield importlib.import_module("own_kinds")
         sys.path.remove(str(folder))
@@ -164,6 +167,30 @@ def test_what_a_measure_may_be():
     for value in ("much", None, float("nan")):
         with pytest.raises(ng.InputError, match="expected a finite number from its function"):
             GraspMeasure("odd", "", lambda *_, value=value: value).value(grasp, None, force_budget("l2"))
+
+
+@pytest.mark.slow
+def test_a_hand_of_a_robot_file_from_elsewhere(kinds, tmp_path):
+    """Solved, verified from file and robot file, and held in MuJoCo."""
+    robot = tmp_path / "my.jaws"
+    robot.write_text(json.dumps({"opening": 0.12, "width": 0.016, "force": 50}))
+    hand = ng.URDFHand.load(robot, ["left", "right"])
+    lift = ng.lift([0.0, 0.0, 0.0], 0.2)
+    problem = ng.GraspProblem(ng.Box([0.05, 0.04, 0.06]), ng.SoftContact(0.7, 0.01), lift, hand=hand)
+    found = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
+    verification = ng.verify(found.save(tmp_path / "held.json"))
+    assert verification.passed
+    assert verification.complete
+    assert ng.simulate_hand(found, robot, wrenches=4).held
+    robot.write_text(json.dumps({"opening": 0.10, "width": 0.016, "force": 50}))
+    assert not ng.verify(tmp_path / "held.json").complete  # another file than the one that was read
+
+
+@pytest.mark.parametrize("ending", ["jaws", ".urdf", ".my.xml", ".old.jaws"])
+def test_endings_of_robot_files(kinds, ending):
+    with pytest.raises(ng.InputError, match="expected an ending with a dot that no other format has"):
+        register_robot_format(ending, lambda path: "")
+    register_robot_format(".jaws", kinds.jaws)
 
 
 def test_an_experiment_on_a_body_from_elsewhere(kinds, tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,6 +82,36 @@ def _times(text: str, factor: float) -> str:
         return text
 
 
+_formats: dict[str, Callable[[Path], str]] = {}  # of the user's own, by the ending of a file's name
+
+
+def register_robot_format(ending: str, to_urdf: Callable[[Path], str]) -> None:
+    """Register a format of robot files by the ending of their names: hands, checks and exports read the URDF it makes.
+
+    Parameters
+    ----------
+    ending : str
+        With its dot: ``".hand.json"``.
+    to_urdf : callable
+        Function of a file's path to the text of a URDF; mesh files that it names are searched beside the file.
+
+    Raises
+    ------
+    InputError
+        On an ending without a dot, or one of URDF, MJCF or another format.
+    """
+    taken = (".urdf", ".xacro", *MJCF_ENDINGS, *(other for other in _formats if _formats[other] != to_urdf))
+    if not ending.startswith(".") or any(ending.endswith(other) for other in taken):
+        raise InputError("register_robot_format.ending", ending, "an ending with a dot that no other format has")
+    _formats[ending] = to_urdf
+
+
+def _text_of(source: Path) -> bytes:
+    """Return the XML of a robot's file."""
+    to_urdf = next((_formats[ending] for ending in _formats if source.name.endswith(ending)), None)
+    return source.read_bytes() if to_urdf is None else to_urdf(source).encode()
+
+
 def parse_robot(source: Path) -> ET.Element:
     """Return the root element of a robot's file.
 
@@ -97,7 +127,7 @@ def parse_robot(source: Path) -> ET.Element:
     if source.stat().st_size > LARGEST_XML:
         raise InputError(field, f"more than {LARGEST_XML // 2**20} MiB", "a smaller file")
     try:
-        root = ET.fromstring(source.read_bytes())  # noqa: S314  (expat refuses entity bombs)
+        root = ET.fromstring(_text_of(source))  # noqa: S314  (expat refuses entity bombs)
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(field, f"broken XML ({error})", "a URDF file") from None
     if any("/xacro}" in element.tag for element in root.iter()):

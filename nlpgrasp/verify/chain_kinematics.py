@@ -365,7 +365,7 @@ def linkages_in(path: Path, links: Sequence[Link], palm: str) -> Linkages:
         From ``links_in``.
     palm : str
     """
-    if ET.fromstring(path.read_bytes()).tag != "mujoco":  # noqa: S314
+    if parse_robot(path).tag != "mujoco":
         return Linkages()
     model = compile_mjcf(path)
     joint_names = [model.joint(j).name or f"joint_{j}" for j in range(model.njnt)]
