@@ -331,7 +331,7 @@ def test_the_verdict_says_how_much_of_the_task_the_squeeze_is_hard_enough_for(he
 
 @pytest.mark.slow
 def test_what_fingers_press_with_in_the_simulation(simulated, held):
-    """By the balance of forces on the object at rest: as MuJoCo's contacts press; where that is not as stated is said."""
+    """By the balance of forces on the object at rest, as MuJoCo's contacts press; what is not as stated is said."""
     simulation, _ = simulated
     assert "in the simulation" not in str(replace(simulation, pressed=(0.93, 1.06)))
     assert ", in the simulation with 0.77 to 1.5 of it\n" in str(replace(simulation, pressed=(0.77, 1.5)))
