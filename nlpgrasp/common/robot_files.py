@@ -106,12 +106,6 @@ def register_robot_format(ending: str, to_urdf: Callable[[Path], str]) -> None:
     _formats[ending] = to_urdf
 
 
-def _text_of(source: Path) -> bytes:
-    """Return the XML of a robot's file."""
-    to_urdf = next((_formats[ending] for ending in _formats if source.name.endswith(ending)), None)
-    return source.read_bytes() if to_urdf is None else to_urdf(source).encode()
-
-
 def parse_robot(source: Path) -> ET.Element:
     """Return the root element of a robot's file.
 
@@ -126,8 +120,10 @@ def parse_robot(source: Path) -> ET.Element:
     check_regular_file(source, "a URDF or MJCF file", field)
     if source.stat().st_size > LARGEST_XML:
         raise InputError(field, f"more than {LARGEST_XML // 2**20} MiB", "a smaller file")
+    to_urdf = next((_formats[ending] for ending in _formats if source.name.endswith(ending)), None)
     try:
-        root = ET.fromstring(_text_of(source))  # noqa: S314  (expat refuses entity bombs)
+        text = source.read_bytes() if to_urdf is None else to_urdf(source)
+        root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs)
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(field, f"broken XML ({error})", "a URDF file") from None
     if any("/xacro}" in element.tag for element in root.iter()):

@@ -23,7 +23,7 @@ from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.other_measures import ferrari_canny, isotropy, min_weight, smallest_singular_value
-from nlpgrasp.quality.own_measures import OWN_MEASURES, GraspMeasure
+from nlpgrasp.quality.own_measures import OWN_MEASURES
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.tasks import Task
 
@@ -136,8 +136,11 @@ MEASURES = {
 }
 
 
-def _own(measure: GraspMeasure) -> _Measure:
-    """Return the entry of a measure from outside."""
+def _entry(name: str) -> _Measure:
+    """Return the entry of a measure, one from outside among them."""
+    if name in MEASURES:
+        return MEASURES[name]
+    measure = OWN_MEASURES[name]
 
     def evaluate(grasps: Grasp | GraspStack, task: Task | None, settings: _Settings) -> Result:
         budget = force_budget(settings.force_budget)
@@ -145,11 +148,6 @@ def _own(measure: GraspMeasure) -> _Measure:
         return np.array([measure.value(grasp, task, budget) for grasp in stack])
 
     return _Measure(evaluate, numbers=())
-
-
-def _entries() -> dict[str, _Measure]:
-    """Return all measures by name, those from outside among them."""
-    return MEASURES | {name: _own(measure) for name, measure in OWN_MEASURES.items()}
 
 
 def measure(
@@ -220,11 +218,11 @@ def measure_columns(
     rtol: float,
 ) -> Columns:
     """Return the table of ``measure`` as ``Columns``."""
-    stacks, names, entries = _stacks(grasps), _measure_names(measures), _entries()
+    stacks, names = _stacks(grasps), _measure_names(measures)
     tasks = _tasks(task)
-    if task is None and any(entries[name].needs_task for name in names):
+    if task is None and any(_entry(name).needs_task for name in names):
         raise InputError("task", None, "a task for mu, such as ng.TaskEllipsoid; or measures without it")
-    has_scale = any(entries[name].needs_scale for name in names)
+    has_scale = any(_entry(name).needs_scale for name in names)
     scale = common_arm(stacks) if torque_scale is None else number("torque_scale", torque_scale, above=0.0)
     settings = _Settings(scale, force_budget, number("rtol", rtol, above=0.0))
     parts = []
@@ -256,10 +254,11 @@ def _stacks(grasps: GraspStack | Sequence[GraspStack]) -> tuple[GraspStack, ...]
 def _measure_names(measures: Sequence[str]) -> tuple[str, ...]:
     """Return the validated names of measures, each once."""
     names = (measures,) if isinstance(measures, str) else tuple(measures)
-    unknown = [name for name in names if name not in _entries()]
+    known = (*MEASURES, *OWN_MEASURES)
+    unknown = [name for name in names if name not in known]
     if unknown or not names:
         given = unknown[0] if unknown else "none"
-        raise InputError("measures", given, f"some of {format_known_names(unknown, _entries())}")
+        raise InputError("measures", given, f"some of {format_known_names(unknown, known)}")
     return tuple(dict.fromkeys(names))
 
 
@@ -309,7 +308,7 @@ def _rows(
     count = len(stack)
     coefficients = {model.coefficients.get("friction", 0.0) for model in stack.contacts}
     friction = coefficients.pop() if len(coefficients) == 1 else np.nan
-    without_task = {name: _columns(name, stack, None, settings) for name in names if not _entries()[name].needs_task}
+    without_task = {name: _columns(name, stack, None, settings) for name in names if not _entry(name).needs_task}
     parts = []
     for task_name, task in tasks.items():
         part: dict[str, Column] = {
@@ -329,7 +328,7 @@ def _rows(
 
 def _columns(name: str, stack: GraspStack, task: Task | None, settings: _Settings) -> dict[str, Column]:
     """Return the table's columns of one measure for the grasps of a stack."""
-    kind, begin = _entries()[name], time.perf_counter()
+    kind, begin = _entry(name), time.perf_counter()
     try:
         parts = [_values(kind.evaluate(stack, task, settings), kind)]
     except InputError:

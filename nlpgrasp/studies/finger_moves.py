@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from heapq import heappop, heappush
 from itertools import count
 from typing import Generic, Protocol, TypeVar
@@ -298,11 +298,16 @@ class HoldingQuality:
         self.problem, self.hold = problem, hold.about(problem.origin)
         self.pick, self.goal, self.order, self.paths = pick, goal, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
-        self.required = least * self._certified(pick).lower
+        self._least = least
         size = problem.body.size
         self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size, MOST_TURN) for path in paths]
         self._triangle_paths = TrianglePaths(problem.body) if isinstance(problem.body, Mesh) else None
         self.quality_without, self.sliding_quality = cache(self._quality_without), cache(self._sliding_quality)
+
+    @cached_property
+    def required(self) -> float:
+        """Quality above which the body counts as held."""
+        return self._least * self._certified(self.pick).lower
 
     def _quality_without(self, moved: frozenset[int], finger: int) -> Bounds:
         """Return the certified quality of the grasp without the moving finger."""

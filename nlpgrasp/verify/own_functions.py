@@ -7,13 +7,13 @@ differences. What a kind's own counterpart recomputes by other formulas (``regis
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.common.registry import SOLIDS, solid_from_dict
+from nlpgrasp.common.registry import SOLIDS
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -73,26 +73,30 @@ class OwnSurface:
         return self.body.signed_distance(points)
 
 
-def own_body(data: Json, sources: SourceFolders) -> OwnSurface:
-    """Return a body of a registered kind by its own functions; raise ``NotCheckedError`` of a kind that is none."""
-    from nlpgrasp.bodies import Body
+def body_functions(kind: str) -> Callable[[Json, SourceFolders], OwnSurface] | None:
+    """Return the numeric model of a registered kind of body by its own functions; None of a kind that is none."""
+    from nlpgrasp.bodies.base import Body
+    from nlpgrasp.bodies.registry import body_from_dict
 
-    del sources
-    body = solid_from_dict(data) if SOLIDS.find(data.get("type")) is not None else None
-    if not isinstance(body, Body):
-        raise NotCheckedError(f"nothing recomputes a body of type {data.get('type')!r}")
-    return OwnSurface(body)
+    solid = SOLIDS.find(kind)
+    is_body = solid is not None and issubclass(solid, Body)
+    return (lambda data, _: OwnSurface(body_from_dict(data))) if is_body else None
 
 
-def own_constraint(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the scalar constraints of a registered kind by its own functions."""
+def constraint_functions(kind: str) -> Callable[[Json, StatedPlacement], Iterator[ConstraintValue]] | None:
+    """Return the numeric model of a registered kind of constraint by its own functions; None of a kind that is none."""
+    from nlpgrasp.constraints.registry import CONSTRAINTS
+
+    return None if CONSTRAINTS.find(kind) is None else _constraint_values
+
+
+def _constraint_values(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
+    """Yield the scalar constraints of a constraint by its own functions."""
     import casadi as ca
 
     from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
-    from nlpgrasp.constraints.registry import CONSTRAINTS, constraint_from_dict
+    from nlpgrasp.constraints.registry import constraint_from_dict
 
-    if CONSTRAINTS.find(data.get("type")) is None:
-        raise NotCheckedError(f"nothing recomputes a constraint of type {data.get('type')!r}")
     points, normals = ([ca.DM(row) for row in rows] for rows in (placement.points, placement.normals))
     contacts = SymbolicCandidate(points, normals, placement.radii, placement.size)
     try:

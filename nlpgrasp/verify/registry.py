@@ -22,7 +22,7 @@ from typing import Generic, TypeVar
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.verify.check import NotCheckedError
-from nlpgrasp.verify.own_functions import own_body, own_constraint
+from nlpgrasp.verify.own_functions import body_functions, constraint_functions
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import ConstraintValue, NumericBody, NumericHand, StatedPlacement
 
@@ -43,10 +43,10 @@ class CounterpartRegistry(Generic[Counterpart]):
     what : str
         What they are counterparts of, for messages.
     otherwise : callable, optional
-        Numeric model of the kinds that have no counterpart.
+        Function of a kind without a counterpart to a numeric model by its own functions, or None.
     """
 
-    def __init__(self, what: str, otherwise: Counterpart | None = None) -> None:
+    def __init__(self, what: str, otherwise: Callable[[str], Counterpart | None] = lambda kind: None) -> None:
         self._what, self._otherwise = what, otherwise
         self._counterparts: dict[str, Counterpart] = {}
 
@@ -57,7 +57,7 @@ class CounterpartRegistry(Generic[Counterpart]):
     def of(self, data: Json) -> Counterpart:
         """Return the numeric model for the ``type`` of JSON data; raise ``NotCheckedError`` if there is none."""
         kind = data.get("type")
-        counterpart = self._counterparts.get(str(kind), self._otherwise)
+        counterpart = self._counterparts.get(str(kind)) or self._otherwise(str(kind))
         if counterpart is None:
             raise NotCheckedError(f"nothing recomputes a {self._what} of type {kind!r}")
         return counterpart
@@ -68,7 +68,7 @@ class CounterpartRegistry(Generic[Counterpart]):
         return tuple(self._counterparts)
 
 
-BODIES: CounterpartRegistry[BodyCounterpart] = CounterpartRegistry("body", own_body)
-CONSTRAINTS: CounterpartRegistry[ConstraintCounterpart] = CounterpartRegistry("constraint", own_constraint)
+BODIES: CounterpartRegistry[BodyCounterpart] = CounterpartRegistry("body", body_functions)
+CONSTRAINTS: CounterpartRegistry[ConstraintCounterpart] = CounterpartRegistry("constraint", constraint_functions)
 HANDS: CounterpartRegistry[HandCounterpart] = CounterpartRegistry("hand")
 register_body, register_constraint, register_hand = BODIES.register, CONSTRAINTS.register, HANDS.register

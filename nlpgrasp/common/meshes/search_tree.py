@@ -97,8 +97,7 @@ class SearchTree:
 
         Negative where the winding number is above 1/2.
         """
-        is_inside = np.abs(self.winding_numbers(points)) > 0.5
-        return np.asarray(np.where(is_inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
+        return self.exact_signed_distance_with_gradient(points)[0]
 
     def exact_signed_distance_with_gradient(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``exact_signed_distance`` and its gradients (m, 3): on the surface the nearest triangles' normals."""
