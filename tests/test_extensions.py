@@ -18,6 +18,7 @@ from nlpgrasp.budgets.registry import BUDGETS
 from nlpgrasp.common import robot_files
 from nlpgrasp.common.registry import SOLIDS
 from nlpgrasp.common.robot_files import register_robot_format
+from nlpgrasp.common.scalar_constraints import Clearance
 from nlpgrasp.constraints.registry import CONSTRAINTS
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.base import CONTACTS
@@ -231,6 +232,15 @@ def test_without_their_file_the_rest_is_verified(egg):
     assert verification.passed
     assert not verification.complete
     assert "nothing recomputes a body of type 'egg'" in verification.verdict
+
+
+def test_a_limit_of_clearances_is_not_said_to_be_recomputed(egg, kinds):
+    clearance = Clearance("middle", None, None, 0.0)
+    with patch.object(kinds.MiddleBelow, "rows", lambda self, placement: [clearance]):
+        checks = {c.name: c for c in ng.verify(egg[1]).checks}
+    check = checks["constraint 0, middle below"]
+    assert not check.made
+    assert check.detail == "not made: a constraint of type 'middle below' keeps clearances of the hand"
 
 
 def test_a_body_without_cells_has_no_bound_over_all_placements(kinds):

@@ -100,11 +100,11 @@ def _constraint_values(data: Json, placement: StatedPlacement) -> Iterator[Const
     points, normals = ([ca.DM(row) for row in rows] for rows in (placement.points, placement.normals))
     contacts = SymbolicCandidate(points, normals, placement.radii, placement.size)
     try:
-        rows = [
-            (row, np.asarray(ca.DM(row.expression)).ravel().tolist())
-            for row in constraint_from_dict(data).rows(contacts)
-            if isinstance(row, ScalarConstraint)
-        ]
+        rows = list[tuple[ScalarConstraint, list[float]]]()
+        for row in constraint_from_dict(data).rows(contacts):
+            if not isinstance(row, ScalarConstraint):
+                raise NotCheckedError(f"a constraint of type {data['type']!r} keeps clearances of the hand")
+            rows.append((row, np.asarray(ca.DM(row.expression)).ravel().tolist()))
     except (AttributeError, TypeError, NotImplementedError, InputError) as error:
         if placement.hand is None:
             raise
