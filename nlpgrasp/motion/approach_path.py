@@ -52,7 +52,7 @@ def find_free_approach(
     distance : callable
         The open hand's values and a direction to the distance that the palm moves, metres.
     locate : bool
-        Whether ``BlockedDirection.free`` is computed to the tolerance.
+        Whether ``BlockedDirection.free`` is computed to the tolerance, in place of a 32nd of the way or better.
     depth : float
         How deep links may be in the body on the way, metres; no deeper than in the first posture counts as free.
     """
@@ -63,8 +63,16 @@ def find_free_approach(
         if path.blocked_by:
             return ApproachPath(f"the fingers cannot open: {path.blocked_by}", (), opening)
         opening = opening or path
+        limits = _clearance_limits(model, depth, PathPosture(0.0, path.values, model.clearances(path.values)))
         for direction in _refined_directions(directions, blocked):
             length = distance(path.values, direction)
+            # most blocked directions are seen to be so by few points of the links, at once all the way
+            shares = np.linspace(0.0, 1.0, 1 if locate else 33)
+            retreat = [_retreat(path.values, direction, share * length) for share in shares[1:].tolist()]
+            if entry := model.first_entry(retreat, limits) if retreat else None:
+                reason = model.describe_clearance(entry[1])
+                blocked.append(BlockedDirection(direction, float(shares[entry[0]]) * length, factor, reason))
+                continue
             section = _free_retreat(model, path.values, direction, length, locate, depth)
             if not section.blocked_by:
                 return ApproachPath("", tuple(blocked), path, direction, length, section.postures)
@@ -276,12 +284,13 @@ def _free_retreat(
     model: HandClearance, start: Values, direction: FloatArray, distance: float, locate: bool, depth: float = 0.0
 ) -> StraightPath:
     """Return the collision-free part of the open hand's straight retreat from the grasp."""
-
-    def posture(fraction: float) -> Values:
-        return {**start, "palm_position": start["palm_position"] - fraction * distance * direction}
-
     limits = partial(_clearance_limits, model, depth)
-    return follow_straight_path(model, posture, limits, locate)
+    return follow_straight_path(model, lambda share: _retreat(start, direction, share * distance), limits, locate)
+
+
+def _retreat(start: Values, direction: FloatArray, distance: float) -> Values:
+    """Return the open hand's variables after a retreat by a distance, metres."""
+    return {**start, "palm_position": start["palm_position"] - distance * direction}
 
 
 def missing_room(model: HandClearance, start: Values, directions: Sequence[FloatArray], length: float) -> str:

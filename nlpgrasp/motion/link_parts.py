@@ -217,11 +217,11 @@ class LinkParts:
 
     def outline(self, values: Values) -> tuple[FloatArray, FloatArray]:
         """Return outermost points of all parts, (m, 3), body frame, and the radii of balls about them, (m,), metres."""
-        points, parts = self._outermost
+        points, parts = self.outermost
         return _moved(points, self.frames(values)[parts]), self.radii[parts]
 
     @cached_property
-    def _outermost(self) -> tuple[FloatArray, IntArray]:
+    def outermost(self) -> tuple[FloatArray, IntArray]:
         """Outermost points of all parts in 60 directions, (m, 3), metres, link frame, and their parts, (m,)."""
         directions = directions_around(np.eye(3)[2], 60)
         result = [part.points[np.unique(np.argmax(part.points @ directions.T, axis=0))] for part in self.parts]
