@@ -134,15 +134,15 @@ class HandClearance:
             return None
         frames = self.parts.frames_of(postures)[:, parts]
         moved = (frames[..., :3, :3] @ points[:, :, None])[..., 0] + frames[..., :3, 3]
-        spare = np.full((len(postures), len(self.fields) * count), np.inf)
+        spare = np.full((len(self.fields) * count, len(postures)), np.inf)
         for number, field in enumerate(self.fields):
             index = number * count + place[parts]
             flat = moved.reshape(-1, 3)
             distances = grid.nearest(flat) + grid.spacing if number == 0 else field.distance(flat)
             least = distances.reshape(len(postures), -1) - self.parts.radii[parts] - limits[index]
-            np.minimum.at(spare, (slice(None), index), least)
-        entered = np.flatnonzero(np.min(spare, axis=1) < 0.0)
-        return (int(entered[0]), int(np.argmin(spare[entered[0]]))) if len(entered) else None
+            np.minimum.at(spare, index, least.T)
+        entered = np.flatnonzero(np.min(spare, axis=0) < 0.0)
+        return (int(entered[0]), int(np.argmin(spare[:, entered[0]]))) if len(entered) else None
 
     def exact_distance(self, number: int) -> Distance:
         """Return the distance of a field, of a mesh as its triangles state it."""
