@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,6 +19,9 @@ from nlpgrasp.common.registry import JsonPart
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, format_known_names
 from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    from nlpgrasp.bodies.chart import Chart
 
 # functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")
@@ -202,6 +205,10 @@ class Body(DisplayedBody):
         = 0, ``PLATE`` of its size thick.
         """
         return None
+
+    def charts(self) -> tuple[Chart, ...]:
+        """Return charts that together cover all faces, for bounds over all placements; by default none are stated."""
+        return ()
 
     @cached_property
     def distance_function(self) -> ca.Function:

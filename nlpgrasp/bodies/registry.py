@@ -24,10 +24,9 @@ Kind = TypeVar("Kind", bound=Body)
 def register(body: type[Kind]) -> type[Kind]:
     """Register a body type for JSON files; below, the entries that verification and global bounds need.
 
-    Usable as a decorator. Files with the body are verified once ``nlpgrasp.verify.register_body`` has its numeric
-    counterpart. A global bound and its verification need surface cells of the type, in three places: ``MAKERS`` of
-    ``global_bound/cells/cell_faces.py`` makes them, ``FACE_MAKERS`` of ``verify/bound/face_cover.py`` checks that they
-    cover the faces, and ``CELL_KINDS`` of ``verify/bound/stated_cells.py`` reads each kind of cell.
+    Usable as a decorator. Files with the body are verified by its own functions, or, which claims more, by a numeric
+    counterpart (``nlpgrasp.verify.register_body``). Placements on it are bounded, and the bounds verified, where it
+    states ``charts``.
 
     Parameters
     ----------

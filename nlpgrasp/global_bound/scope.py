@@ -115,7 +115,7 @@ def _relax(problem: GraspProblem, contacts: Sequence[ContactModel]) -> tuple[lis
     These are also the edge margin of a mesh, and what relaxed contacts ignore.
     """
     regions, dropped, _ = allowed_regions(problem)
-    has_margin = isinstance(problem.body, Mesh) and problem.margin > 0.0
+    has_margin = (isinstance(problem.body, Mesh) or problem.body.charts()) and problem.margin > 0.0
     is_relaxed = any(contact is not model for contact, model in zip(contacts, problem.models, strict=True))
     return regions, (*dropped, *([EDGES] if has_margin else []), *([PAD_SHAPES] if is_relaxed else []))
 
@@ -126,7 +126,9 @@ def _check_coverage(problem: GraspProblem) -> tuple[CombinationRule, Sequence[Ce
         raise NotCoveredError("GraspProblem.objective", "nu", "mu or delta for a bound over all placements")
     rule, faces = CombinationRule.of(problem.budget), cell_faces(problem.body, problem.margin)
     if faces is None:
-        raise NotCoveredError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
+        raise NotCoveredError(
+            "best_possible.body", problem.body.kind, "a body of flat faces, a round one, a mesh, or one with charts"
+        )
     contacts = list[ContactModel]()
     for i, model in enumerate(problem.models):
         contact = model.isotropic_relaxation(problem.body.space)

@@ -82,7 +82,7 @@ def symmetries(body: Body, task: Task, origin: FloatArray, groups: Sequence[Cont
 
 def motions_of(body: Body) -> list[tuple[FloatArray, FloatArray]]:
     """Return candidate rigid motions and reflections of a body onto itself."""
-    if isinstance(body, Mesh):
+    if isinstance(body, Mesh) or body.charts():  # nothing is known of what maps them onto themselves
         return []
     if isinstance(body, Polygon | Prism):
         planar = _polygon_symmetries(body.corners)

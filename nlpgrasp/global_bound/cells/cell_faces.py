@@ -8,9 +8,12 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.bodies.base import exterior_angles
+from nlpgrasp.bodies.chart import uncovered_by_charts
 from nlpgrasp.common.meshes.sharp_edges import SHARP
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.cells.cell import CellFace
+from nlpgrasp.global_bound.cells.chart_cells import ChartFace
 from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidFace
 from nlpgrasp.global_bound.cells.flat_cells import FlatFaceCells, clip
 from nlpgrasp.global_bound.cells.mesh_cells import MeshFace
@@ -22,16 +25,27 @@ Faces = list[CellFace]
 def cell_faces(body: Body, margin: float) -> Faces | None:
     """Return the faces of a body as unions of cells; None for a kind of body without cells.
 
-    They are in the order of the body's face names.
+    They are in the order of the body's face names, or of its charts.
 
     Parameters
     ----------
     body : Body
     margin : float
-        Distance from sharp edges, metres; faces smaller than it are omitted. Ignored for a mesh.
+        Distance from sharp edges, metres; faces smaller than it are omitted. Ignored for a mesh and for charts.
+
+    Raises
+    ------
+    NotCoveredError
+        Where the charts of a body do not cover its faces.
     """
-    make = MAKERS.get(type(body))
-    return None if make is None else make(body, margin)
+    if type(body) in MAKERS:
+        return MAKERS[type(body)](body, margin)
+    charts = body.charts()
+    if not charts:
+        return None
+    if error := uncovered_by_charts(body):
+        raise NotCoveredError(f"{type(body).__name__}.charts", error, "charts that cover all faces")
+    return [ChartFace(body, i) for i in range(len(charts))]
 
 
 def _box_faces(body: Box, margin: float) -> Faces:

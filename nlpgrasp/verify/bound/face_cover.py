@@ -15,6 +15,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.bound.stated_cells import StatedPolygonCell, clip_below, read_cell
+from nlpgrasp.verify.bound.stated_charts import chart_faces
 from nlpgrasp.verify.bound.stated_regions import StatedRegion
 from nlpgrasp.verify.check import NotCheckedError
 
@@ -162,7 +163,10 @@ def _are_equal_cells(cell: Json, other: Json, tolerance: float) -> bool:
     if cell["kind"] != other["kind"]:
         return False
     for name, value in cell.items():
-        if name != "kind":
+        if name == "body":
+            if value != other[name]:
+                return False
+        elif name != "kind":
             values, other_values = np.asarray(value, dtype=float), np.asarray(other[name], dtype=float)
             if values.shape != other_values.shape or not np.all(np.abs(values - other_values) <= tolerance):
                 return False
@@ -177,9 +181,7 @@ def faces_of(body: Json, margin: float) -> Faces:
     kind = body["type"]
     if kind == "mesh":
         return {"surface": None}
-    if kind not in FACE_MAKERS:
-        raise NotCheckedError(f"nothing recomputes the cells of a {kind}")
-    return dict(FACE_MAKERS[kind](body, margin))
+    return dict(FACE_MAKERS[kind](body, margin) if kind in FACE_MAKERS else chart_faces(body))
 
 
 def _box_outlines(body: Json, margin: float) -> Iterator[NamedFace]:
