@@ -243,9 +243,27 @@ def test_a_limit_of_clearances_is_not_said_to_be_recomputed(egg, kinds):
     assert check.detail == "not made: a constraint of type 'middle below' keeps clearances of the hand"
 
 
-def test_a_body_without_cells_has_no_bound_over_all_placements(kinds):
-    with pytest.raises(ng.InputError, match=r"best_possible\.body: got egg, expected a body of flat faces"):
-        ng.best_possible(kinds.problem(), time_limit=1.0)
+def test_a_body_from_elsewhere_is_bounded_over_all_placements(egg, kinds, tmp_path):
+    """By its charts; the bound is recomputed from the file, and one that is too low is seen."""
+    solution, file = egg
+    assert solution.mu.lower <= solution.bound.upper < 2.0 * solution.mu.lower
+    assert "bound, leaves" in [check.name for check in ng.verify(file).checks if check.made and check.passed]
+    bound = ng.best_possible(kinds.problem(), time_limit=1.0)
+    path = bound.save(tmp_path / "bound.json")
+    assert ng.verify(path).passed
+    data = json.loads(path.read_text())
+    data["upper"] *= 0.9
+    path.write_text(json.dumps(data))
+    assert "upper" in [check.name for check in ng.verify(path).checks if check.failed]
+
+
+def test_a_body_without_charts_has_no_bound_over_all_placements(kinds):
+    with patch.object(kinds.Egg, "charts", lambda self: ()):
+        with pytest.raises(ng.InputError, match=r"best_possible\.body: got egg, expected a body of flat faces"):
+            ng.best_possible(kinds.problem(), time_limit=1.0)
+        solution = ng.solve(kinds.problem(), starts=1, options=ng.SolveOptions(workers=1))
+        assert solution.success
+        assert solution.bound is None
 
 
 @pytest.mark.slow

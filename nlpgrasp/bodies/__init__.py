@@ -2,6 +2,7 @@
 
 from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.box import Box
+from nlpgrasp.bodies.chart import Chart
 from nlpgrasp.bodies.cylinder import Cylinder
 from nlpgrasp.bodies.ellipsoid import Ellipsoid
 from nlpgrasp.bodies.implicit import Implicit, PlanarImplicit
@@ -16,6 +17,7 @@ from nlpgrasp.bodies.torus import Torus
 __all__ = [
     "Body",
     "Box",
+    "Chart",
     "Cylinder",
     "Ellipsoid",
     "Face",

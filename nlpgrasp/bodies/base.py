@@ -7,21 +7,19 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from nlpgrasp.bodies.chart import Chart
 from nlpgrasp.common.display import InNotebook, show
 from nlpgrasp.common.evaluation import BatchEvaluator
 from nlpgrasp.common.registry import JsonPart
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import BoolArray, FloatArray, IntArray, format_known_names
 from nlpgrasp.errors import InputError
-
-if TYPE_CHECKING:
-    from nlpgrasp.bodies.chart import Chart
 
 # functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")

@@ -234,9 +234,6 @@ def interval_bounds(function: ca.Function, lower: FloatArray, upper: FloatArray)
     UnknownOperationError
         As ``evaluate``.
     """
+    boxes = [Interval(a, b) for a, b in zip(lower.T, upper.T, strict=True)]
     with np.errstate(all="ignore"):
-        return evaluate(
-            function,
-            [Interval(a, b) for a, b in zip(lower.T, upper.T, strict=True)],
-            lambda x: Interval.of(np.float64(x)),
-        )
+        return evaluate(function, boxes, lambda value: Interval.of(np.full(len(lower), value)))

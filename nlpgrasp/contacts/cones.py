@@ -34,6 +34,15 @@ class RangeContact(ContactModel):
     def blocks(self, components: int) -> Blocks:
         """Return the blocks of components and their coefficients, given the number of components."""
 
+    def isotropic_relaxation(self, space: int) -> ContactModel | None:
+        """Return the contact itself if its blocks are the same in all directions about the normal.
+
+        They are then all tangential forces, the moment about the normal, or both moments along the surface.
+        """
+        axes = self.axes(space)
+        blocks = [tuple(axes[block]) for block, _ in self.blocks(len(axes))]
+        return self if all(block in (tuple(range(1, space)), (3,), (4, 5)) for block in blocks) else None
+
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n_i) onto the force domain, with every block clipped to its limit."""
         blocks = self.blocks(z.shape[-1])

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks, ContactModel, Work, unit_tangential_forces
+from nlpgrasp.contacts.base import MISSING, Blocks, Work, unit_tangential_forces
 from nlpgrasp.contacts.cones import RangeContact
 
 
@@ -40,10 +40,6 @@ class FrictionContact(RangeContact):
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the indices of normal and tangential forces: three in space, two in the plane."""
         return tuple(range(space))
-
-    def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the contact itself, whose force domain is symmetric about the normal."""
-        return self
 
     def blocks(self, components: int) -> Blocks:
         """Return one block: the tangential forces, with the friction coefficient."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import Blocks, ContactModel, Work
+from nlpgrasp.contacts.base import Blocks, Work
 from nlpgrasp.contacts.cones import RangeContact
 
 
@@ -27,10 +27,6 @@ class PointContact(RangeContact):
     def axes(self, space: int) -> tuple[int, ...]:
         """Return the index of the only component, the normal force."""
         return (0,)
-
-    def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the contact itself, whose force domain is symmetric about the normal."""
-        return self
 
     def blocks(self, components: int) -> Blocks:
         """Return an empty tuple: the normal force is the only component."""

@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import cones as elliptic_cone
-from nlpgrasp.contacts.base import MISSING, Blocks, ContactModel, Work, unit_tangential_forces, upper_triangle
+from nlpgrasp.contacts.base import MISSING, Blocks, Work, unit_tangential_forces, upper_triangle
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
 
@@ -61,10 +61,6 @@ class SoftContact(RangeContact):
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts: a planar body has no torsion")
         return (0, 1, 2, 3)
-
-    def isotropic_relaxation(self, space: int) -> ContactModel:
-        """Return the contact itself, whose force domain is symmetric about the normal."""
-        return self
 
     def blocks(self, components: int) -> Blocks:
         """Return the blocks of friction and torsion with their coefficients.

@@ -1,9 +1,13 @@
 """Random cells of every kind, and random points in them by independent formulas."""
 
+import casadi as ca
 import numpy as np
 import trimesh
 
+import nlpgrasp as ng
+from nlpgrasp.bodies.chart import Chart
 from nlpgrasp.common.spatial import tangents
+from nlpgrasp.global_bound.cells.chart_cells import ChartCell, ChartSurface
 from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidCell, EllipsoidSurface
 from nlpgrasp.global_bound.cells.flat_cells import PolygonCell
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
@@ -83,6 +87,49 @@ def mesh_cell(rng):
     return cell
 
 
+class ChartedTorus(ng.Torus):
+    """A torus that states a chart."""
+
+    def charts(self):
+        """Return its chart by the angles about the axis and around the tube, with its normals."""
+        major, minor = self.major_radius, self.minor_radius
+
+        def normal(u):
+            return ca.vertcat(ca.cos(u[1]) * ca.cos(u[0]), ca.cos(u[1]) * ca.sin(u[0]), ca.sin(u[1]))
+
+        def point(u):
+            return major * ca.vertcat(ca.cos(u[0]), ca.sin(u[0]), 0.0) + minor * normal(u)
+
+        return (Chart("surface", point, [[0.0, 2.0 * np.pi], [-np.pi, np.pi]], (4, 4), normal),)
+
+
+class ChartedEllipsoid(ng.Ellipsoid):
+    """An ellipsoid that states a chart, with its normals by the gradient of h."""
+
+    def charts(self):
+        """Return its chart by longitude and latitude."""
+        a = self.half_size
+
+        def point(u):
+            return ca.vertcat(
+                a[0] * ca.cos(u[0]) * ca.cos(u[1]), a[1] * ca.sin(u[0]) * ca.cos(u[1]), a[2] * ca.sin(u[1])
+            )
+
+        return (Chart("surface", point, [[0.0, 2.0 * np.pi], [-0.5 * np.pi, 0.5 * np.pi]], (4, 2)),)
+
+
+CHARTED = ChartedTorus(2.0, 0.7), ChartedEllipsoid([1.5, 0.6, 0.9])
+
+
+def chart_cell(rng):
+    surface = ChartSurface(CHARTED[rng.integers(2)], 0)
+    parts = surface.chart.first_parts()
+    cell = ChartCell(surface, parts[rng.integers(len(parts))])
+    for _ in range(rng.integers(0, 7)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
 CELLS = {
     "polygon": polygon_cell,
     "ellipsoid": ellipsoid_cell,
@@ -90,6 +137,7 @@ CELLS = {
     "side": side_cell,
     "torus": torus_cell,
     "mesh": mesh_cell,
+    "chart": chart_cell,
 }
 
 
@@ -107,6 +155,8 @@ def points_of(cell, count, rng):
         points = u / np.linalg.norm(u, axis=1, keepdims=True) * cell.a
         inward = -points / cell.a**2
         return points, inward / np.linalg.norm(inward, axis=1, keepdims=True)
+    if isinstance(cell, ChartCell):
+        return _points_of_chart(cell, count, rng)
     parameter = rng.uniform(*(cell.radii if isinstance(cell, SectorCell) else cell.along), count)
     phi = rng.uniform(*cell.angles, count)
     radial = np.stack([np.cos(phi), np.sin(phi), np.zeros(count)], axis=1)
@@ -118,3 +168,14 @@ def points_of(cell, count, rng):
         return minor * radial + parameter[:, None] * up, -radial
     outward = np.cos(parameter)[:, None] * radial + np.sin(parameter)[:, None] * up
     return major * radial + minor * outward, -outward
+
+
+def _points_of_chart(cell, count, rng):
+    """Return random points of a rectangle with inward normals, by formulas of the body."""
+    u, v = (rng.uniform(*side, count) for side in cell.sides)
+    body, around = cell.surface.body, np.stack([np.cos(u), np.sin(u), np.zeros(count)], axis=1)
+    unit = np.cos(v)[:, None] * around + np.sin(v)[:, None] * [0.0, 0.0, 1.0]
+    if isinstance(body, ng.Torus):
+        return body.major_radius * around + body.minor_radius * unit, -unit
+    inward = -unit / body.half_size
+    return unit * body.half_size, inward / np.linalg.norm(inward, axis=1, keepdims=True)

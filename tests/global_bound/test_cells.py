@@ -1,5 +1,7 @@
 """Tests of surface cells: bounds over all points of a cell, and coverage by its parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.support_table import single_supports, weighted_supports
-from tests.global_bound.samples import CELLS, points_of
+from tests.global_bound.samples import CELLS, CHARTED, points_of
 from tests.quick import every, first
 
 CONTACTS = {
@@ -60,7 +62,7 @@ def test_rows_bound_all_points_of_the_cell(kind, contact, budget):
 
 
 @pytest.mark.parametrize("budget", first(1, ["l2", "per_finger"]))
-@pytest.mark.parametrize("kind", first(1, ["ellipsoid", "side", "torus"]))
+@pytest.mark.parametrize("kind", first(1, ["chart", "ellipsoid", "side", "torus"]))
 def test_refined_bounds_are_tight(kind, budget):
     """The bound over a small curved cell is near the maximum over many points."""
     rng = np.random.default_rng(5)
@@ -85,7 +87,7 @@ def deviations_of(cell):
     return np.max(curved.surface.deviations(curved.parts)[:, 0], axis=0)
 
 
-@pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
+@pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus", "chart"])
 def test_deviations_fall_with_the_square_of_the_cell(kind):
     rng = np.random.default_rng(3)
     cell = CELLS[kind](rng)
@@ -109,3 +111,36 @@ def test_both_parts_cover_a_cell(kind):
         assert np.all(inside[0] | inside[1])
         centre, radius = cell.ball()
         assert np.all(np.linalg.norm(points - centre, axis=1) <= radius * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("body", CHARTED, ids=["torus", "ellipsoid"])
+def test_a_chart_bounds_as_tightly_as_cells_made_for_the_body(body):
+    """And verification proves the bound by other derivatives."""
+    task = ng.TaskEllipsoid([0.6, 1.0, 0.8, 1.0, 1.5, 1.2], center=[0.1, 0.05, 0, 0, 0, 0.05])
+    made_for_it = ng.Torus(2.0, 0.7) if isinstance(body, ng.Torus) else ng.Ellipsoid([1.5, 0.6, 0.9])
+    problems = [ng.GraspProblem(b, [ng.FrictionContact(0.6)] * 3, task) for b in (body, made_for_it)]
+    stated, known = (ng.best_possible(problem, time_limit=0.1).upper for problem in problems)
+    assert known <= stated * (1 + 1e-3) < 1.06 * known
+
+
+def chart_of(body, **changes):
+    return (replace(body.charts()[0], **changes),)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rectangle": [[0.0, 6.0], [-np.pi, np.pi]]}, "a point of the face 'surface' .* mm from its charts"),
+        ({"point": lambda u: 1.01 * CHARTED[0].charts()[0].point(u)}, "points of a chart .* mm off the face 'surface'"),
+        ({"normal": lambda u: -CHARTED[0].charts()[0].normal(u)}, "another normal than that of the face 'surface'"),
+        ({"face": "side"}, "a chart of 'side', which is no face"),
+    ],
+)
+def test_a_chart_that_is_not_of_the_body_is_refused(changes, message):
+    class Wrong(ng.Torus):
+        def charts(self):
+            return chart_of(CHARTED[0], **changes)
+
+    problem = ng.GraspProblem(Wrong(2.0, 0.7), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0] * 6))
+    with pytest.raises(ng.InputError, match=rf"Wrong\.charts: got {message}"):
+        ng.best_possible(problem, time_limit=0.1)

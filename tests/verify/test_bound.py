@@ -290,20 +290,6 @@ def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
     assert check in [c.name for c in verification.checks if c.failed], str(verification)
 
 
-OLDER = Path(__file__).with_name("older.bound.json")  # of the square: each leaf has directions and weights of its own
-OLDER_SHARED = Path(__file__).with_name("older_shared.bound.json")  # of the square: without thresholds
-
-
-def test_a_shared_bound_without_thresholds_is_verified(tmp_path):
-    data = json.loads(OLDER_SHARED.read_text())
-    verification = verified(data, tmp_path)
-    assert verification.passed, str(verification)
-    recomputed = Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1]
-    assert data["upper"] * (1.0 - ABOVE) <= np.max(recomputed) <= data["upper"]
-    data["upper"] *= 0.999
-    assert not verified(data, tmp_path).passed
-
-
 @pytest.mark.parametrize("value", [None, 0.0, "none", []], ids=str)
 def test_a_shared_bound_with_other_thresholds_fails(value, tmp_path):
     data = bound_data("ellipsoid, shared")
@@ -329,27 +315,6 @@ def test_a_shared_bound_without_its_thresholds_fails(tmp_path):
     data = bound_data("ellipsoid, shared")
     data["certificate"].pop("thresholds")
     assert not verified(data, tmp_path).passed
-
-
-def test_a_file_of_the_older_form_is_verified(tmp_path):
-    data = json.loads(OLDER.read_text())
-    assert "mixtures" not in data["certificate"]
-    verification = verified(data, tmp_path)
-    assert verification.passed, str(verification)
-    assert verification.not_made == ()
-    recomputed = Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1]
-    assert data["upper"] * (1.0 - ABOVE) <= np.max(recomputed) <= data["upper"]
-
-
-@pytest.mark.parametrize(
-    ("part", "value"),
-    [(1, [0, 1]), (2, lambda weights: [2.0 * weights[0], *weights[1:]]), (2, []), (3, share(0.999)), (3, None)],
-)
-def test_an_edit_of_the_older_form_fails(part, value, tmp_path):
-    data = json.loads(OLDER.read_text())
-    put((part,), value)(max(data["certificate"]["leaves"], key=lambda own: own[3]))
-    verification = verified(data, tmp_path)
-    assert "leaves" in [check.name for check in verification.checks if check.failed], str(verification)
 
 
 def test_a_bound_that_nothing_recomputes_is_not_verified(tmp_path):

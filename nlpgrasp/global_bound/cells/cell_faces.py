@@ -8,7 +8,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.bodies.base import exterior_angles
-from nlpgrasp.bodies.chart import uncovered_by_charts
+from nlpgrasp.bodies.chart_cover import uncovered_by_charts
 from nlpgrasp.common.meshes.sharp_edges import SHARP
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NotCoveredError

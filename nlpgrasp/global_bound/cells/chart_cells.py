@@ -47,7 +47,7 @@ class ChartSurface:
 
     def __init__(self, body: Body, index: int) -> None:
         self.body, self.index, self.chart = body, index, body.charts()[index]
-        contact = self.chart.contact_function(body)
+        contact = self.chart.contact_function(body.face(self.chart.face).surface)
         self._contacts = BatchEvaluator(contact)
         u = ca.SX.sym("u", 2)
         p, n = contact(u)
@@ -121,7 +121,7 @@ class BoxMaxima:
         Boxes of the grid in each first part, each way.
     """
 
-    def __init__(self, chart: Chart, bounds: Bounds, fine: int = 8) -> None:
+    def __init__(self, chart: Chart, bounds: Bounds, fine: int = 16) -> None:
         (self._start, end), counts = np.asarray(chart.rectangle, float).T, fine * np.asarray(chart.divisions, int)
         self._step, self._counts = (end - self._start) / counts, counts
         index = np.stack(np.meshgrid(*map(np.arange, counts.tolist()), indexing="ij"), axis=2).reshape(-1, 2)

@@ -14,7 +14,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.verify.bound.stated_cells import StatedPolygonCell, clip_below, read_cell
+from nlpgrasp.verify.bound.read_cells import read_cell
+from nlpgrasp.verify.bound.stated_cells import StatedPolygonCell, clip_below
 from nlpgrasp.verify.bound.stated_charts import chart_faces
 from nlpgrasp.verify.bound.stated_regions import StatedRegion
 from nlpgrasp.verify.check import NotCheckedError

@@ -24,6 +24,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.bound.node_cover import StatedGroup
 from nlpgrasp.verify.bound.stated_cells import StatedCurvedFace, StatedMeshCell, VertexContacts
@@ -32,7 +34,6 @@ from nlpgrasp.verify.check import NotCheckedError
 SEARCH_STEPS = 50  # steps of a search by thirds over angles: to the square root of rounding
 # power p of each force budget, and whether it counts the length of a force instead of its normal part
 BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (1.0, False)}
-OLDER_POWER = 8.0  # power of the shared budget in files without thresholds
 GUARD = 1e-9  # relative guard against rounding, added to every bound
 RELEVANT_SHARE = 0.5  # share of the largest leaf bound below which leaves are not refined
 MOST_ROUNDS = 8  # most subdivision rounds of curved cells
@@ -60,7 +61,7 @@ class StatedLeaves:
     ) -> None:
         self.leaves, self.budget = data["leaves"], budget
         self._dual_weights_data = data["mixtures"]  # the file's name of the sets of dual weights
-        thresholds = data["thresholds"] if budget.has_thresholds else np.zeros(len(data["mixtures"]))
+        thresholds = data["thresholds"] if budget.shared else np.zeros(len(data["mixtures"]))
         self._thresholds = array("thresholds", thresholds, (None,))
         self.twists = array("directions", data["directions"], (None, task.dimension))
         self.supports = task.support(self.twists)[0]
@@ -297,13 +298,13 @@ class StatedContact:
         Raises
         ------
         NotCheckedError
-            On another model than point, friction, soft, line or plane.
+            On a model of one's own that is not the same in all directions about the normal.
         """
         if data["model"] in ("line", "plane"):
             return cls(_disc_coefficients(data), False, budget)
         names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
         if names is None:
-            raise NotCheckedError(f"nothing recomputes bounds for a {data['model']} contact")
+            return cls(_own_coefficients(data), False, budget)
         friction, torsion, *_ = (*(number(name, data[name], above=0.0) for name in names), 0.0, 0.0)
         elliptic = len(names) == 2 and data.get("torsion_model", "box") == "elliptic"
         return cls((friction, torsion, 0.0), elliptic, budget)
@@ -394,8 +395,8 @@ class StatedContact:
         return self.work(normal, [sliding, torsion, tilting]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
     def excess(self, powers: FloatArray, threshold: float) -> FloatArray:
-        """Return the excess of each support over a threshold; without thresholds in the file, the powers unchanged."""
-        return np.maximum(powers - threshold, 0.0) if self.budget.has_thresholds else powers
+        """Return the excess of each support over a threshold; under another budget than the shared one, the powers."""
+        return np.maximum(powers - threshold, 0.0) if self.budget.shared else powers
 
     def upper_bounds(
         self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray, threshold: float
@@ -426,6 +427,16 @@ class StatedContact:
         largest = support + difference
         by_convexity = self.excess(powers, threshold) + p * largest ** (p - 1.0) * error
         return np.asarray(np.minimum(by_convexity, self.excess(largest**p, threshold)))
+
+
+def _own_coefficients(data: Json) -> tuple[float, float, float]:
+    """Return friction, torsion and tilting of a contact model of one's own: those of the blocks that it states."""
+    contact = contact_from_dict(data)
+    if not isinstance(contact, RangeContact) or contact.isotropic_relaxation(3) is not contact:
+        raise NotCheckedError(f"nothing recomputes bounds for a {data['model']} contact")
+    axes, found = contact.axes(3), {1: 0.0, 3: 0.0, 4: 0.0}
+    found |= {axes[block.start]: float(c) for block, c in contact.blocks(len(axes))}
+    return found[1], found[3], found[4]
 
 
 def _disc_coefficients(data: Json) -> tuple[float, float, float]:
@@ -469,18 +480,16 @@ class StatedBudget:
     lengths : bool
         Whether the budget counts a force's length, not its normal part.
     shared : bool
-    has_thresholds : bool
         Whether sums of excesses over thresholds bound the largest s, instead of sums of powers.
     """
 
     power: float
     lengths: bool
     shared: bool
-    has_thresholds: bool
 
     @classmethod
-    def of(cls, data: str | Json, has_thresholds: bool) -> StatedBudget:
-        """Return the budget of JSON data, for a file with or without thresholds.
+    def of(cls, data: str | Json) -> StatedBudget:
+        """Return the budget of JSON data.
 
         Raises
         ------
@@ -491,5 +500,4 @@ class StatedBudget:
         if kind not in BUDGETS:
             raise NotCheckedError(f"nothing recomputes bounds under the force budget {kind!r}")
         power, lengths = BUDGETS[kind]
-        shared = kind == "shared"
-        return cls(OLDER_POWER if shared and not has_thresholds else power, lengths, shared, shared and has_thresholds)
+        return cls(power, lengths, kind == "shared")

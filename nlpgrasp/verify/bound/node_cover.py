@@ -10,7 +10,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.verify.bound.stated_cells import StatedCell, StatedMeshCell, is_image, read_cell
+from nlpgrasp.verify.bound.read_cells import is_image, read_cell
+from nlpgrasp.verify.bound.stated_cells import StatedCell, StatedMeshCell
 from nlpgrasp.verify.bound.stated_regions import StatedRegion
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 

@@ -197,12 +197,12 @@ class Proof:
     @cached_property
     def budget(self) -> StatedBudget:
         """Force budget of the problem, as the leaf bounds use it."""
-        return StatedBudget.of(self.problem["force_budget"], "thresholds" in self.data)
+        return StatedBudget.of(self.problem["force_budget"])
 
     @cached_property
     def leaves(self) -> StatedLeaves:
         """Leaf nodes of the search tree, with the data of their bounds."""
-        return StatedLeaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, self.budget)
+        return StatedLeaves(self.data, self.groups, self.problem["contacts"], self.task, self.budget)
 
     def _check_directions(self) -> tuple[str, str]:
         """Check that the task's support along each direction is 1; return an error text and a summary."""
@@ -232,18 +232,6 @@ class Proof:
         largest = float(np.max(self.bounds[1], initial=0.0))
         summary = f"stated {upper:.12g}, from the leaves {largest:.12g}"
         return "" if upper >= largest * (1.0 - BOUND_TOLERANCE) else summary, summary
-
-
-def convert_older(data: Json) -> Json:
-    """Return a certificate in the current format, converted from an older one if necessary.
-
-    In the current format, leaves refer to their dual weights by index.
-    """
-    if "mixtures" in data:
-        return data
-    mixtures = [[direction_indices, weights] for _, direction_indices, weights, _ in data["leaves"]]
-    leaves = [[cells, i, bound] for i, (cells, _, _, bound) in enumerate(data["leaves"])]
-    return {**data, "mixtures": mixtures, "leaves": leaves}
 
 
 def _check_part(name: str, part: Callable[[], tuple[str, str]]) -> Check:

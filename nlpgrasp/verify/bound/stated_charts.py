@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,9 @@ import numpy as np
 from nlpgrasp.common.intervals import Interval, evaluate, length_bound
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer
+from nlpgrasp.errors import InputError
 from nlpgrasp.verify.bound.stated_cells import (
+    UNIT,
     Cut,
     StatedCurvedFace,
     VertexContacts,
@@ -115,34 +117,92 @@ class Jet:
         return self._through(self.value.power(k), k * self.value.power(k - 1.0), curvature)
 
 
+class StatedChart:
+    """A chart of a body of one's own: its contacts, and how fast they change.
+
+    Parameters
+    ----------
+    body : Body
+    number : int
+        Of the chart.
+    fine : int
+        Boxes of the grid of rates in each first part, each way.
+
+    Attributes
+    ----------
+    rectangle : (2, 2) array
+        Least and greatest value of each parameter.
+    contacts : callable
+        Parameters (m, 2) to points, metres, and inward unit normals, (m, 3) each.
+    """
+
+    def __init__(self, body: Body, number: int, fine: int = 4) -> None:
+        from nlpgrasp.common.evaluation import BatchEvaluator
+
+        chart = body.charts()[number]
+        self._function = chart.contact_function(body.face(chart.face).surface)
+        self.contacts, self.rectangle = BatchEvaluator(self._function), np.asarray(chart.rectangle, float)
+        self._counts = fine * np.asarray(chart.divisions, int)
+        self._step = np.ptp(self.rectangle, axis=1) / self._counts
+        low = self.rectangle[:, 0] + self._step * np.array(list(product(*map(range, self._counts.tolist()))))
+        self._on_grid = self._bounds(low, low + self._step * (1.0 + 1e-9)).reshape(*self._counts, 2, 4)
+
+    def rates(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return bounds on ``|p'|, |p''|, |n'|, |n x n''|`` along each parameter over boxes (n, 2), (n, 2, 4).
+
+        Those of a small box are those of the boxes of a grid in which it lies.
+        """
+        start, most = self.rectangle[:, 0], self._counts - 1
+        first = np.clip(np.floor((low - start) / self._step + 1e-9), 0, most).astype(int)
+        last = np.clip(np.ceil((high - start) / self._step - 1e-9) - 1, first, most).astype(int)
+        if np.any(last - first > 1):
+            return self._bounds(low, high)
+        corners = [self._on_grid[a[:, 0], b[:, 1]] for a, b in product((first, last), repeat=2)]
+        return np.asarray(np.max(corners, axis=0))
+
+    def _bounds(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return ``rates`` over the boxes themselves."""
+        zero, one = (Interval.of(np.full(len(low), value)) for value in (0.0, 1.0))
+        result = np.empty((len(low), 2, 4))
+        for i in range(2):
+            jets = [Jet(Interval(low[:, k], high[:, k]), one if k == i else zero, zero) for k in range(2)]
+            with np.errstate(all="ignore"):
+                try:
+                    p, n = evaluate(self._function, jets, Jet.constant)
+                except (NotImplementedError, AttributeError) as error:
+                    raise NotCheckedError(f"a chart with {error}") from None
+                crossed = [n[a].value * n[b].second - n[b].value * n[a].second for a, b in ((1, 2), (2, 0), (0, 1))]
+                for j, vector in enumerate(
+                    ([c.first for c in p], [c.second for c in p], [c.first for c in n], crossed)
+                ):
+                    result[:, i, j] = length_bound(vector)
+        return np.nan_to_num(result, nan=np.inf, posinf=np.inf)
+
+
 @dataclass(frozen=True)
 class StatedChartFace:
     """Rectangle of a chart as a curved face with two parameters.
 
     Parameters
     ----------
-    body : Body
-    chart : int
-        Its number.
+    chart : StatedChart
     sides : (2, 2) array
         Least and greatest value of each parameter.
     """
 
-    body: Body
-    chart: int
+    chart: StatedChart
     sides: FloatArray
 
     def initial_parts(self, spacing: int = 4) -> FloatArray:
         """Return the initial parts (n, 4, 2), with the corners (low, low), (low, high), (high, low), (high, high)."""
-        return _rectangles(*(np.linspace(low, high, spacing + 1) for low, high in self.sides.tolist()))
+        ticks = [np.linspace(low, high, spacing + 1) for low, high in self.sides.tolist()]
+        sides = [np.stack([values[:-1], values[1:]], axis=1) for values in ticks]
+        return np.array([list(product(a, b)) for a, b in product(*sides)])
 
     def contacts(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points, metres, and inward unit normals, (m, 3) each, at parameters (m, 2)."""
-        import casadi as ca
-
-        function = self.body.charts()[self.chart].contact_function(self.body)
-        points, normals = function.map(len(parameters))(ca.DM(parameters.T))
-        return np.array(points).T, np.array(normals).T
+        points, normals = self.chart.contacts(parameters)
+        return points, normals
 
     def interpolation_errors(self, parts: FloatArray) -> FloatArray:
         """Return the error coefficients (n, 2, 3) of parts (n, 4, 2).
@@ -151,39 +211,21 @@ class StatedChartFace:
         |p'|) + |v| (|n x n''| + |n'|^2)``, that of moments the second term with ``|tau|``.
         """
         low, high = parts[:, 0], parts[:, -1]
-        function = self.body.charts()[self.chart].contact_function(self.body)
-        rates = []
-        for i in range(2):
-            boxes = [Interval(low[:, k], high[:, k]) for k in range(2)]
-            zero, one = Interval.of(np.zeros(len(parts))), Interval.of(np.ones(len(parts)))
-            jets = [Jet(box, one if k == i else zero, zero) for k, box in enumerate(boxes)]
-            with np.errstate(all="ignore"):
-                try:
-                    p, n = evaluate(function, jets, Jet.constant)
-                except (NotImplementedError, AttributeError) as error:
-                    raise NotCheckedError(f"a chart with {error}") from None
-                side = high[:, i] - low[:, i]
-                speed, bending = length_bound([c.first for c in p]), length_bound([c.second for c in p])
-                turning = length_bound([c.first for c in n])
-                crossed = [n[a].value * n[b].second - n[b].value * n[a].second for a, b in ((1, 2), (2, 0), (0, 1))]
-                rates.append((side, speed, bending, turning, length_bound(crossed) + turning**2))
-        moved, turned = (sum(side * rate[k] for side, *rate in rates) for k in (0, 2))
-        of_speed = sum(side**2 * tilting for side, *_, tilting in rates)
-        of_torque = sum(side**2 * (bending + 2.0 * turning * speed) for side, speed, bending, turning, _ in rates)
-        second = np.stack([of_speed, of_torque + of_speed * moved, of_speed], axis=1) / 8.0
+        (speed, bending, turning, crossed), side = self.chart.rates(low, high).transpose(2, 1, 0), (high - low).T
+        moved, turned, tilting = np.sum(side * speed, axis=0), np.sum(side * turning, axis=0), crossed + turning**2
+        of_speed = np.sum(side**2 * tilting, axis=0)
+        of_torque = np.sum(side**2 * (bending + 2.0 * turning * speed), axis=0) + of_speed * moved
+        second = np.stack([of_speed, of_torque, of_speed], axis=1) / 8.0
         errors = np.stack([second, np.stack([turned, moved, turned], axis=1)], axis=1)
         return np.asarray(np.nan_to_num(errors, nan=1e12, posinf=1e12))
 
     def subdivide(self, parts: FloatArray) -> FloatArray:
         """Return the quarters of each part."""
-        ticks = [[np.array([a, 0.5 * (a + b), b]) for a, b in zip(p[0], p[-1], strict=True)] for p in parts]
-        return np.concatenate([_rectangles(*of_part) for of_part in ticks])
-
-
-def _rectangles(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the rectangles between grid lines, (n, 4, 2)."""
-    sides = [np.stack([ticks[:-1], ticks[1:]], axis=1) for ticks in (first, second)]
-    return np.array([list(product(a, b)) for a, b in product(*sides)])
+        shares = np.array(list(product((0.0, 0.5), repeat=2)))
+        low = parts[:, None, 0] + shares * (parts[:, None, -1] - parts[:, None, 0])
+        half = 0.5 * (parts[:, -1] - parts[:, 0])
+        quarters = low[:, :, None] + np.array(list(product((0.0, 1.0), repeat=2))) * half[:, None, None]
+        return np.asarray(quarters.reshape(-1, 4, 2))
 
 
 @dataclass(frozen=True)
@@ -198,14 +240,16 @@ class StatedChartCell:
 
     data: Json
 
-    @property
+    @cached_property
     def _face(self) -> StatedChartFace:
         sides = array("sides", self.data["sides"], (2, 2))
-        for side in sides:
+        number = integer("chart", self.data["chart"], at_least=0)
+        chart = _chart(json.dumps(self.data["body"]), number)
+        for side, (least, greatest) in zip(sides, chart.rectangle, strict=True):
             check_interval("a side", side)
-        body = _body(json.dumps(self.data["body"]))
-        number = integer("chart", self.data["chart"], at_least=0, at_most=len(body.charts()) - 1)
-        return StatedChartFace(body, number, sides)
+            if side[0] < least - UNIT or side[1] > greatest + UNIT:
+                raise ValueError(f"a side from {side[0]:g} to {side[1]:g}, of a chart from {least:g} to {greatest:g}")
+        return StatedChartFace(chart, sides)
 
     def vertex_contacts(self) -> VertexContacts:
         """Return no contacts: the cell is curved."""
@@ -240,6 +284,15 @@ class StatedChartCell:
 
 
 @cache
+def _chart(text: str, number: int) -> StatedChart:
+    """Return a chart of the body of JSON text."""
+    body = _body(text)
+    if number >= len(body.charts()):
+        raise ValueError(f"chart {number}, of {len(body.charts())}")
+    return StatedChart(body, number)
+
+
+@cache
 def _body(text: str) -> Body:
     """Return the body of JSON text."""
     from nlpgrasp.bodies.registry import body_from_dict
@@ -249,9 +302,12 @@ def _body(text: str) -> Body:
 
 def chart_faces(body_data: Json) -> Iterator[tuple[str, list[Json]]]:
     """Yield each face of a body and the cells of its charts; raise ``NotCheckedError`` where charts do not cover it."""
-    from nlpgrasp.bodies.chart import uncovered_by_charts
+    from nlpgrasp.bodies.chart_cover import uncovered_by_charts
 
-    body = _body(json.dumps(body_data))
+    try:
+        body = _body(json.dumps(body_data))
+    except InputError as error:
+        raise NotCheckedError(f"nothing recomputes the cells of a {body_data['type']} ({error})") from None
     cells: dict[str, list[Json]] = {}
     for number, chart in enumerate(body.charts()):
         parts: list[Any] = [part.tolist() for part in chart.first_parts()]
@@ -260,6 +316,6 @@ def chart_faces(body_data: Json) -> Iterator[tuple[str, list[Json]]]:
         )
     if not cells:
         raise NotCheckedError(f"nothing recomputes the cells of a {body_data['type']}: it states no charts")
-    if error := uncovered_by_charts(body):
-        raise NotCheckedError(f"charts of a {body_data['type']}: {error}")
+    if gap := uncovered_by_charts(body):
+        raise NotCheckedError(f"charts of a {body_data['type']}: {gap}")
     yield from cells.items()
