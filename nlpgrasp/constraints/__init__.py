@@ -7,6 +7,7 @@ from nlpgrasp.constraints.forbid import Forbid
 from nlpgrasp.constraints.obstacle import Obstacle
 from nlpgrasp.constraints.regions import BoxRegion, HalfSpace, Region
 from nlpgrasp.constraints.registry import constraint_from_dict, register
+from nlpgrasp.constraints.rim import Rim
 from nlpgrasp.constraints.spread import Spread
 from nlpgrasp.constraints.symmetric import Symmetric
 from nlpgrasp.constraints.table import Table
@@ -21,6 +22,7 @@ __all__ = [
     "Obstacle",
     "PlacementConstraint",
     "Region",
+    "Rim",
     "Spread",
     "Symmetric",
     "Table",

@@ -11,6 +11,7 @@ from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.expression import Constraint
 from nlpgrasp.constraints.forbid import Forbid
 from nlpgrasp.constraints.obstacle import Obstacle
+from nlpgrasp.constraints.rim import Rim
 from nlpgrasp.constraints.spread import Spread
 from nlpgrasp.constraints.symmetric import Symmetric
 from nlpgrasp.constraints.table import Table
@@ -52,6 +53,7 @@ register(Approach)
 register(Constraint)
 register(Forbid)
 register(Obstacle)
+register(Rim)
 register(Spread)
 register(Symmetric)
 register(Table)

@@ -14,6 +14,7 @@ near their contacts (``exchange_nearby``).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -178,14 +179,25 @@ class CoordinateExchange:
     def draw(self, drawn: int = 8192, judged: int = 400) -> IntArray:
         """Return initial tuples (b, k): the best of many random ones that are not alike, and some at random.
 
-        Those of the ``drawn`` ones that hold most along the known directions are ``judged``.
+        Those of the ``drawn`` ones that hold most along the known directions are ``judged``. The best of each
+        combination of faces come first, since exchanges of one contact do not lead from one to another.
         """
         tuples = self.tables.random(drawn, self.rng)
         promising = self.best(tuples, judged)
         held, promised = self.judged(promising), self.values(promising)
         self.misled = float(np.mean(held < 0.5 * promised))
-        best = self.unlike(promising[np.argsort(-held, kind="stable")])[: self._population]
+        ordered = promising[np.argsort(-held, kind="stable")]
+        best = self.unlike(ordered[self._by_faces_in_turn(ordered)])[: self._population]
         return np.concatenate([best, tuples[: 2 * self._population - len(best)]])
+
+    def _by_faces_in_turn(self, tuples: IntArray) -> IntArray:
+        """Return an order of tuples (b, k): the first one on each combination of faces, then the second ones."""
+        faces = np.stack([self.tables.samples(i).faces[samples] for i, samples in enumerate(tuples.T)], axis=1)
+        seen, turns = Counter[tuple[str, ...]](), np.zeros(len(tuples), int)
+        for number, combination in enumerate(map(tuple, np.sort(faces.astype(str), axis=1).tolist())):
+            turns[number] = seen[combination]
+            seen[combination] += 1
+        return np.argsort(turns, kind="stable")
 
     def judged(self, tuples: IntArray) -> FloatArray:
         """Return about mu of tuples (b, k), (b,): in space by descents from their weakest known directions.

@@ -1,4 +1,4 @@
-"""Measures of a grasp from outside the package: a number with its unit, by a function of contacts, task and budget."""
+"""Measures of a grasp that state themselves: a number with its unit, by a function of contacts, task and budget."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import InputError
+from nlpgrasp.quality.energy_to_drop import energy_to_drop
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.tasks import Task
 
@@ -90,3 +91,6 @@ def register_measure(measure: GraspMeasure) -> GraspMeasure:
     if is_taken or OWN_MEASURES.setdefault(measure.name, measure) != measure:
         raise InputError("GraspMeasure.name", measure.name, "another name: that one is taken or empty")
     return measure
+
+
+register_measure(GraspMeasure("energy to drop", "J", energy_to_drop))

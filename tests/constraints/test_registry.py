@@ -28,6 +28,7 @@ CONSTRAINTS_SAID_IN_FULL = {
         ng.Workspace(ng.BoxRegion([-1.0] * 2, [1.0] * 2), fingers=[1]),
         ng.Workspace(ng.BoxRegion([-1.0] * 3, [1.0] * 3), palm=True),
     ],
+    "rim": [ng.Rim(SKEW, SKEW, 0.1, 1 / 3), ng.Rim([0, 0, 1], [1, 0, 0], 0.2, 0.01, fingers=[0, 2])],
     "symmetric": [ng.Symmetric([0, 2], SKEW, 0.01, 1e-3)],
     "approach": [ng.Approach(SKEW, 0.4)],
     "obstacle": [

