@@ -6,9 +6,11 @@ import re
 import subprocess
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -255,6 +257,35 @@ def test_a_body_from_elsewhere_is_bounded_over_all_placements(egg, kinds, tmp_pa
     data["upper"] *= 0.9
     path.write_text(json.dumps(data))
     assert "upper" in [check.name for check in ng.verify(path).checks if check.failed]
+
+
+def test_a_bound_by_charts_goes_over_edges_and_says_so(kinds, tmp_path):
+    """The margin from sharp edges is left out, in the bound and in its verification."""
+    bound = ng.best_possible(replace(kinds.problem(), edge_margin=1e-3), time_limit=0.5)
+    assert "the edge margin" in bound.dropped
+    assert ng.verify(bound.save(tmp_path / "bound.json")).passed
+
+
+@pytest.mark.parametrize(
+    ("chart", "message"),
+    [
+        (
+            lambda c: {"rectangle": [[0.0, 0.0], [0.0, 1.0]]},
+            r"Chart\.rectangle: got .*a least value below the greatest",
+        ),
+        (lambda c: {"divisions": (0, 4)}, r"Chart\.divisions: got \[0\.0, 4\.0\], expected two whole numbers"),
+        (lambda c: {"point": lambda u: u}, r"Chart\.point: got shape \(2, 1\), expected a column of three metres"),
+        (
+            lambda c: {"point": lambda u: c.point(u) + 1e-9 * ca.erf(u[0])},
+            r"Egg\.charts: got operation \d+ of CasADi \(rates\), expected operations with bounds",
+        ),
+    ],
+)
+def test_a_chart_that_states_too_little_is_said(chart, message, kinds):
+    (whole,) = kinds.Egg(0.03, 0.05, 0.4).charts()
+    stated = patch.object(kinds.Egg, "charts", lambda self: (replace(whole, **chart(whole)),))
+    with stated, pytest.raises(ng.InputError, match=message):
+        ng.best_possible(kinds.problem(), time_limit=0.5)
 
 
 def test_a_body_without_charts_has_no_bound_over_all_placements(kinds):

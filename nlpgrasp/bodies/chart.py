@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,14 @@ class Chart:
     divisions: ArrayLike = (8, 4)
     normal: Callable[[Expression], Expression] | None = None
 
+    def __post_init__(self) -> None:
+        rectangle = array("Chart.rectangle", self.rectangle, (2, 2))
+        if np.any(rectangle[:, 0] >= rectangle[:, 1]):
+            raise InputError("Chart.rectangle", rectangle.tolist(), "a least value below the greatest, twice")
+        counts = array("Chart.divisions", self.divisions, (2,))
+        if np.any(counts < 1) or np.any(counts != np.round(counts)) or np.prod(counts) > 400:
+            raise InputError("Chart.divisions", counts.tolist(), "two whole numbers from 1, with a product up to 400")
+
     def first_parts(self) -> list[FloatArray]:
         """Return the parts of the rectangle at first, (2, 2) each, as of ``rectangle``."""
         ends = [
@@ -62,6 +71,9 @@ class Chart:
         """
         u, p = ca.SX.sym("u", 2), ca.SX.sym("p", 3)
         point = self.point(u)
+        shape = getattr(point, "shape", type(point).__name__)
+        if shape != (3, 1):
+            raise InputError("Chart.point", f"shape {shape}", "a column of three metres")
         if self.normal is None:
             gradient = ca.Function("gradient", [p], [ca.gradient(surface(p), p)])(point)
             inward = -gradient / ca.norm_2(gradient)

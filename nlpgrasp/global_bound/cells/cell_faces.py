@@ -9,6 +9,7 @@ import numpy as np
 from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.bodies.base import exterior_angles
 from nlpgrasp.bodies.chart_cover import uncovered_by_charts
+from nlpgrasp.common.intervals import UnknownOperationError
 from nlpgrasp.common.meshes.sharp_edges import SHARP
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NotCoveredError
@@ -40,12 +41,15 @@ def cell_faces(body: Body, margin: float) -> Faces | None:
     """
     if type(body) in MAKERS:
         return MAKERS[type(body)](body, margin)
-    charts = body.charts()
-    if not charts:
+    charts, name = body.charts(), f"{type(body).__name__}.charts"
+    if not charts or body.space == 2:
         return None
     if error := uncovered_by_charts(body):
-        raise NotCoveredError(f"{type(body).__name__}.charts", error, "charts that cover all faces")
-    return [ChartFace(body, i) for i in range(len(charts))]
+        raise NotCoveredError(name, error, "charts that cover all faces")
+    try:
+        return [ChartFace(body, i) for i in range(len(charts))]
+    except UnknownOperationError as error:
+        raise NotCoveredError(name, str(error), "operations with bounds (docs/own_kinds.md)") from None
 
 
 def _box_faces(body: Box, margin: float) -> Faces:

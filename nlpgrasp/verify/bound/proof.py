@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
-from nlpgrasp.verify.bound.face_cover import TOLERANCE, Faces, faces_of, uncovered_faces
+from nlpgrasp.verify.bound.face_cover import FACE_MAKERS, TOLERANCE, Faces, faces_of, uncovered_faces
 from nlpgrasp.verify.bound.leaves import StatedBudget, StatedContact, StatedLeaves
 from nlpgrasp.verify.bound.node_cover import StatedGroup, StatedNodes
 from nlpgrasp.verify.bound.stated_cells import StatedMeshCell
@@ -71,7 +71,8 @@ class Proof:
     @cached_property
     def _regions_and_dropped_parts(self) -> tuple[list[StatedRegion], list[str]]:
         """Allowed region of each contact, and the parts of the problem that the bound ignores."""
-        return allowed_regions(self.problem, tuple(self.faces), len(self.origin), self.sources)
+        whole = self.problem["body"]["type"] not in FACE_MAKERS
+        return allowed_regions(self.problem, tuple(self.faces), len(self.origin), self.sources, whole)
 
     @property
     def regions(self) -> list[StatedRegion]:

@@ -91,9 +91,12 @@ class StatedRegion:
 
 
 def allowed_regions(
-    problem: Json, faces: Sequence[str], space: int, sources: SourceFolders
+    problem: Json, faces: Sequence[str], space: int, sources: SourceFolders, whole: bool
 ) -> tuple[list[StatedRegion], list[str]]:
-    """Return the allowed region of each contact, and the parts of the problem that the bound ignores, as text."""
+    """Return the allowed region of each contact, and the parts of the problem that the bound ignores, as text.
+
+    ``whole`` says whether cells cover faces up to their edges, so that the edge margin is ignored.
+    """
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
@@ -115,7 +118,7 @@ def allowed_regions(
     for j, data in enumerate(constraints):
         if j not in relevant and not data.get("faces"):
             dropped.append(str(data.get("name", data["type"])))
-    if problem["body"]["type"] == "mesh" and problem.get("edge_margin", 0.0) > 0.0:
+    if whole and problem.get("edge_margin", 0.0) > 0.0:
         dropped.append(EDGES)
     if any(_has_shape(contact, space) for contact in contacts):
         dropped.append(PAD_SHAPES)
