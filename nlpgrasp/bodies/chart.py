@@ -79,4 +79,4 @@ class Chart:
             inward = -gradient / ca.norm_2(gradient)
         else:
             inward = -self.normal(u)
-        return ca.Function("chart", [u], [point, inward], ["u"], ["p", "n"])
+        return ca.Function("chart", [u], [ca.densify(point), ca.densify(inward)], ["u"], ["p", "n"])

@@ -91,7 +91,7 @@ class Interval:
     def rising(self, function: Callable[[FloatArray], Any], least: float = -np.inf) -> Interval:
         """Return the interval of a function that rises, defined above a least argument."""
         lower, upper = (np.asarray(function(np.maximum(end, least))) for end in (self.lower, self.upper))
-        return Interval.rounded(lower, upper, 2)
+        return Interval.rounded(lower, upper, 4)
 
     def absolute(self) -> Interval:
         """Return the absolute values."""
@@ -126,7 +126,7 @@ class Interval:
     def _wave(self, crest: float, function: Callable[[FloatArray], FloatArray]) -> Interval:
         """Return the interval of a wave with a crest there, and troughs half a turn away."""
         first, second = function(self.lower), function(self.upper)
-        ends = Interval.rounded(np.minimum(first, second), np.maximum(first, second), 2)
+        ends = Interval.rounded(np.minimum(first, second), np.maximum(first, second), 4)
         meets = [
             np.floor((self.upper - x) / (2.0 * np.pi) + 1e-12) >= np.ceil((self.lower - x) / (2.0 * np.pi) - 1e-12)
             for x in (crest, crest + np.pi)
