@@ -120,10 +120,10 @@ class HandClearance:
         return np.asarray(result)
 
     def first_entry(self, postures: Sequence[Values], limits: FloatArray) -> tuple[int, int] | None:
-        """Return a posture and the index of a clearance that is below its limit (n,) there, metres.
+        """Return a posture in which a part is in the body, deeper than limits (n,), and the clearance's index.
 
-        It is the first posture in which outermost points of parts, all of them looked up at once, are surely too deep
-        in a field's solid; None where there is none, which says nothing of other points.
+        It is the first posture in which outermost points of parts, all of them looked up at once, are surely too deep;
+        None where there is none, which says nothing of other points.
         """
         count, grid = len(self._chosen), distance_grid(self.body)
         points, parts = self.parts.outermost
@@ -134,15 +134,9 @@ class HandClearance:
             return None
         frames = self.parts.frames_of(postures)[:, parts]
         moved = (frames[..., :3, :3] @ points[:, :, None])[..., 0] + frames[..., :3, 3]
-        spare = np.full((len(self.fields) * count, len(postures)), np.inf)
-        for number, field in enumerate(self.fields):
-            index = number * count + place[parts]
-            flat = moved.reshape(-1, 3)
-            distances = grid.nearest(flat) + grid.spacing if number == 0 else field.distance(flat)
-            least = distances.reshape(len(postures), -1) - self.parts.radii[parts] - limits[index]
-            np.minimum.at(spare, index, least.T)
-        entered = np.flatnonzero(np.min(spare, axis=0) < 0.0)
-        return (int(entered[0]), int(np.argmin(spare[:, entered[0]]))) if len(entered) else None
+        spare = grid.nearest(moved) + grid.spacing - self.parts.radii[parts] - limits[place[parts]]
+        entered = np.flatnonzero(np.min(spare, axis=1) < 0.0)
+        return (int(entered[0]), int(place[parts[np.argmin(spare[entered[0]])]])) if len(entered) else None
 
     def exact_distance(self, number: int) -> Distance:
         """Return the distance of a field, of a mesh as its triangles state it."""
