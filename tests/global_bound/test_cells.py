@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.bodies import Body, Chart, Face
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.global_bound.cell_supports import CombinationRule, Supports
 from nlpgrasp.global_bound.support_table import single_supports, weighted_supports
@@ -144,3 +146,34 @@ def test_a_chart_that_is_not_of_the_body_is_refused(changes, message):
     problem = ng.GraspProblem(Wrong(2.0, 0.7), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0] * 6))
     with pytest.raises(ng.InputError, match=rf"Wrong\.charts: got {message}"):
         ng.best_possible(problem, time_limit=0.1)
+
+
+class Dome(Body):
+    """Half a ball on a flat base, which each state a chart."""
+
+    kind = "test dome"
+    bounds = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
+    centroid = np.array([0.0, 0.0, 0.375])
+
+    def make_faces(self):
+        rim = Face("base", lambda p: -p[2], lambda p: [ca.sqrt(p[0] ** 2 + p[1] ** 2 + 1e-24) - 1.0])
+        return Face("cap", lambda p: 0.5 * (ca.sumsqr(p) - 1.0), lambda p: [-p[2]]), rim
+
+    def charts(self):
+        def circle(u, radius, height):
+            return ca.vertcat(radius * ca.cos(u[0]), radius * ca.sin(u[0]), height)
+
+        turn = [0.0, 2.0 * np.pi]
+        cap = Chart("cap", lambda u: circle(u, ca.cos(u[1]), ca.sin(u[1])), [turn, [0.0, 0.5 * np.pi]], (8, 2))
+        return cap, Chart("base", lambda u: circle(u, u[1], 0), [turn, [0.0, 1.0]], (8, 1))
+
+    def to_dict(self):
+        return {"type": self.kind}
+
+
+def test_the_best_grasps_of_a_body_with_two_charts_are_near_its_bound_and_not_above():
+    problem = ng.GraspProblem(Dome(), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1, 1, 1, 0.5, 0.5, 0.5]))
+    upper = ng.best_possible(problem, time_limit=1.0).upper
+    options = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
+    best = max(ng.solve(problem, 2, seed=seed, options=options).mu.lower for seed in range(3))
+    assert best <= upper <= 2.0 * best
