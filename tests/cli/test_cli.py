@@ -208,8 +208,9 @@ def test_json_lines(script, tmp_path):
     result = run_here("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
     lines = [json.loads(line) for line in result.stdout.splitlines()]
     events = [line["event"] for line in lines]
-    assert events == ["start", "start", *["analysis"] * 6, "done"]
-    assert [line["name"] for line in lines[2:-1]] == ["prices", "robustness", "delta", "nu", "friction", "drawing"]
+    assert events == ["start", "start", *["analysis"] * 7, "done"]
+    analyses = ["prices", "robustness", "delta", "nu", "friction", "drawing", "energy to drop"]
+    assert [line["name"] for line in lines[2:-1]] == analyses
     assert lines[-1]["mu"][0] >= 0.376
     assert lines[-1]["file"] == "square.json"
     assert result.stderr == ""

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -243,7 +242,9 @@ def test_a_claim_that_no_proof_reaches_is_refused_and_the_solution_is_saved(solu
 
 
 def test_a_bound_file_takes_no_proof(tmp_path):
-    file = Path(__file__).parent / "older.bound.json"
+    square = ng.Polygon([[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]])
+    problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 0.02]))
+    file = ng.best_possible(problem, time_limit=0.2).save(tmp_path / "bound.json")
     with pytest.raises(ng.InputError, match="none with a bound file, which has its own certificate"):
         ng.verify(file, proof=b"")
     with pytest.raises(ng.InputError, match=r"proof \(.*none\.proof\): got No such file"):
