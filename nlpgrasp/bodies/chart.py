@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise, product
 
 import casadi as ca
 import numpy as np
@@ -52,17 +53,9 @@ class Chart:
 
     def first_parts(self) -> list[FloatArray]:
         """Return the parts of the rectangle at first, (2, 2) each, as of ``rectangle``."""
-        ends = [
-            np.linspace(low, high, count + 1)
-            for (low, high), count in zip(
-                np.asarray(self.rectangle, float), np.asarray(self.divisions, int), strict=True
-            )
-        ]
-        return [
-            np.stack([ends[0][i : i + 2], ends[1][j : j + 2]])
-            for i in range(len(ends[0]) - 1)
-            for j in range(len(ends[1]) - 1)
-        ]
+        rectangle, counts = np.asarray(self.rectangle, float).tolist(), np.asarray(self.divisions, int).tolist()
+        ticks = [np.linspace(low, high, count + 1) for (low, high), count in zip(rectangle, counts, strict=True)]
+        return [np.array(sides) for sides in product(*map(pairwise, ticks))]
 
     def contact_function(self, surface: Callable[[Expression], Expression]) -> ca.Function:
         """Return the function from coordinates (2,) to point, metres, and unit inward normal, (3,) each.

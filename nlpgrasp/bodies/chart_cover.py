@@ -1,4 +1,4 @@
-"""Whether charts cover the faces of a body, at samples."""
+"""Comparison of charts with the faces of their body, at samples."""
 
 from __future__ import annotations
 

@@ -170,7 +170,7 @@ def _operations() -> dict[int, Callable[..., Any]]:
     }
 
 
-class UnknownOperationError(NotImplementedError):
+class UnknownOperationError(Exception):
     """An expression has an operation that has no bounds here."""
 
 

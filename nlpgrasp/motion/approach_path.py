@@ -66,13 +66,13 @@ def find_free_approach(
         limits = _clearance_limits(model, depth, PathPosture(0.0, path.values, model.clearances(path.values)))
         for direction in _refined_directions(directions, blocked):
             length = distance(path.values, direction)
-            # most blocked directions are seen to be so by few points of the links, at once all the way
-            shares = np.linspace(0.0, 1.0, 1 if locate else 33)
-            retreat = [_retreat(path.values, direction, share * length) for share in shares[1:].tolist()]
-            if entry := model.first_entry(retreat, limits) if retreat else None:
-                reason = model.describe_clearance(entry[1])
-                blocked.append(BlockedDirection(direction, float(shares[entry[0]]) * length, factor, reason))
-                continue
+            if not locate:  # most blocked directions are seen to be so by few points of the links, at once all the way
+                lengths = np.linspace(0.0, length, 33).tolist()
+                entry = model.first_entry([_retreat(path.values, direction, far) for far in lengths[1:]], limits)
+                if entry is not None:
+                    reason = model.describe_clearance(entry[1])
+                    blocked.append(BlockedDirection(direction, lengths[entry[0]], factor, reason))
+                    continue
             section = _free_retreat(model, path.values, direction, length, locate, depth)
             if not section.blocked_by:
                 return ApproachPath("", tuple(blocked), path, direction, length, section.postures)

@@ -26,6 +26,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.cones import RangeContact
+from nlpgrasp.errors import InputError
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.bound.node_cover import StatedGroup
 from nlpgrasp.verify.bound.stated_cells import StatedCurvedFace, StatedMeshCell, VertexContacts
@@ -431,9 +432,13 @@ class StatedContact:
 
 def _own_coefficients(data: Json) -> tuple[float, float, float]:
     """Return friction, torsion and tilting of a contact model of one's own: those of the blocks that it states."""
-    contact = contact_from_dict(data)
+    reason = f"nothing recomputes bounds for a {data['model']} contact"
+    try:
+        contact = contact_from_dict(data)
+    except InputError as error:
+        raise NotCheckedError(reason) from error
     if not isinstance(contact, RangeContact) or contact.isotropic_relaxation(3) is not contact:
-        raise NotCheckedError(f"nothing recomputes bounds for a {data['model']} contact")
+        raise NotCheckedError(reason)
     axes, found = contact.axes(3), {1: 0.0, 3: 0.0, 4: 0.0}
     found |= {axes[block.start]: float(c) for block, c in contact.blocks(len(axes))}
     return found[1], found[3], found[4]

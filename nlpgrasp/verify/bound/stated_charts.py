@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nlpgrasp.common.intervals import Interval, evaluate, length_bound
+from nlpgrasp.common.intervals import Interval, UnknownOperationError, evaluate, length_bound
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer
 from nlpgrasp.errors import InputError
@@ -169,7 +169,7 @@ class StatedChart:
             with np.errstate(all="ignore"):
                 try:
                     p, n = evaluate(self._function, jets, Jet.constant)
-                except (NotImplementedError, AttributeError) as error:
+                except UnknownOperationError as error:
                     raise NotCheckedError(f"a chart with {error}") from None
                 crossed = [n[a].value * n[b].second - n[b].value * n[a].second for a, b in ((1, 2), (2, 0), (0, 1))]
                 for j, vector in enumerate(
